@@ -91,7 +91,8 @@ def test_a_law_is_its_equations(law, rng):
         state, state_dot = (SimpleNamespace(**{name: each.copy() for name, each in values.items()}) for _ in range(2))
         constants = {**gains.constants(setup), "M_d_inv": np.linalg.inv(signals.M_d)}
         tau_cmd = np.full(6, np.nan)
-        kind.law(SimpleNamespace(**constants), state, signals, state_dot, tau_cmd)
+        settings = SimpleNamespace(**{name: np.asarray(value) for name, value in constants.items()})
+        kind.law(settings, state, signals, state_dot, tau_cmd)
         expected, rates = globals()[law](gains, SimpleNamespace(**values), signals)
         np.testing.assert_allclose(tau_cmd, expected, rtol=1e-9, atol=1e-9)
         for name, rate in rates.items():

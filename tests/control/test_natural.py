@@ -9,28 +9,27 @@ from armed import armed_xml
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.control.design import ott_damping
-from uvms_mj.control.natural import NaturalInertia, natural_damping
+from uvms_mj.control.natural import natural_damping
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.errors import InputError
 from uvms_mj.setup.base import set_up
 
 NATURAL = {"impedance.M_d": "natural"}
-_work = NaturalInertia.state_record()
 _matrix, _six = np.dtype(("f8", (6, 6))), np.dtype(("f8", (6,)))
 RATIO = np.dtype([("damping_ratio", "f8")], align=True)
 
 
-def _damping(M, K_d, settings, work, D_d):
-    natural_damping(M, K_d, settings.damping_ratio, work, D_d)
+def _damping(M, K_d, settings, D_d):
+    natural_damping(M, K_d, settings.damping_ratio, D_d)
 
 
-_native = native_function(_damping, [_matrix, _six, RATIO, _work.dtype, _matrix]).ctypes
+_native = native_function(_damping, [_matrix, _six, RATIO, _matrix]).ctypes
 
 
 def damping(M, K_d, ratio):
     """D_d (6, 6) by machine code."""
     D_d, settings = np.full((6, 6), np.nan), np.array([ratio], RATIO)
-    arrays = M, K_d, settings, _work, D_d
+    arrays = M, K_d, settings, D_d
     _native(*(each.ctypes.data for each in arrays))
     return D_d
 

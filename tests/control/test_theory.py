@@ -228,7 +228,7 @@ def test_a_theory_holds_for_the_law_beside_which_it_is_defined(write, law, metho
 def test_a_users_law_may_have_a_certificate(write, tmp_path):
     body = inspect.getsource(Gsta.law)
     head = """
-import math
+from uvms_mj.control.laws.terms import add_product
 from uvms_mj.control.theory.certificate import Certificate
 
 @dataclass(frozen=True)

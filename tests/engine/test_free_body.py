@@ -178,11 +178,11 @@ def tumble(timestep: float) -> tuple[float, float]:
     body = SimpleNamespace(M_RB=M_RB, M_inv=np.linalg.inv(M_RB), mass=7.0, r_g=np.zeros(3), gravity_W=np.zeros(3))
     qpos, qvel = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), rng.normal(size=6)
     energy, momentum = qvel @ M_RB @ qvel, np.linalg.norm(M_RB[3:, 3:] @ qvel[3:])
-    work, qacc = np.zeros(6), np.zeros(6)
+    qacc = np.zeros(6)
     for _ in range(round(1.0 / timestep)):
         R_WB = rotation_matrix(qpos[3:])
         nu = np.concatenate([R_WB.T @ qvel[:3], qvel[3:]])
-        free_acceleration(body, R_WB, nu, np.zeros(6), work, qacc)
+        free_acceleration(body, R_WB, nu, np.zeros(6), qacc)
         symplectic_step(qpos, qvel, qacc, timestep)
     return (
         abs(qvel @ M_RB @ qvel / energy - 1.0),

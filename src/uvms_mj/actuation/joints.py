@@ -62,8 +62,7 @@ class Joints(Stage):
 @kernel
 def commanded(given, tau_q):
     """Set the torques to the commanded ones. A stage that calls it first changes only the rest."""
-    for j in range(tau_q.shape[0]):
-        tau_q[j] = given.tau_q_cmd[j]
+    tau_q[:] = given.tau_q_cmd
 
 
 @dataclasses.dataclass(frozen=True)

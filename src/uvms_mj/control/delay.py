@@ -35,15 +35,11 @@ class Delay(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        queue, control, delay = state.queue, int(settings.control), int(settings.delay)
+        queue = state.queue.reshape(MOST_WAITING + 1, 6)
+        control, delay = int(settings.control), int(settings.delay)
         if given.instant % control == 0:
-            last = 6 * ((given.instant // control) % (MOST_WAITING + 1))
-            for i in range(6):
-                queue[last + i] = given.tau_cmd[i]
+            queue[given.instant // control % (MOST_WAITING + 1)] = given.tau_cmd
         if given.instant < delay:
-            for i in range(6):
-                out[i] = 0.0
+            out[:] = 0.0
         else:
-            due = 6 * (((given.instant - delay) // control) % (MOST_WAITING + 1))
-            for i in range(6):
-                out[i] = queue[due + i]
+            out[:] = queue[(given.instant - delay) // control % (MOST_WAITING + 1)]

@@ -19,6 +19,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..physics.dense import cholesky, forward
 from ..physics.eigen import symmetric_eigen
 from ..physics.kernels import kernel
@@ -31,7 +33,6 @@ class NaturalInertia(Stage):
     """M_d = M_hat of every control instant, with D_d of Ott's design unless it is given."""
 
     name = "natural_inertia"
-    memory: ClassVar = {"L": 36, "Y": 36, "A": 36, "V": 36}
     room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -44,39 +45,27 @@ class NaturalInertia(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         every = int(settings.every)
-        for i in range(6):
-            for j in range(6):
-                out.M_d[i, j] = given.M_hat[i, j]
+        out.M_d[:] = given.M_hat
         if every > 0 and given.instant % every == 0:
-            natural_damping(given.M_hat, given.K_d, settings.damping_ratio, state, out.D_d)
+            natural_damping(given.M_hat, given.K_d, settings.damping_ratio, out.D_d)
 
 
 @kernel
-def natural_damping(M, K_d, damping_ratio, work, D_d):
-    """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does; work is a record
-    with L, Y, A and V (36,)."""
-    L, Y, A, V = work.L, work.Y, work.A, work.V
-    for i in range(6):
-        for j in range(6):
-            L[6 * i + j] = M[i, j]
-            Y[6 * i + j] = math.sqrt(K_d[i]) if i == j else 0.0
+def natural_damping(M, K_d, damping_ratio, D_d):
+    """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does."""
+    L, Y, A, V = M.flatten(), np.diag(np.sqrt(K_d)).flatten(), np.zeros(36), np.zeros(36)
     cholesky(L, 6, L)
     forward(L, 6, Y, 6)  # Y Y^T = L^-1 K_d L^-T
     for i in range(6):
         for j in range(i, 6):
-            A[6 * i + j] = 0.0
             for k in range(i + 1):  # Y is a lower triangle
                 A[6 * i + j] += Y[6 * i + k] * Y[6 * j + k]
     symmetric_eigen(A, 6, V)
-    for i in range(6):
-        for j in range(6):
-            D_d[i, j] = 0.0
+    D_d[:] = 0.0
     for k in range(6):
-        scale = 2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0))
+        mode = np.zeros(6)  # L V
         for i in range(6):
-            Y[i] = V[6 * k + i] / L[7 * i]  # row i of L V: L has the reciprocals of its diagonal
+            mode[i] = V[6 * k + i] / L[7 * i]  # L has the reciprocals of its diagonal
             for j in range(i):
-                Y[i] += L[6 * i + j] * V[6 * k + j]
-        for i in range(6):
-            for j in range(6):
-                D_d[i, j] += scale * Y[i] * Y[j]
+                mode[i] += L[6 * i + j] * V[6 * k + j]
+        D_d += np.outer(2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0)) * mode, mode)

@@ -81,8 +81,7 @@ class Schedule(Stage):
         if n > 0 and given.t < times[n - 1] + ramps[n - 1]:
             x = (given.t - times[n - 1]) / ramps[n - 1]
         blend = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
-        for i in range(6):
-            out.K_f[i], out.F_d[i] = values[n, i], values[n, 6 + i]
-            if x < 1.0:
-                out.K_f[i] = values[n - 1, i] + blend * (out.K_f[i] - values[n - 1, i])
-                out.F_d[i] = values[n - 1, 6 + i] + blend * (out.F_d[i] - values[n - 1, 6 + i])
+        out.K_f[:], out.F_d[:] = values[n, :6], values[n, 6:]
+        if x < 1.0:
+            out.K_f[:] = values[n - 1, :6] + blend * (values[n, :6] - values[n - 1, :6])
+            out.F_d[:] = values[n - 1, 6:] + blend * (values[n, 6:] - values[n - 1, 6:])

@@ -24,10 +24,12 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+
 from ..errors import Fault, InputError
 from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
-from ..physics.frames import BODY, quat_error
+from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
 from ..quantities import Step, refusing
 from ..stages.base import Room, Stage, shared
@@ -55,7 +57,6 @@ class ImpedanceTask(Stage):
 
     name = "impedance_task"
     states: ClassVar = {"zeta": 6}
-    memory: ClassVar = {"L": 36}
     units: ClassVar = {"zeta": "m/s, rad/s"}
     room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")
 
@@ -77,46 +78,42 @@ class ImpedanceTask(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot, eq. (15) with the gains of eq. (21)."""
-        eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
+        eta_e, nu_e, w, zeta = given.eta_e, given.nu_e, out.w, state.zeta
         F_1, F_2, A = settings.F_1, settings.F_2, settings.A
-        zeta, zeta_dot = state.zeta, state_dot.zeta
         if settings.integral and given.instant == 0:
-            for i in range(6):  # s = 0 in eq. (14)
-                zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
-        work = out.s  # set below
-        matvec(given.D_d, nu_e, work)
-        for i in range(6):
-            work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
+            zeta[:] = -(nu_e + F_1 * eta_e) / F_2  # s = 0 in eq. (14)
+        demand = np.zeros(6)  # M_d w
+        matvec(given.D_d, nu_e, demand)
+        demand += given.K_d * eta_e - given.K_f * (given.tau_contact_m_B - given.F_d)
         if settings.natural:
-            solve_natural(given.M_d, work, state.L, w)
+            solve_natural(given.M_d, demand, w)
         else:
-            matvec(settings.M_d_inv, work, w)
-        for i in range(6):
-            work[i] = given.nu_d_dot[i] - w[i]
-        matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
-        for i in range(6):
-            out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
-        q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
-        for i in range(3):
-            work[i] = nu_e[i]  # eta_e_dot, eq. (18)
-        work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
-        work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
-        work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
-        for i in range(6):
-            driven = w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]
-            zeta_dot[i] = A[i] * zeta[i] + driven / F_2[i]
-        for i in range(6):
-            out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
-            out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
+            matvec(settings.M_d_inv, demand, w)
+        matvec(given.M_hat, given.nu_d_dot - w, out.tau_nom)  # eq. (23)
+        out.tau_nom += given.C_hat_nu + given.D_hat_nu + given.g_hat - given.tau_contact_m_B
+        eta_e_dot = np.zeros(6)
+        pose_error_rate(given.quat_e, nu_e, eta_e_dot)
+        state_dot.zeta[:] = A * zeta + (w + A * F_1 * eta_e + A * nu_e - F_1 * eta_e_dot) / F_2  # eqs. (15), (21)
+        out.s[:] = nu_e + F_1 * eta_e + F_2 * zeta  # eq. (14)
+        out.zeta[:], out.F_1[:], out.F_2[:], out.A[:] = zeta, F_1, F_2, A
 
 
 @kernel
-def solve_natural(M, force, L, w):
-    """Set w (6,) to M^-1 force, for M (6, 6) that changes; L (36,) is scratch."""
-    for i in range(6):
-        w[i] = force[i]
-        for j in range(i + 1):
-            L[6 * i + j] = M[i, j]
+def pose_error_rate(quat_e, nu_e, eta_e_dot):
+    """Set eta_e_dot (6,), eq. (18), from the error quaternion (4,) and the error of the velocity (6,)."""
+    q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
+    p, q, r = nu_e[3], nu_e[4], nu_e[5]
+    eta_e_dot[:3] = nu_e[:3]
+    eta_e_dot[3] = 0.5 * (q_w * p + q_y * r - q_z * q)  # U(q_e) omega_e, eq. (17)
+    eta_e_dot[4] = 0.5 * (q_w * q + q_z * p - q_x * r)
+    eta_e_dot[5] = 0.5 * (q_w * r + q_x * q - q_y * p)
+
+
+@kernel
+def solve_natural(M, force, w):
+    """Set w (6,) to M^-1 force, for M (6, 6) that changes."""
+    L = M.flatten()
+    w[:] = force
     cholesky(L, 6, L)
     forward(L, 6, w, 1)
     backward(L, 6, w, 1)
@@ -125,30 +122,21 @@ def solve_natural(M, force, L, w):
 @kernel
 def tracking_errors(given, out):
     """Set quat_e, eta_e, nu_e and nu_d_dot of out from the measurements and the reference."""
-    R_WB, nu, eta_e, nu_e = given.R_WB, given.nu, out.eta_e, out.nu_e
-    x = given.p_WB[0] - given.p_d[0]
-    y = given.p_WB[1] - given.p_d[1]
-    z = given.p_WB[2] - given.p_d[2]
-    for i in range(3):
-        eta_e[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
+    R_WB, nu, nu_d = given.R_WB, given.nu, np.zeros(6)
+    to_body(R_WB, given.p_WB - given.p_d, out.eta_e)
     quat_error(given.quat_d, given.quat_WB, out.quat_e)
-    for i in range(3):
-        eta_e[i + 3] = out.quat_e[i + 1]  # below eq. (12)
-    desired(R_WB, nu, given.p_d_dot, given.p_d_ddot, 0, nu_e, out.nu_d_dot)
-    desired(R_WB, nu, given.omega_d, given.omega_d_dot, 3, nu_e, out.nu_d_dot)
-    for i in range(6):
-        nu_e[i] = nu[i] - nu_e[i]
+    out.eta_e[3:] = out.quat_e[1:]  # below eq. (12)
+    desired(R_WB, nu[3:], given.p_d_dot, given.p_d_ddot, nu_d[:3], out.nu_d_dot[:3])
+    desired(R_WB, nu[3:], given.omega_d, given.omega_d_dot, nu_d[3:], out.nu_d_dot[3:])
+    out.nu_e[:] = nu - nu_d
 
 
 @kernel
-def desired(R_WB, nu, x_dot_W, x_ddot_W, first, nu_d, nu_d_dot):
-    """Set three components of nu_d and nu_d_dot, from index ``first``, from a velocity and an acceleration in W.
+def desired(R_WB, omega, x_dot_W, x_ddot_W, x_dot, x_ddot):
+    """Set x_dot (3,) in B and its time derivative x_ddot (3,) from a velocity and an acceleration in W.
 
-    B rotates: the time derivative of R^T x_dot is R^T x_ddot - omega x R^T x_dot.
+    B rotates with omega (3,): the time derivative of R^T x_dot is R^T x_ddot - omega x R^T x_dot.
     """
-    for i in range(3):
-        nu_d[first + i] = R_WB[0, i] * x_dot_W[0] + R_WB[1, i] * x_dot_W[1] + R_WB[2, i] * x_dot_W[2]
-        nu_d_dot[first + i] = R_WB[0, i] * x_ddot_W[0] + R_WB[1, i] * x_ddot_W[1] + R_WB[2, i] * x_ddot_W[2]
-    nu_d_dot[first] -= nu[4] * nu_d[first + 2] - nu[5] * nu_d[first + 1]
-    nu_d_dot[first + 1] -= nu[5] * nu_d[first] - nu[3] * nu_d[first + 2]
-    nu_d_dot[first + 2] -= nu[3] * nu_d[first + 1] - nu[4] * nu_d[first]
+    to_body(R_WB, x_dot_W, x_dot)
+    to_body(R_WB, x_ddot_W, x_ddot)
+    x_ddot -= np.cross(omega, x_dot)

@@ -160,12 +160,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
 def station_keep(settings, given, out):
     """Rest at the position of the first instant with the attitude attitude_deg. A stage that calls it first sets only
     the rest of its reference."""
-    for i in range(3):
-        out.p_d_dot[i] = 0.0
-        out.p_d_ddot[i] = 0.0
-        out.omega_d[i] = 0.0
-        out.omega_d_dot[i] = 0.0
-        if given.instant == 0:
-            out.p_d[i] = given.p_WB[i]
-    for i in range(4):
-        out.quat_d[i] = settings.quat_d[i]
+    if given.instant == 0:
+        out.p_d[:] = given.p_WB
+    out.p_d_dot[:], out.p_d_ddot[:] = 0.0, 0.0
+    out.quat_d[:], out.omega_d[:], out.omega_d_dot[:] = settings.quat_d, 0.0, 0.0

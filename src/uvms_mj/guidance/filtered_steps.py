@@ -111,10 +111,7 @@ class FilteredSteps(Guidance):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         start, times, positions, bandwidth = settings.start, settings.times, settings.positions, settings.bandwidth
-        for i in range(3):
-            out.p_d[i] = start[i]
-            out.p_d_dot[i] = 0.0
-            out.p_d_ddot[i] = 0.0
+        out.p_d[:], out.p_d_dot[:], out.p_d_ddot[:], out.quat_d[:] = start, 0.0, 0.0, settings.quat_d
         for n in range(times.shape[0]):
             x = bandwidth * (given.t - times[n])
             if x <= 0.0:
@@ -130,5 +127,3 @@ class FilteredSteps(Guidance):
                 out.p_d[i] += height * g
                 out.p_d_dot[i] += height * g_dot
                 out.p_d_ddot[i] += height * g_ddot
-        for i in range(4):
-            out.quat_d[i] = settings.quat_d[i]

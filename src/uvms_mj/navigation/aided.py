@@ -8,6 +8,8 @@ angle is left out, as usual (Sola, sec. 6.3).
 
 import math
 
+import numpy as np
+
 from ..physics.frames import rotation, to_body, to_world
 from ..physics.kernels import kernel
 from ..physics.random import standard_normal
@@ -83,30 +85,24 @@ def predict(settings, state, given, out):
         p[i] += 0.5 * h * (v[i] + new)
         v[i] = new
         state.omega[i] = turn[i] / h
-    for i in range(4):
-        state.work[i] = state.quat[i]
-    turned(state.work, turn[0], turn[1], turn[2], state.quat)
+    turned(state.quat.copy(), turn[0], turn[1], turn[2], state.quat)
     rotation(state.quat, R)
 
 
 @kernel
 def apply(state, innovation, sigma, out):
     """Correct the estimate by a scalar measurement of row H with a standard deviation, and clear H."""
-    change, quat = state.correction, state.work
+    change = state.correction
     state.squares[0] += correct(state.P, state.H, innovation, sigma * sigma, state.column, change)
     state.updates[0] += 1.0
-    for i in range(3):
-        state.p[i] += change[i]
-        state.v[i] += change[3 + i]
-        state.b_g[i] += change[9 + i]
-        state.omega[i] -= change[9 + i]
-        state.b_a[i] += change[12 + i]
-    for i in range(4):
-        quat[i] = state.quat[i]
-    turned(quat, change[6], change[7], change[8], state.quat)
+    state.p += change[:3]
+    state.v += change[3:6]
+    state.b_g += change[9:12]
+    state.omega -= change[9:12]
+    state.b_a += change[12:]
+    turned(state.quat.copy(), change[6], change[7], change[8], state.quat)
     rotation(state.quat, out.R_WB)
-    for i in range(15):
-        state.H[i] = 0.0
+    state.H[:] = 0.0
 
 
 @kernel
@@ -114,7 +110,7 @@ def velocity_fix(settings, state, given, out):
     """The DVL: velocity in B. R^T v changes by R^T dv + [R^T v]x dtheta."""
     H, R, sigma = state.H, out.R_WB, settings.assumed_noise * settings.dvl_noise
     for i in range(3):
-        v = state.push  # scratch
+        v = np.zeros(3)
         to_body(R, state.v, v)
         measured = given.nu[i] + settings.dvl_noise * standard_normal(given.key, given.instant, _DVL + i)
         for j in range(3):
@@ -163,15 +159,11 @@ def position_fix(settings, state, given, out):
 @kernel
 def estimation_error(state, given, error):
     """Set the error state (15,), truth minus estimate."""
-    v = state.push  # scratch
+    v, phi = np.zeros(3), np.zeros(3)
     to_world(given.R_WB, given.nu, v)
-    rotation_vector(state.quat, given.quat_WB, state.turn)
-    for i in range(3):
-        error[i] = given.p_WB[i] - state.p[i]
-        error[3 + i] = v[i] - state.v[i]
-        error[6 + i] = state.turn[i]
-        error[9 + i] = state.b_g_true[i] - state.b_g[i]
-        error[12 + i] = state.b_a_true[i] - state.b_a[i]
+    rotation_vector(state.quat, given.quat_WB, phi)
+    error[:3], error[3:6], error[6:9] = given.p_WB - state.p, v - state.v, phi
+    error[9:12], error[12:] = state.b_g_true - state.b_g, state.b_a_true - state.b_a
 
 
 @kernel

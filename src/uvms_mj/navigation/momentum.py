@@ -76,27 +76,23 @@ class MomentumObserver(Observer):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        residual, bias, f_W, wrench = state.residual, state.residual_bias, out.f_contact_m_W, out.tau_contact_m_B
+        residual, bias, wrench = state.residual, state.residual_bias, out.tau_contact_m_B
         h, part = given.period, 1.0 - math.exp(-given.period / settings.time_constant)
-        matvec(given.M_hat, given.nu, wrench)  # the momentum, until it is set below
-        for i in range(6):
-            explained = given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i]
-            if given.instant > 0:
-                # motion and commanded thrust of the interval that ends now
-                w = (wrench[i] - state.momentum[i]) / h - given.tau_hat[i] + 0.5 * (explained + state.explained[i])
-                residual[i] += part * (w - residual[i])
-            state.momentum[i], state.explained[i] = wrench[i], explained
+        momentum, explained = np.zeros(6), given.C_hat_nu + given.D_hat_nu + given.g_hat
+        matvec(given.M_hat, given.nu, momentum)
+        if given.instant > 0:
+            # motion and commanded thrust of the interval that ends now
+            w = (momentum - state.momentum) / h - given.tau_hat + 0.5 * (explained + state.explained)
+            residual += part * (w - residual)
+        state.momentum[:], state.explained[:] = momentum, explained
         calibrating = given.t < settings.calibrate_until
         if calibrating and given.t >= settings.calibrate_from:
             state.averaged[0] += 1.0
-            for i in range(6):
-                bias[i] += (residual[i] - bias[i]) / state.averaged[0]
-        for i in range(6):
-            wrench[i] = residual[i] - bias[i]
+            bias += (residual - bias) / state.averaged[0]
+        wrench[:] = residual - bias
         force = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
         limit = 0.5 * settings.threshold if state.in_contact[0] > 0.0 else settings.threshold
         state.in_contact[0] = 0.0 if calibrating or force < limit else 1.0
         if state.in_contact[0] == 0.0:
-            for i in range(6):
-                wrench[i] = 0.0
-        to_world(given.R_WB, wrench, f_W)
+            wrench[:] = 0.0
+        to_world(given.R_WB, wrench, out.f_contact_m_W)

@@ -62,11 +62,4 @@ class MotionOnly(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        for i in range(3):
-            out.p_WB[i] = given.p_WB[i]
-            for j in range(3):
-                out.R_WB[i, j] = given.R_WB[i, j]
-        for i in range(4):
-            out.quat_WB[i] = given.quat_WB[i]
-        for i in range(6):
-            out.nu[i] = given.nu[i]
+        out.p_WB[:], out.quat_WB[:], out.R_WB[:], out.nu[:] = given.p_WB, given.quat_WB, given.R_WB, given.nu

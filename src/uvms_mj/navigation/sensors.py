@@ -203,10 +203,7 @@ class Sensors(_Channels):
         measure(settings.force, state.force, state.wrench, 0, k, key, 4, out.tau_contact_m_B)
         measure(settings.moment, state.moment, state.wrench, 3, k, key, 5, out.tau_contact_m_B)
         if settings.plain_wrench:
-            for i in range(3):
-                out.f_contact_m_W[i] = given.f_springs_W[i]
-                for j in range(3):
-                    out.R_WB[i, j] = given.R_WB[i, j]
+            out.f_contact_m_W[:], out.R_WB[:] = given.f_springs_W, given.R_WB
             return
         rotation(out.quat_WB, out.R_WB)
         to_world(out.R_WB, out.tau_contact_m_B, out.f_contact_m_W)
@@ -216,8 +213,7 @@ class Sensors(_Channels):
 def felt_wrench(settings, given, start, wrench):
     """Set the wrench (6,) in B at its origin that the force sensor is exposed to; ``start`` (1,) keeps z of the first
     instant."""
-    for i in range(6):
-        wrench[i] = given.tau_springs_B[i]
+    wrench[:] = given.tau_springs_B
     if given.instant == 0:
         start[0] = given.p_WB[2]
     m = settings.mass_behind
@@ -236,5 +232,4 @@ def felt_wrench(settings, given, start, wrench):
         wrench[3] += r[1] * f_z - r[2] * f_y
         wrench[4] += r[2] * f_x - r[0] * f_z
         wrench[5] += r[0] * f_y - r[1] * f_x
-    for i in range(3):
-        wrench[i] -= settings.depth_drift[i] * (given.p_WB[2] - start[0])
+    wrench[:3] -= settings.depth_drift * (given.p_WB[2] - start[0])

@@ -47,18 +47,13 @@ def press_contacts(run):
     """Move the walls to t_k, and set the forces of the springs of all contacts: in total, with their wrench in B, and
     what of them acts without the engine's contact solver. The frames are in their places."""
     true, plant = run.true, run.plant
-    for i in range(3):
-        true.f_springs_W[i] = 0.0
-        plant.f_applied_W[i] = 0.0
-    for i in range(6):
-        true.tau_springs_B[i] = 0.0
-        plant.tau_applied_B[i] = 0.0
+    true.f_springs_W[:], true.tau_springs_B[:] = 0.0, 0.0
+    plant.f_applied_W[:], plant.tau_applied_B[:] = 0.0, 0.0
     for k in range(run.surface_count):
         if run.surfaces[k].moves != 0:
             move(run.surfaces[k], run.numbers, run.t)
     for k in range(run.carriers.shape[0]):
-        for i in range(6):
-            run.carriers[k].tau[i] = 0.0
+        run.carriers[k].tau[:] = 0.0
     for k in range(run.pair_count):
         pair, contact = run.pairs[k], run.pairs[k].contact
         carrier = run.carriers[pair.carrier]
@@ -67,8 +62,7 @@ def press_contacts(run):
             p_WC, R_WC, nu = carrier.p_WC, carrier.R_WC, carrier.nu
         pair_force(pair, run.surfaces[pair.surface], p_WC, R_WC, nu, run.timestep)
         run.depths[k] = pair.depth
-        for i in range(3):
-            run.f_pairs[k, i] = contact.f_W[i]
+        run.f_pairs[k] = contact.f_W
         if contact.touching != 0:
             add_contact(run, pair, carrier, R_WC)
 
@@ -86,11 +80,9 @@ def place_carriers(run):
         if frames.shape[0] > 1:
             above = carrier.link
             for _ in range(frames[carrier.link].depth):
-                for i in range(6):
-                    carrier.V[i] += frames[above].S[i] * run.encoder.q_dot[above - 1]
+                carrier.V += frames[above].S * run.encoder.q_dot[above - 1]
                 above = frames[above].parent
-            for i in range(6):
-                run.plant.links[carrier.link].f_ext[i] = 0.0
+            run.plant.links[carrier.link].f_ext[:] = 0.0
         arrive(carrier)
 
 
@@ -98,18 +90,15 @@ def place_carriers(run):
 def add_contact(run, pair, carrier, R_WC):
     """Add the force of a contact to those of its frame, of the vehicle and of what acts without the solver."""
     true, plant, contact = run.true, run.plant, pair.contact
-    f_W, tau_C = contact.f_W, contact.tau_B
-    for i in range(3):
-        true.f_springs_W[i] += f_W[i]
-    for i in range(6):
-        carrier.tau[i] += tau_C[i]
-    add_to_vehicle(run, carrier, tau_C, true.tau_springs_B)
+    true.f_springs_W += contact.f_W
+    carrier.tau += contact.tau_B
+    add_to_vehicle(run, carrier, contact.tau_B, true.tau_springs_B)
+    f_W, tau_C = contact.f_W, contact.tau_B.copy()
     if pair.solved != 0:  # what is left is the friction
-        f_W, tau_C = contact.f_tangential_W, run.friction_C
-        wrench_at_origin(R_WC, contact.arm_W, f_W, contact.work, tau_C)
+        f_W = contact.f_tangential_W
+        wrench_at_origin(R_WC, contact.arm_W, f_W, tau_C)
     if carrier.link == 0:
-        for i in range(3):
-            plant.f_applied_W[i] += f_W[i]
+        plant.f_applied_W += f_W
         add_to_vehicle(run, carrier, tau_C, plant.tau_applied_B)
     elif plant.links.shape[0] > 1:
         add_wrench_from(carrier.R_BC, carrier.p_BC, tau_C, plant.links[carrier.link].f_ext)
@@ -119,8 +108,7 @@ def add_contact(run, pair, carrier, R_WC):
 def add_to_vehicle(run, carrier, tau_C, tau_B):
     """Add a wrench (6,) at the origin of a frame of contacts to one at B's origin in B."""
     if run.carried.shape[0] == 0:
-        for i in range(6):
-            tau_B[i] += tau_C[i]
+        tau_B += tau_C
     else:
         add_wrench_from(carrier.R_BC, carrier.p_BC, tau_C, tau_B)
 
@@ -132,43 +120,36 @@ def force_of_step(run):
     instant, by the trapezoidal rule, by which a linear spring does no work over a rebound."""
     true, row, solved, h = run.true, run.row, run.plant.solved, run.timestep
     run.push[0] = 0.0
-    for i in range(3):
-        row.f_contact_W[i] = 0.0
-        for k in range(run.carriers.shape[0]):
-            run.carriers[k].f_W[i] = 0.0
+    row.f_contact_W[:] = 0.0
+    for k in range(run.carriers.shape[0]):
+        run.carriers[k].f_W[:] = 0.0
     for k in range(run.pair_count):
         pair, contact = run.pairs[k], run.pairs[k].contact
-        f_W, carrier, normal = contact.f_W, run.carriers[pair.carrier], pair.f_n
+        f_W, f_n = contact.f_W.copy(), pair.f_n
         if pair.solved != 0:
             found = 1.0 if solved[0] != 0.0 else 0.0
-            f_W = run.f_solved_W
-            for i in range(3):
-                f_W[i] = contact.f_tangential_W[i] + found * solved[1 + i]
-            normal = found * math.sqrt(solved[1] * solved[1] + solved[2] * solved[2] + solved[3] * solved[3])
-        run.push[0] += normal
-        for i in range(3):
-            row.f_contact_W[i] += f_W[i]
-            carrier.f_W[i] += f_W[i]
+            f_W[:] = contact.f_tangential_W + found * solved[1:]
+            f_n = found * math.sqrt(solved[1] * solved[1] + solved[2] * solved[2] + solved[3] * solved[3])
+        run.push[0] += f_n
+        row.f_contact_W += f_W
+        run.carriers[pair.carrier].f_W += f_W
     for k in range(run.carriers.shape[0]):
         carrier, p, nu = run.carriers[k], true.p_WB, true.nu
         if run.carried.shape[0] != 0:
             p, nu = carrier.p_WC, carrier.nu
-        for i in range(3):
-            moment = carrier.tau[3 + i]
-            if run.step > 0:
+        moment = carrier.tau[3:]
+        if run.step > 0:
+            for i in range(3):
                 row.wall_work -= 0.5 * (carrier.f_W[i] + carrier.f_before_W[i]) * (p[i] - carrier.p_before[i])
-                row.wall_work -= 0.5 * (moment + carrier.moment_before[i]) * h * nu[i + 3]
-            carrier.f_before_W[i] = carrier.f_W[i]
-            carrier.moment_before[i] = moment
-            carrier.p_before[i] = p[i]
+                row.wall_work -= 0.5 * (moment[i] + carrier.moment_before[i]) * h * nu[i + 3]
+        carrier.f_before_W[:], carrier.moment_before[:], carrier.p_before[:] = carrier.f_W, moment, p
 
 
 @kernel
 def ride(carrier, p_WB, R_WB, nu):
     """Set the pose of a carrier in W from that of B, and start its velocity with that of the base, nu (6,)."""
     compose_poses(R_WB, p_WB, carrier.R_BC, carrier.p_BC, carrier.R_WC, carrier.p_WC)
-    for i in range(6):
-        carrier.V[i] = nu[i]
+    carrier.V[:] = nu
 
 
 @kernel

@@ -85,8 +85,8 @@ def varying(n: int) -> np.dtype:
 @kernel
 def add_sines(series, t, value):
     """Set value (n,) to the mean, and add the sines at time t [s]."""
+    value[:] = series.mean
     for i in range(value.shape[0]):
-        value[i] = series.mean[i]
         if series.amplitude[i] != 0.0:
             value[i] += series.amplitude[i] * np.sin(2.0 * np.pi * series.frequency[i] * t)
 
@@ -94,8 +94,8 @@ def add_sines(series, t, value):
 @kernel
 def sine_rates(series, t, rate):
     """Set rate (n,) to the time derivative of the sines."""
+    rate[:] = 0.0
     for i in range(rate.shape[0]):
-        rate[i] = 0.0
         if series.amplitude[i] != 0.0:
             omega = 2.0 * np.pi * series.frequency[i]
             rate[i] = omega * series.amplitude[i] * math.cos(omega * t)
@@ -198,7 +198,7 @@ def flow(plant, numbers, t, p_WB, R_WB, nu):
     if water.unsteady != 0:
         current_at(plant, numbers, t, p_WB, R_WB, nu)
     add_sines(plant.disturbance, t, water.tau_dist)
-    add_table_and_noise(plant.disturbance, numbers, t, water.tau_dist, plant.rate)
+    add_table_and_noise(plant.disturbance, numbers, t, water.tau_dist, np.zeros(6))  # its rate is not used
     if water.tether > 0.0:
         relative_velocity(water, R_WB, nu, plant.nu_r)
         add_tether(water.tether, water.r_t, plant.nu_r, water.tau_dist)
@@ -225,15 +225,12 @@ def current_at(plant, numbers, t, p_WB, R_WB, nu):
     add_sines(plant.current, t, v_c)
     sine_rates(plant.current, t, along_path)
     add_table_and_noise(plant.current, numbers, t, v_c, along_path)
-    for i in range(3):
-        of_water[i] = along_path[i]
+    of_water[:] = along_path
     if plant.shear_rows > 0:
-        factor, slope = plant.factor, plant.slope
-        factor[0], slope[0] = 0.0, 0.0
+        factor, slope = np.zeros(1), np.zeros(1)
         add_interpolated(numbers, plant.shear, plant.shear_rows, -p_WB[2], factor, slope)
         v_z = R_WB[2, 0] * nu[0] + R_WB[2, 1] * nu[1] + R_WB[2, 2] * nu[2]
-        for i in range(2):
-            upwards = -slope[0] * v_c[i]  # derivative by z
-            v_c[i] *= factor[0]
-            along_path[i] = factor[0] * along_path[i] + v_z * upwards
-            of_water[i] = factor[0] * of_water[i] + v_c[2] * upwards
+        upwards = -slope[0] * v_c[:2]  # derivative by z
+        v_c[:2] *= factor[0]
+        along_path[:2] = factor[0] * along_path[:2] + v_z * upwards
+        of_water[:2] = factor[0] * of_water[:2] + v_c[2] * upwards

@@ -24,38 +24,34 @@ For large R it is F_s. A contact with the constant impedance d of solimp has R =
 
 import math
 
+import numpy as np
+
 from .fossen import coriolis_rigid_body, matvec, restoring
 from .frames import multiply, to_body, to_world
 from .kernels import kernel
 
 
 @kernel
-def free_acceleration(body, R_WB, nu, tau, work, qacc):
+def free_acceleration(body, R_WB, nu, tau, qacc):
     """Set the free joint's acceleration qacc (6,) = [a_W; omega_dot] from the wrench tau (6,) at B's origin in B.
 
     Args:
         body: a record with M_RB, M_inv (6, 6), mass, r_g, gravity_W; the weight is added to tau.
         R_WB: (3, 3).
         nu: (6,) velocity in B [m/s, rad/s].
-        tau: (6,) all other forces without rigid-body Coriolis forces [N, N m]; it is overwritten.
-        work: (6,) scratch.
+        tau: (6,) all other forces without rigid-body Coriolis forces [N, N m].
         qacc: (6,) output [m/s^2 in W, rad/s^2 in B].
     """
-    restoring(body.mass, 0.0, body.r_g, body.r_g, body.gravity_W, R_WB, work)
-    for i in range(6):
-        tau[i] -= work[i]
-    for i in range(3):
-        qacc[i] = 0.0
-        qacc[i + 3] = nu[i + 3]
-    coriolis_rigid_body(body.M_RB, qacc, work)
-    for i in range(6):
-        tau[i] -= work[i]
-    matvec(body.M_inv, tau, qacc)
+    turning, g_eta, C_nu = np.zeros(6), np.zeros(6), np.zeros(6)
+    turning[3:] = nu[3:]
+    restoring(body.mass, 0.0, body.r_g, body.r_g, body.gravity_W, R_WB, g_eta)
+    coriolis_rigid_body(body.M_RB, turning, C_nu)
+    matvec(body.M_inv, tau - g_eta - C_nu, qacc)
     to_world(R_WB, qacc, qacc)
 
 
 @kernel
-def soft_contact(body, contact, depth, R_WB, qvel, work, qacc) -> float:
+def soft_contact(body, contact, depth, R_WB, qvel, qacc) -> float:
     """Add the wall's normal force at B's origin to the free joint's acceleration qacc (6,), and return it [N].
 
     Args:
@@ -64,34 +60,27 @@ def soft_contact(body, contact, depth, R_WB, qvel, work, qacc) -> float:
         depth: of the contact [m].
         R_WB: (3, 3).
         qvel: (6,) velocity of the free joint.
-        work: (6,) scratch.
         qacc: (6,) acceleration by all other forces, [m/s^2 in W, rad/s^2 in B].
     """
-    n, M_inv = contact.normal_W, body.M_inv
-    to_body(R_WB, n, work)
-    x, y, z = work[0], work[1], work[2]
-    for i in range(6):  # acceleration by a unit force
-        work[i] = M_inv[i, 0] * x + M_inv[i, 1] * y + M_inv[i, 2] * z
-    yielding = x * work[0] + y * work[1] + z * work[2]
-    a_0, v_n = 0.0, 0.0
-    for i in range(3):
-        a_0 += n[i] * qacc[i]
-        v_n += n[i] * qvel[i]
+    n, n_B, M_inv = contact.normal_W, np.zeros(3), body.M_inv
+    to_body(R_WB, n, n_B)
+    x, y, z = n_B[0], n_B[1], n_B[2]
+    per_force = M_inv[:, 0] * x + M_inv[:, 1] * y + M_inv[:, 2] * z  # acceleration by a unit force, in B
+    yielding = x * per_force[0] + y * per_force[1] + z * per_force[2]
+    a_0 = n[0] * qacc[0] + n[1] * qacc[1] + n[2] * qacc[2]
+    v_n = n[0] * qvel[0] + n[1] * qvel[1] + n[2] * qvel[2]
     spring = contact.stiffness * depth - contact.damping * v_n
     f_n = max(0.0, (body.softness * spring - a_0) / (body.softness + yielding))
-    to_world(R_WB, work, work)
-    for i in range(6):
-        qacc[i] += f_n * work[i]
+    to_world(R_WB, per_force, per_force)
+    qacc += f_n * per_force
     return f_n
 
 
 @kernel
 def symplectic_step(qpos, qvel, qacc, timestep):
     """Advance the velocity qvel (6,), and with the new velocity the pose qpos (7,), as MuJoCo's Euler integrator."""
-    for i in range(6):
-        qvel[i] += timestep * qacc[i]
-    for i in range(3):
-        qpos[i] += timestep * qvel[i]
+    qvel += timestep * qacc
+    qpos[:3] += timestep * qvel[:3]
     x, y, z = qvel[3], qvel[4], qvel[5]
     rate = math.sqrt(x * x + y * y + z * z)
     if rate == 0.0:

@@ -56,7 +56,6 @@ CONTACT = np.dtype(
         ("f_tangential_W", "f8", (3,)),  # friction force on the vehicle [N]
         ("f_W", "f8", (3,)),  # total force of the wall on the vehicle [N]
         ("tau_B", "f8", (6,)),  # f_W as a wrench at B's origin, in B [N, N m]
-        ("work", "f8", (3,)),  # scratch
     ],
     align=True,
 )
@@ -80,7 +79,6 @@ PAIR = np.dtype(
         ("depth", "f8"),  # delta, or 0 [m]
         ("f_n", "f8"),  # normal force [N]
         ("centre_W", "f8", (3,)),
-        ("end_W", "f8", (3,)),  # scratch
     ],
     align=True,
 )
@@ -100,12 +98,9 @@ def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
         timestep: [s].
     """
     contact, c = pair.contact, pair.centre_W
-    n, arm, v = contact.normal_W, contact.arm_W, contact.work
-    for i in range(3):
-        v[i] = pair.ends_C[0, i]
-    to_world(R_WC, v, c)
-    for i in range(3):
-        c[i] += p_WC[i]
+    n, arm, v = contact.normal_W, contact.arm_W, np.zeros(3)
+    to_world(R_WC, pair.ends_C[0], c)
+    c += p_WC
     if pair.capsule != 0:
         nearest_of_capsule(pair, surface, p_WC, R_WC)
     distance = signed_distance(surface, c, n) - pair.radius
@@ -115,29 +110,21 @@ def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
         pair.compression = recovered(pair, timestep)
         release(contact)
         return
-    for i in range(3):
-        arm[i] = c[i] - p_WC[i] - (pair.radius + 0.5 * distance) * n[i]
+    arm[:] = c - p_WC - (pair.radius + 0.5 * distance) * n
     point_velocity(R_WC, nu, arm, v)
-    v_n = 0.0
-    for i in range(3):
-        v[i] -= surface.v_W[i]
-        v_n += n[i] * v[i]
+    v -= surface.v_W
+    v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
     pair.f_n = series_force(pair, -distance, -v_n, timestep)
-    press(contact, pair.f_n, v_n, R_WC, timestep)
+    press(contact, pair.f_n, v - v_n * n, R_WC, timestep)
 
 
 @kernel
 def nearest_of_capsule(pair, surface, p_WC, R_WC):
     """Move the centre from the first end to the point of the segment that is nearest to the surface."""
-    c, end = pair.centre_W, pair.end_W
-    for i in range(3):
-        end[i] = pair.ends_C[1, i]
-    to_world(R_WC, end, end)
-    for i in range(3):
-        end[i] += p_WC[i]
-    part = nearest_on_segment(surface, c, end)
-    for i in range(3):
-        c[i] += part * (end[i] - c[i])
+    c, end = pair.centre_W, np.zeros(3)
+    to_world(R_WC, pair.ends_C[1], end)
+    end += p_WC
+    c += nearest_on_segment(surface, c, end) * (end - c)
 
 
 @kernel
@@ -177,49 +164,40 @@ def release(contact):
     """Set the force of a contact point that is not in the wall."""
     if contact.touching != 0:
         contact.touching = 0
-        for i in range(3):
-            contact.stretch_W[i] = 0.0
-            contact.f_tangential_W[i] = 0.0
-            contact.f_W[i] = 0.0
-            contact.tau_B[i] = 0.0
-            contact.tau_B[i + 3] = 0.0
+        contact.stretch_W[:], contact.f_tangential_W[:] = 0.0, 0.0
+        contact.f_W[:], contact.tau_B[:] = 0.0, 0.0
 
 
 @kernel
 def point_velocity(R_WB, nu, arm_W, v_W):
     """Set v_W (3,), the velocity in W of the point of the vehicle at arm_W (3,) from B's origin [m/s]."""
-    to_body(R_WB, arm_W, v_W)
-    a_x = nu[0] + nu[4] * v_W[2] - nu[5] * v_W[1]  # v + omega x arm, in B
-    a_y = nu[1] + nu[5] * v_W[0] - nu[3] * v_W[2]
-    a_z = nu[2] + nu[3] * v_W[1] - nu[4] * v_W[0]
-    v_W[0], v_W[1], v_W[2] = a_x, a_y, a_z
-    to_world(R_WB, v_W, v_W)
+    arm, v = np.zeros(3), np.zeros(3)
+    to_body(R_WB, arm_W, arm)
+    v[0] = nu[0] + nu[4] * arm[2] - nu[5] * arm[1]  # v + omega x arm
+    v[1] = nu[1] + nu[5] * arm[0] - nu[3] * arm[2]
+    v[2] = nu[2] + nu[3] * arm[1] - nu[4] * arm[0]
+    to_world(R_WB, v, v_W)
 
 
 @kernel
-def press(contact, f_n, v_n, R_WB, timestep):
+def press(contact, f_n, v_t, R_WB, timestep):
     """Set the force of a contact point in the wall, and advance the stretch of its spring.
 
     Args:
-        contact: a CONTACT record; normal_W and arm_W are set, and work is the velocity relative to the wall in W.
+        contact: a CONTACT record; normal_W and arm_W are set.
         f_n: normal force [N].
-        v_n: velocity relative to the wall along the normal [m/s].
+        v_t: (3,) velocity along the wall, relative to it, in W [m/s].
         R_WB: (3, 3) attitude.
         timestep: [s].
     """
-    n, v = contact.normal_W, contact.work
-    for i in range(3):
-        v[i] -= v_n * n[i]
-        contact.f_W[i] = f_n * n[i]
+    contact.f_W[:] = f_n * contact.normal_W
     if contact.friction > 0.0:
-        friction(contact, f_n, v, timestep)
-        for i in range(3):
-            contact.f_W[i] += contact.f_tangential_W[i]
+        friction(contact, f_n, v_t, timestep)
+        contact.f_W += contact.f_tangential_W
     else:  # also where it was switched off during the contact
-        for i in range(3):
-            contact.stretch_W[i], contact.f_tangential_W[i] = 0.0, 0.0
+        contact.stretch_W[:], contact.f_tangential_W[:] = 0.0, 0.0
     contact.touching = 1
-    wrench_at_origin(R_WB, contact.arm_W, contact.f_W, v, contact.tau_B)
+    wrench_at_origin(R_WB, contact.arm_W, contact.f_W, contact.tau_B)
 
 
 @kernel
@@ -228,29 +206,21 @@ def friction(contact, f_n, v_t, timestep):
     xi, f, n = contact.stretch_W, contact.f_tangential_W, contact.normal_W
     limit = contact.friction * f_n
     if contact.touching != 0:
-        out = 0.0
-        for i in range(3):
-            xi[i] += timestep * v_t[i]
-            out += n[i] * xi[i]
-        for i in range(3):  # the face may have turned
-            xi[i] -= out * n[i]
+        xi += timestep * v_t
+        xi -= (n[0] * xi[0] + n[1] * xi[1] + n[2] * xi[2]) * n  # the face may have turned
     held = contact.tangential_stiffness * math.sqrt(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
     if held > limit:
-        for i in range(3):
-            xi[i] *= limit / held
-    for i in range(3):
-        f[i] = -contact.tangential_stiffness * xi[i] - contact.tangential_damping * v_t[i]
+        xi *= limit / held
+    f[:] = -contact.tangential_stiffness * xi - contact.tangential_damping * v_t
     size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     if size > limit:
-        for i in range(3):
-            f[i] *= limit / size
+        f *= limit / size
 
 
 @kernel
-def wrench_at_origin(R_WB, arm_W, f_W, work, tau):
-    """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,); work is (3,) scratch."""
+def wrench_at_origin(R_WB, arm_W, f_W, tau):
+    """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,)."""
+    arm = np.zeros(3)
+    to_body(R_WB, arm_W, arm)
     to_body(R_WB, f_W, tau)
-    to_body(R_WB, arm_W, work)
-    tau[3] = work[1] * tau[2] - work[2] * tau[1]
-    tau[4] = work[2] * tau[0] - work[0] * tau[2]
-    tau[5] = work[0] * tau[1] - work[1] * tau[0]
+    tau[3:] = np.cross(arm, tau[:3])

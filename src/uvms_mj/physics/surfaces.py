@@ -39,7 +39,6 @@ SURFACE = np.dtype(
         ("amplitude_W", "f8", (3,)),  # of the sine [m]
         ("frequency", "f8"),  # [Hz]
         ("phase", "f8"),  # [rad]
-        ("q", "f8", (3,)),  # scratch
     ],
     align=True,
 )
@@ -55,9 +54,8 @@ def move(surface, numbers, t):
     """
     angle = 2.0 * math.pi * surface.frequency * t + surface.phase
     sine, cosine = math.sin(angle), 2.0 * math.pi * surface.frequency * math.cos(angle)
-    for i in range(3):
-        surface.p_WS[i] = surface.start_W[i] + surface.amplitude_W[i] * sine
-        surface.v_W[i] = surface.amplitude_W[i] * cosine
+    surface.p_WS[:] = surface.start_W + surface.amplitude_W * sine
+    surface.v_W[:] = surface.amplitude_W * cosine
     if surface.rows == 0:
         return
     table = surface.table
@@ -79,12 +77,9 @@ def move(surface, numbers, t):
 @kernel
 def signed_distance(surface, c_W, n_W) -> float:
     """The distance of a point c_W (3,) from a surface [m], negative inside. Sets the normal n_W (3,) out of it."""
-    q, R = surface.q, surface.R_WS
-    for i in range(3):
-        q[i] = c_W[i] - surface.p_WS[i]
+    q, R = c_W - surface.p_WS, surface.R_WS
     if surface.kind == PLANE:
-        for i in range(3):
-            n_W[i] = -R[i, 0]
+        n_W[:] = -R[:, 0]
         return -(R[0, 0] * q[0] + R[1, 0] * q[1] + R[2, 0] * q[2])
     to_body(R, q, q)
     distance = 0.0
@@ -105,8 +100,7 @@ def normalise(q) -> float:
     if size == 0.0:
         q[0], q[1], q[2] = -1.0, 0.0, 0.0
     else:
-        for i in range(3):
-            q[i] /= size
+        q /= size
     return size
 
 
@@ -120,11 +114,10 @@ def from_box(q, half) -> float:
     inside = abs(q[nearest]) - half[nearest]
     if inside <= 0.0:
         out = 1.0 if q[nearest] >= 0.0 else -1.0
-        q[0], q[1], q[2] = 0.0, 0.0, 0.0
+        q[:] = 0.0
         q[nearest] = out
         return inside
-    for i in range(3):
-        q[i] -= min(half[i], max(-half[i], q[i]))
+    q -= np.clip(q, -half, half)
     return normalise(q)
 
 

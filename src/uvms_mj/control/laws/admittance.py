@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import Fault
 from ...quantities import NonNegative, Positive
 from ..base import Controller, SteadyState, gain
+from .terms import add_product
 
 
 @dataclass(frozen=True)
@@ -45,22 +46,16 @@ class Admittance(Controller):
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
         eta_a, nu_a, nu_a_dot = state.eta_a, state.nu_a, state_dot.nu_a
-        for i in range(6):
-            nu_a_dot[i] = 0.0
-            tau_cmd[i] = signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i]
-        for j in range(6):
-            force = signals.K_f[j] * (signals.tau_contact_m_B[j] - signals.F_d[j]) - signals.K_d[j] * eta_a[j]
-            for k in range(6):
-                force -= signals.D_d[j, k] * nu_a[k]
-            for i in range(6):
-                nu_a_dot[i] += gains.M_d_inv[i, j] * force
-        for j in range(6):
-            error = signals.eta_e[j] - eta_a[j]
-            state_dot.eta_a[j] = nu_a[j] if j < 3 else 0.5 * nu_a[j]  # eq. (17) for small angles
-            state_dot.xi_a[j] = gains.k_i * error
-            a = signals.nu_d_dot[j] + nu_a_dot[j] - gains.k_v * (signals.nu_e[j] - nu_a[j]) - gains.k_p * error
-            for i in range(6):
-                tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi_a[j])
+        force = signals.K_f * (signals.tau_contact_m_B - signals.F_d) - signals.K_d * eta_a
+        add_product(-signals.D_d, nu_a, force)
+        nu_a_dot[:] = 0.0
+        add_product(gains.M_d_inv, force, nu_a_dot)
+        error = signals.eta_e - eta_a
+        state_dot.eta_a[:3], state_dot.eta_a[3:] = nu_a[:3], 0.5 * nu_a[3:]  # eq. (17) for small angles
+        state_dot.xi_a[:] = gains.k_i * error
+        a = signals.nu_d_dot + nu_a_dot - gains.k_v * (signals.nu_e - nu_a) - gains.k_p * error - state.xi_a
+        tau_cmd[:] = signals.C_hat_nu + signals.D_hat_nu + signals.g_hat
+        add_product(signals.M_hat, a, tau_cmd)
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         """Refuse an inertia that changes: the offset is a state of its own, with a constant M_d."""

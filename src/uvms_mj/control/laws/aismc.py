@@ -10,7 +10,7 @@ import numpy as np
 
 from ...quantities import NonNegative
 from ..base import Controller, NonNegativeDiagonal, PositiveDiagonal, SteadyState, gain
-from .terms import integral_residual, within
+from .terms import add_product, integral_residual, within
 
 RESTS_AT = 0.5
 """Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
@@ -53,15 +53,10 @@ class Aismc(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         sigma = state.sigma
         integral_residual(signals, state.nu_hat, state_dot.nu_hat, sigma)
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i]
-        for j in range(6):
-            K = min(gains.K_max[j], max(gains.K_0, state.K[j]))
-            state.K[j] = K
-            state_dot.K[j] = gains.rate * (abs(sigma[j]) - RESTS_AT * gains.epsilon[j])
-            a = K * within(sigma[j] / gains.epsilon[j], 1.0)
-            for i in range(6):
-                tau_cmd[i] -= signals.M_hat[i, j] * a
+        state.K[:] = np.minimum(gains.K_max, np.maximum(gains.K_0, state.K))
+        state_dot.K[:] = gains.rate * (np.abs(sigma) - RESTS_AT * gains.epsilon)
+        tau_cmd[:] = signals.tau_nom
+        add_product(signals.M_hat, -state.K * within(sigma / gains.epsilon, 1.0), tau_cmd)
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""

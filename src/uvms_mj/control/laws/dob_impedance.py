@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
-from .terms import integral_residual
+from .terms import add_product, integral_residual
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,10 @@ class DobImpedance(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        d_hat, sigma = state.d_hat, state.sigma
-        integral_residual(signals, state.nu_hat, state_dot.nu_hat, sigma)
-        for i in range(6):
-            d_hat[i] = 0.0
-            for j in range(6):
-                d_hat[i] += signals.M_hat[i, j] * gains.bandwidth[j] * sigma[j]
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i] - d_hat[i]
+        integral_residual(signals, state.nu_hat, state_dot.nu_hat, state.sigma)
+        state.d_hat[:] = 0.0
+        add_product(signals.M_hat * gains.bandwidth, state.sigma, state.d_hat)  # M_hat Omega sigma
+        tau_cmd[:] = signals.tau_nom - state.d_hat
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7)."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...quantities import NonNegative, Positive
 from ..base import Controller, SteadyState, gain
+from .terms import add_product, within
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,9 @@ class Fosm(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i]
-        for j in range(6):
-            sat = min(1.0, max(-1.0, signals.s[j] / gains.epsilon))  # eq. (32)
-            for i in range(6):
-                tau_cmd[i] -= signals.M_hat[i, j] * gains.K_s * sat  # eq. (31)
+        sat = within(signals.s / gains.epsilon, 1.0)  # eq. (32)
+        tau_cmd[:] = signals.tau_nom
+        add_product(signals.M_hat * -gains.K_s, sat, tau_cmd)  # eq. (31)
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance inside the boundary layer."""

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..base import Controller, SteadyState
+from .terms import add_product
 
 TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
 """Text in all outputs that describes the signals given to the ideal law."""
@@ -21,11 +22,9 @@ class Ideal(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.C_nu_r[i] + signals.D_nu_r[i] + signals.g_eta[i] - signals.tau_dist[i]
-            tau_cmd[i] -= signals.tau_contact_m_B[i]
-            for j in range(6):  # w has the desired impedance and K_f (tau_c - F_d) in it
-                tau_cmd[i] += signals.M[i, j] * (signals.nu_d_dot[j] - signals.nu_c_dot[j] - signals.w[j])
+        nu_r_dot = signals.nu_d_dot - signals.nu_c_dot - signals.w  # w has the desired impedance and K_f (tau_c - F_d)
+        tau_cmd[:] = signals.C_nu_r + signals.D_nu_r + signals.g_eta - signals.tau_dist - signals.tau_contact_m_B
+        add_product(signals.M, nu_r_dot, tau_cmd)
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with s = 0."""

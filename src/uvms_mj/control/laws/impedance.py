@@ -15,8 +15,7 @@ class Impedance(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i]  # eq. (23)
+        tau_cmd[:] = signals.tau_nom  # eq. (23)
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance of eq. (5)."""

@@ -40,16 +40,13 @@ class Parallel(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         F_d, tau_c = signals.F_d, signals.tau_contact_m_B
         size = math.sqrt(F_d[0] * F_d[0] + F_d[1] * F_d[1] + F_d[2] * F_d[2])
-        xi = within(state.xi[0], gains.limit)
-        state.xi[0] = xi
-        state_dot.xi[0] = 0.0
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i]
+        state.xi[:] = within(state.xi, gains.limit)
+        state_dot.xi[:] = 0.0
+        tau_cmd[:] = signals.tau_nom
         if size > 0.0:
-            for i in range(3):
-                n = F_d[i] / size
-                state_dot.xi[0] += gains.k_i * n * (tau_c[i] - F_d[i])
-                tau_cmd[i] += n * xi
+            n = F_d[:3] / size
+            state_dot.xi[0] = (gains.k_i * n * (tau_c[:3] - F_d[:3])).sum()
+            tau_cmd[:3] += n * state.xi[0]
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""

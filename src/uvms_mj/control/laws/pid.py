@@ -10,7 +10,7 @@ import numpy as np
 
 from ...quantities import NonNegative
 from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
-from .terms import within
+from .terms import add_product, within
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,11 @@ class Pid(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            state.xi[i] = within(state.xi[i], gains.limit[i])
-            spring = signals.K_d[i] * signals.eta_e[i]
-            state_dot.xi[i] = gains.k_i * spring
-            tau_cmd[i] = signals.g_hat[i] - signals.K_f[i] * signals.F_d[i] - spring - state.xi[i]
-            for j in range(6):
-                tau_cmd[i] -= signals.D_d[i, j] * signals.nu_e[j]
+        state.xi[:] = within(state.xi, gains.limit)
+        spring = signals.K_d * signals.eta_e
+        state_dot.xi[:] = gains.k_i * spring
+        tau_cmd[:] = signals.g_hat - signals.K_f * signals.F_d - spring - state.xi
+        add_product(-signals.D_d, signals.nu_e, tau_cmd)
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -12,6 +11,7 @@ import numpy as np
 
 from ...quantities import NonNegative
 from ..base import Controller, SteadyState, gain
+from .terms import add_product
 
 if TYPE_CHECKING:
     from ..theory.certificate import Certificate
@@ -35,20 +35,17 @@ class Gsta(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i] if gains.nominal else 0.0
-        for j in range(6):
-            s = signals.s[j]
-            sgn = np.sign(s)
-            root = math.sqrt(abs(s)) * sgn
-            phi_1 = root + gains.beta * s
-            phi_2 = 0.5 * sgn + 1.5 * gains.beta * root + gains.beta * gains.beta * s
-            a = -gains.k_1 * phi_1 + state.z[j]  # eq. (24a)
-            state_dot.z[j] = -gains.k_2 * phi_2  # eq. (24b)
-            if gains.nominal:
-                a -= signals.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
-            for i in range(6):
-                tau_cmd[i] += signals.M_hat[i, j] * a
+        s, sgn = signals.s, np.sign(signals.s)
+        root = np.sqrt(np.abs(s)) * sgn
+        phi_1 = root + gains.beta * s
+        phi_2 = 0.5 * sgn + 1.5 * gains.beta * root + gains.beta * gains.beta * s
+        a = -gains.k_1 * phi_1 + state.z  # eq. (24a)
+        state_dot.z[:] = -gains.k_2 * phi_2  # eq. (24b)
+        tau_cmd[:] = 0.0
+        if gains.nominal:
+            a -= signals.A * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
+            tau_cmd[:] = signals.tau_nom
+        add_product(signals.M_hat, a, tau_cmd)
 
     def at_rest(self: Any, setup: Any) -> SteadyState | str:
         """The static balance with s = 0, if super-twisting converges."""
@@ -110,11 +107,8 @@ class Sta(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.tau_nom[i]
-        for j in range(6):
-            s = signals.s[j]
-            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - signals.A[j] * s  # eqs. (22), (24a)
-            state_dot.z[j] = -0.5 * gains.k_2 * np.sign(s)  # eq. (24b)
-            for i in range(6):
-                tau_cmd[i] += signals.M_hat[i, j] * a
+        s, sgn = signals.s, np.sign(signals.s)
+        a = -gains.k_1 * np.sqrt(np.abs(s)) * sgn + state.z - signals.A * s  # eqs. (22), (24a)
+        state_dot.z[:] = -0.5 * gains.k_2 * sgn  # eq. (24b)
+        tau_cmd[:] = signals.tau_nom
+        add_product(signals.M_hat, a, tau_cmd)

@@ -17,20 +17,28 @@ A constant sigma means that eq. (7) holds, whatever its value is: the accelerati
 balance demands is zero at rest.
 """
 
+import numpy as np
+
 from ...physics.kernels import kernel
 
 
 @kernel
 def integral_residual(signals, nu_hat, nu_hat_dot, sigma):
     """Set sigma (6,) and nu_hat_dot (6,), and nu_hat (6,) at the first instant [m/s, rad/s]."""
-    for i in range(6):
-        if signals.instant == 0:
-            nu_hat[i] = signals.nu[i]
-        nu_hat_dot[i] = signals.nu_d_dot[i] - signals.w[i]
-        sigma[i] = signals.nu[i] - nu_hat[i]
+    if signals.instant == 0:
+        nu_hat[:] = signals.nu
+    nu_hat_dot[:] = signals.nu_d_dot - signals.w
+    sigma[:] = signals.nu - nu_hat
 
 
 @kernel
-def within(x, limit) -> float:
-    """x, or the nearest number from -limit to limit."""
-    return min(limit, max(-limit, x))
+def within(x, limit):
+    """x (n,), or the nearest numbers from -limit to limit."""
+    return np.minimum(limit, np.maximum(-limit, x))
+
+
+@kernel
+def add_product(A, x, y):
+    """Add A x to y (6,), for A (6, 6) and x (6,), column by column."""
+    for j in range(6):
+        y += A[:, j] * x[j]

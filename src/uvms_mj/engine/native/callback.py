@@ -26,13 +26,7 @@ def read_state(plant):
     mujoco, n = plant.mujoco, plant.links.shape[0] - 1
     R, qpos, qvel = triples(mujoco.R_at, 3), floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
     plant.time = floats(mujoco.time_at, 1)[0]
-    for i in range(3):
-        for j in range(3):
-            plant.R_WB[i, j] = R[i, j]
-    for i in range(7 + n):
-        plant.qpos[i] = qpos[i]
-    for i in range(6 + n):
-        plant.qvel[i] = qvel[i]
+    plant.R_WB[:], plant.qpos[:], plant.qvel[:] = R, qpos, qvel
     if n > 0:
         place_links(plant.frames, plant.qpos, 7)
 
@@ -40,12 +34,8 @@ def read_state(plant):
 @kernel
 def read_step(plant):
     """Copy the results of MuJoCo's last step to the record."""
-    mujoco, n = plant.mujoco, plant.links.shape[0] - 1
-    qacc, solved = floats(mujoco.qacc_at, 6 + n), floats(mujoco.solved_at, 4)
-    for i in range(6 + n):
-        plant.qacc[i] = qacc[i]
-    for i in range(4):
-        plant.solved[i] = solved[i]
+    mujoco = plant.mujoco
+    plant.qacc[:], plant.solved[:] = floats(mujoco.qacc_at, plant.qacc.shape[0]), floats(mujoco.solved_at, 4)
 
 
 @fused
@@ -99,13 +89,10 @@ def passive_with_water(plant):
     before, left, N = plant.passive_before, plant.passive_left, plant.wrench.shape[0]
     keep_passive(plant, 0, 6)
     to_world(plant.R_WB, plant.wrench, left)  # a free joint's force is in W, its moment in B
-    for i in range(3):
-        left[i] += before[i]
-        left[i + 3] = before[i + 3] + plant.wrench[i + 3]
+    left[:3] += before[:3]
     if N > 6:
         keep_passive(plant, 6, N)
-        for i in range(6, N):
-            left[i] = before[i] + plant.wrench[i]
+    left[3:] = before[3:] + plant.wrench[3:]
 
 
 @kernel
@@ -124,17 +111,15 @@ def keep_passive(plant, first, end):
 def add_contacts(run):
     """Add the contact forces that MuJoCo's contact solver does not apply to ``passive_left``."""
     plant, left = run.plant, run.plant.passive_left
-    for i in range(3):
-        left[i] += plant.f_applied_W[i]
-        left[i + 3] += plant.tau_applied_B[i + 3]
+    left[:3] += plant.f_applied_W
+    left[3:6] += plant.tau_applied_B[3:]
 
 
 @kernel
 def write_passive(plant):
     """Write the vehicle's entries of mjData.qfrc_passive."""
     passive = floats(plant.mujoco.passive_at, plant.wrench.shape[0])
-    for i in range(plant.wrench.shape[0]):
-        passive[i] = plant.passive_left[i]
+    passive[:] = plant.passive_left
 
 
 @kernel
@@ -168,12 +153,7 @@ def freeze(run):
     mujoco, n = run.plant.mujoco, run.tau_q.shape[0]
     qpos, qvel = floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
     ctrl = floats(mujoco.ctrl_at, mujoco.controls)
-    for i in range(7):
-        qpos[i] = run.qpos_safe[i]
-    for k in range(n):
-        qpos[7 + k] = run.q_safe[k]
-    for i in range(6 + n):
-        qvel[i] = 0.0
+    qpos[:7], qpos[7:], qvel[:] = run.qpos_safe, run.q_safe, 0.0
     for k in range(mujoco.controls):
         ctrl[k] = 0.0
 

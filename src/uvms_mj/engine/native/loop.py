@@ -9,6 +9,8 @@ read.
 import math
 import sys
 
+import numpy as np
+
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
@@ -39,19 +41,16 @@ def observe(run):
     run.observed = run.step + 1
     run.t = run.step * run.timestep
     plant, true, qpos = run.plant, run.true, run.plant.qpos
-    for i in range(3):
-        true.p_WB[i] = qpos[i]
+    true.p_WB[:] = qpos[:3]
     norm = math.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
-    for i in range(4):
-        true.quat_WB[i] = qpos[3 + i] / norm
+    true.quat_WB[:] = qpos[3:7] / norm
     rotation(true.quat_WB, true.R_WB)
     body_velocity(true.R_WB, plant.qvel, true.nu)
     if run.tau_q.shape[0] != 0:
         observe_joints(run)
     flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
     plant.water.fresh = 1
-    for i in range(3):
-        true.v_c_W[i] = plant.water.v_c_W[i]
+    true.v_c_W[:] = plant.water.v_c_W
     if run.carried.shape[0] != 0:
         place_carriers(run)
     if run.pairs.shape[0] != 0:
@@ -64,10 +63,10 @@ def observe_joints(run):
     """Copy the positions and velocities of the joints, also as measurements if the encoder is perfect, and stop the run
     if they are out of bounds."""
     n, plant, true, given = run.tau_q.shape[0], run.plant, run.encoder, run.joints
+    true.q[:], true.q_dot[:] = plant.qpos[7:], plant.qvel[6:]
+    if run.encoded == 0:
+        given.q_m[:], given.q_dot_m[:] = true.q, true.q_dot
     for k in range(n):
-        true.q[k], true.q_dot[k] = plant.qpos[7 + k], plant.qvel[6 + k]
-        if run.encoded == 0:
-            given.q_m[k], given.q_dot_m[k] = true.q[k], true.q_dot[k]
         if not abs(true.q[k]) <= JOINT_BOUND:
             stop_run(run, STOP_JOINT, k, true.q[k])
         if not abs(true.q_dot[k]) <= JOINT_BOUND:
@@ -167,16 +166,9 @@ def limit_thrust(run):
 @kernel
 def add_columns(columns, u, low, high, wrench):
     """Set the wrench (6,) B u of n thrusts within their limits; ``columns`` (n, 6) are those of B."""
-    x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    wrench[:] = 0.0
     for k in range(u.shape[0]):
-        thrust = min(high[k], max(low[k], u[k]))
-        x_0 += columns[k, 0] * thrust
-        x_1 += columns[k, 1] * thrust
-        x_2 += columns[k, 2] * thrust
-        x_3 += columns[k, 3] * thrust
-        x_4 += columns[k, 4] * thrust
-        x_5 += columns[k, 5] * thrust
-    wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5] = x_0, x_1, x_2, x_3, x_4, x_5
+        wrench += columns[k] * min(high[k], max(low[k], u[k]))
 
 
 @kernel
@@ -185,12 +177,10 @@ def estimate_wrench(run):
     the part of tau_cmd that it lacks."""
     tau_hat, tau, given = run.signals.tau_hat, run.true.tau, run.allocation
     if run.believed == 0:
-        for i in range(6):
-            tau_hat[i] = tau[i]
+        tau_hat[:] = tau
     else:
         add_columns(run.columns_hat, run.commands.u_cmd, given.u_min, given.u_max, tau_hat)
-    for i in range(6):
-        run.tau_lost[i] = given.tau_cmd[i] - tau_hat[i]
+    run.tau_lost[:] = given.tau_cmd - tau_hat
 
 
 @kernel
@@ -211,16 +201,13 @@ def begin_step(run) -> bool:
     row, tau = run.row, run.true.tau
     row.t = run.t
     flow_again(run)
-    for i in range(6):
-        row.tau_dist[i] = run.plant.water.tau_dist[i]
+    row.tau_dist[:] = run.plant.water.tau_dist
     if run.step > 0:
-        for i in range(6):
-            change = abs(tau[i] - run.tau_before[i])
-            row.tau_variation[i] += change
-            row.tau_step_max[i] = max(row.tau_step_max[i], change)
-    for i in range(6):
-        row.tau_max[i] = max(row.tau_max[i], abs(tau[i]))
-        run.tau_before[i] = tau[i]
+        change = np.abs(tau - run.tau_before)
+        row.tau_variation += change
+        row.tau_step_max[:] = np.maximum(row.tau_step_max, change)
+    row.tau_max[:] = np.maximum(row.tau_max, np.abs(tau))
+    run.tau_before[:] = tau
     run.pending = 1
     return True
 
@@ -249,19 +236,15 @@ def finish_step(run):
     elif run.step > run.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
     body_acceleration(true.R_WB, plant.qacc, true.nu, true.nu_dot)
-    for k in range(run.q_ddot.shape[0]):
-        run.q_ddot[k] = plant.qacc[6 + k]
+    run.q_ddot[:] = plant.qacc[6:]
     if run.banded_count != 0:
         widen_bands(run)
     write_row(run)
     if run.saturated != 0:  # for the coming step
         row.saturation_time += h
-    for i in range(6):
-        row.effort[i] += h * true.tau[i] * true.tau[i]
+    row.effort += h * true.tau * true.tau
     if run.has_task != 0:
-        for i in range(6):
-            if abs(run.signals.s[i]) < run.epsilon[i]:
-                row.boundary_layer_time[i] += h
+        row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, h, 0.0)
     run.step += 1
     run.next = 0
 

@@ -77,8 +77,6 @@ BODY = np.dtype(
         ("r_g", "f8", (3,)),
         ("gravity_W", "f8", (3,)),
         ("softness", "f8"),  # of MuJoCo's contact [1/kg]
-        ("force", "f8", (6,)),
-        ("work", "f8", (6,)),
     ],
     align=True,
 )
@@ -147,9 +145,6 @@ def plant_dtype(n: int) -> np.dtype:
             ("current", varying(3)),  # in W [m/s]
             ("disturbance", varying(6)),  # in B [N, N m]
             *_whole("shear", "shear_rows"),  # rows of [depth, factor]
-            ("factor", "f8", (1,)),  # of the current at the vehicle's depth
-            ("slope", "f8", (1,)),  # its derivative by the depth [1/m]
-            ("rate", "f8", (6,)),  # time derivative of the disturbance, not used
             ("nu", "f8", (6,)),
             ("nu_r", "f8", (6,)),
             ("work", "f8", (6,)),
@@ -249,8 +244,6 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("depths", "f8", (pairs,)),
         ("carriers", CARRIER, (shape.carriers,)),
         ("carried", "i8", (int(shape.carried),)),  # empty if all of them are B
-        ("friction_C", "f8", (6,)),  # of one contact, as a wrench at the origin of its frame
-        ("f_solved_W", "f8", (3,)),  # force of one contact whose normal force the engine's solver applies
         ("no_contact", CONTACT),
         ("push", "f8", (1,)),  # sum of all normal forces of the step
         # stages
