@@ -10,11 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import uvms_mj
 from uvms_mj import Fosm, Gsta, InputError, Scenario, Simulation, simulate
 from uvms_mj.control import ImpedanceTask
 from uvms_mj.files import parse_setting
 from uvms_mj.quantities import radians_notes
 from uvms_mj.scenario import keys
+
+SCENARIOS = sorted(path.stem for path in (Path(uvms_mj.__file__).parent / "scenarios").glob("*.toml"))
 
 
 def write(tmp_path, text):
@@ -26,6 +29,25 @@ def write(tmp_path, text):
 def test_the_shipped_scenario_is_the_default():
     shipped = Scenario.load("push_wall")
     assert dataclasses.replace(shipped, description="") == Scenario()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_updated_scenario_is_the_one_made_from_all_of_its_tables(name):
+    scenario = Scenario.load(name)
+    tables = scenario.to_dict()
+    for key, value, _ in keys():
+        if value is None or key == "walls":
+            continue
+        assert updated_or_refused(lambda: scenario.updated({key: value})) == updated_or_refused(  # noqa: B023
+            lambda: Scenario.from_dict(tables, {key: value})  # noqa: B023
+        )
+
+
+def updated_or_refused(make):
+    try:
+        return make()
+    except InputError as error:
+        return str(error)
 
 
 def test_round_trip_through_toml(tmp_path):

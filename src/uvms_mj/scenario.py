@@ -130,7 +130,8 @@ class Scenario:
         note: Callable[[str], Any] = lambda said: None,
         trusted: Container[str] | None = None,
     ) -> "Scenario":
-        """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`.
+        """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`. The
+        value of a table may also be its object, or a stage.
 
         Args:
             folder: that of relative paths in ``tables``; those in ``overrides`` are relative to the working directory.
@@ -149,7 +150,7 @@ class Scenario:
             faults.append(Fault(word, no_table(word, "name", _TABLES, STAGES)))
             del tables[word]
         for name in (*STAGES, "task"):
-            if not isinstance(tables.setdefault(name, {}), dict):
+            if not isinstance(tables.setdefault(name, {}), dict | Stage):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
         chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
@@ -189,7 +190,11 @@ class Scenario:
         settings if it is the same class. ``place`` names the scenario in error messages; ``note`` and ``trusted`` are
         those of :meth:`from_dict`.
         """
-        overrides, tables = overrides_of(overrides), self.to_dict()
+        overrides = overrides_of(overrides)
+        tables = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        changed = {key.partition(".")[0].partition("[")[0] for key in (*overrides, "controller" if controller else "")}
+        for name in changed & tables.keys():  # the others are valid as they are
+            tables[name] = plain(table_of(tables[name]) if name in STAGES else tables[name])
         known = {name: type(getattr(self, name)) for name in STAGES}
         for name, kind in list(known.items()):
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
@@ -257,6 +262,8 @@ def _load_stages(
 ) -> None:
     """Replace the table of each stage by the stage; one with an error is left out."""
     for name, choice in STAGES.items():
+        if isinstance(tables[name], Stage):
+            continue
         try:
             tables[name] = choice.load(tables[name], known.get(name), trusted)
         except InputError as error:
@@ -266,6 +273,8 @@ def _load_stages(
 
 def _load_task(tables: dict[str, Any], faults: list[Fault]) -> None:
     """Replace the table ``task`` by its stage."""
+    if isinstance(tables["task"], Stage):
+        return
     try:
         tables["task"] = stage_of(ImpedanceTask, tables["task"])
     except InputError as error:

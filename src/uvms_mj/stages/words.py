@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from ..errors import suggestion
+from .base import Stage
 from .loader import Choice
 
 
@@ -39,7 +40,11 @@ def not_dotted(
     stage's name, and ``tables`` are the tables of the scenario, by their names."""
     if (table := tables_by_word(choices).get(word)) is not None:
         return f"is not a dotted key; {_called(table, 'name')}{f'={value}' if isinstance(value, str) else ''}"
-    in_use = {t: choice.settings(tables[t].get("name", choice.default.name)) or () for t, choice in choices.items()}
+    in_use = {}
+    for t, choice in choices.items():
+        table = tables[t]
+        source = table.source() if isinstance(table, Stage) else table.get("name", choice.default.name)
+        in_use[t] = choice.settings(source) or ()
     meant = [f"{t}.{word}" for t, known in {**keys, **in_use}.items() if t and word in known]
     of_the_law = [f"controller.{word}"] if not meant and word not in keys else []
     close = difflib.get_close_matches(word, [f"{t}.{key}" for t, known in keys.items() if t for key in known], 1)
