@@ -3,11 +3,15 @@
 import ast
 import contextlib
 import dataclasses
+import inspect
+import linecache
 import os
 import re
 import tempfile
+import textwrap
 import threading
 import tomllib
+import types
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -191,6 +195,31 @@ def locked(folder: Path) -> Iterator[None]:
 
 _parsing = threading.Lock()
 """Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
+
+
+def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
+    """The tree of a function's source, and its lines, without the indentation of the first one.
+
+    Raises OSError if the source is in no file, and SyntaxError if it can't stand alone. The lines are found by their
+    numbers in the code; ``inspect.getsource`` reads every token, which takes twenty times as long, and is asked if the
+    code doesn't have a number for the last line.
+    """
+    code = function.__code__
+    linecache.checkcache(code.co_filename)
+    lines = linecache.getlines(code.co_filename, function.__globals__)[code.co_firstlineno - 1 :]
+    end = max((last or 0 for _, last, _, _ in code.co_positions()), default=0) - code.co_firstlineno + 1
+    while end < len(lines) and (not lines[end].strip() or _margin(lines[end]) > _margin(lines[0])):
+        end += 1  # statements without effect are not in the code
+    try:
+        source = textwrap.dedent("".join(lines[:end]))
+        return parsed(source).body[0], source.splitlines()
+    except (SyntaxError, IndexError):
+        source = textwrap.dedent(inspect.getsource(function))
+        return parsed(source).body[0], source.splitlines()
+
+
+def _margin(line: str) -> int:
+    return len(line) - len(line.lstrip())
 
 
 def parsed(source: str | bytes) -> ast.Module:

@@ -1,11 +1,16 @@
 """Each construct of the language: machine code gives what plain Python gives, bit for bit."""
 
+import ast
+import inspect
 import math
+import sys
+import textwrap
 
 import numpy as np
 import pytest
 
 from compiled import compare
+from uvms_mj.files import function_tree
 
 PART = np.dtype([("m", "f8"), ("v", "f8", (3,)), ("on", "?")], align=True)
 GIVEN = np.dtype(
@@ -429,3 +434,13 @@ def branching(a):
         a.x += 1.0
     else:
         a.x = eval("a.x")  # beyond the language
+
+
+def test_a_functions_tree_is_the_tree_of_its_source():
+    functions = {f for module in list(sys.modules.values()) for f in [*vars(module).values()] if inspect.isfunction(f)}
+    ours = [f for f in functions if str(f.__module__).startswith("uvms_mj.") and f.__code__.co_filename.endswith(".py")]
+    assert len(ours) > 300
+    for function in ours:
+        if function.__name__ != "<lambda>" and not hasattr(function, "__wrapped__"):
+            source = textwrap.dedent(inspect.getsource(function))
+            assert ast.dump(function_tree(function)[0]) == ast.dump(ast.parse(source).body[0]), function

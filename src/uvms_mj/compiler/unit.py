@@ -1,8 +1,6 @@
 """The entrance of the compiler: one module of LLVM from Python functions."""
 
 import ast
-import inspect
-import textwrap
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from llvmlite import ir
 
-from ..files import parsed
+from ..files import function_tree
 from . import library
 from .emission import Emission
 from .expressions import A_COPY
@@ -173,13 +171,12 @@ class _Done:
 def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]]:
     """The tree of a function, and the lines of its source. Raises Lacking for one that has none."""
     try:
-        source = textwrap.dedent(inspect.getsource(function))
-        tree = parsed(source).body[0]
+        tree, source = function_tree(function)
     except (OSError, TypeError, SyntaxError, IndexError):
         raise Lacking(function, 1, "", "its source is not in a file") from None
     if not isinstance(tree, ast.FunctionDef):
-        raise Lacking(function, 1, source.splitlines()[0].strip(), "a function is written with def")
-    return tree, source.splitlines()
+        raise Lacking(function, 1, source[0].strip(), "a function is written with def")
+    return tree, source
 
 
 def translate(

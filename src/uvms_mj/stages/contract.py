@@ -5,7 +5,6 @@ import dataclasses
 import inspect
 import keyword
 import sys
-import textwrap
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
-from ..files import parsed
+from ..files import function_tree
 from . import signals
 from .base import Stage, base_of, has_own_constants
 from .joint_signals import JOINT_SIGNALS
@@ -221,7 +220,7 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     """Errors for fields of its arguments that the function uses but that do not exist."""
     function = cls.function()
     try:
-        tree = parsed(textwrap.dedent(inspect.getsource(function))).body[0]
+        tree, _ = function_tree(function)
     except (OSError, TypeError, SyntaxError, IndexError):  # typed at a prompt, or a lambda
         return
     if not isinstance(tree, ast.FunctionDef):

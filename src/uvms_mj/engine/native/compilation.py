@@ -6,11 +6,13 @@ functions and users' stages are translated by :mod:`uvms_mj.compiler`. Their mac
 stage by what it is translated to.
 """
 
+import contextlib
 import ctypes
 import functools
+import gc
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +45,19 @@ class NotCompiled(Exception):
     """A function runs as plain Python; the message is the reason."""
 
 
+@contextlib.contextmanager
+def _compiling() -> Iterator[None]:
+    """Compile alone, and without garbage collection: it would look at every instruction of a module in vain."""
+    with _lock:
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if collects:
+                gc.enable()
+
+
 def plain_python() -> bool:
     """Whether everything runs as plain Python."""
     return os.environ.get(PLAIN, "0") not in ("", "0")
@@ -64,7 +79,7 @@ def native_functions(
 ) -> tuple[NativeFunction, ...]:
     """As :func:`native_function`, several functions, which share what they call, from one module."""
     dtypes = [tuple(np.dtype(each) for each in kinds) for kinds in parameters.values()]
-    with _lock:
+    with _compiling():
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
         return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused)
@@ -79,7 +94,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
     from ...compiler.refusals import Lacking
     from .intrinsics import stage_module
 
-    with _lock:
+    with _compiling():
         try:
             module, files = stage_module(function, records, _STAGE)
         except Lacking as lacking:
