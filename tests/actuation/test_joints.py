@@ -12,8 +12,7 @@ from uvms_mj.actuation import Position, Velocity
 from uvms_mj.actuation.motion import rate_at, read_motion, segment_at, segments, value_at
 from uvms_mj.actuation.servo import velocity_loop
 from uvms_mj.physics.tree import deliverable
-from uvms_mj.stages.joint_signals import joints_given
-from uvms_mj.stages.signals import record_dtype
+from uvms_mj.stages.signals import joints_given, record_dtype
 
 # the torque-speed line
 

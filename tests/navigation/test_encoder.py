@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_mj.navigation.encoder import MOST_LATE, JointEncoder
-from uvms_mj.stages.joint_signals import encoder_given, encoder_signals
-from uvms_mj.stages.signals import record_dtype
+from uvms_mj.stages.signals import encoder_given, encoder_signals, record_dtype
 
 STEP = 1e-3
 N = 2

@@ -12,8 +12,7 @@ from recorded import decoded, rewritten, same
 from tree_run import JOINTS, TREE, tool_run
 from uvms_mj import InputError, Trace
 from uvms_mj.analysis.summary import summary
-from uvms_mj.stages.joint_signals import JOINT_SIGNALS
-from uvms_mj.stages.signals import BAND, OF_JOINTS
+from uvms_mj.stages.signals import BAND, JOINT_SIGNALS, OF_JOINTS
 
 
 @pytest.fixture(scope="module")

@@ -15,13 +15,13 @@ from ..errors import Fault
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
-from ..stages.joint_signals import joint_torque_signal, joints_given
+from ..stages.signals import joint_torque_signal, joints_given
 
 
 @dataclasses.dataclass(frozen=True)
 class Joints(Stage):
     """Base class of all joint interfaces. ``given`` has the signals of
-    :func:`uvms_mj.stages.joint_signals.joints_given`, and tau_q (n,) is the torque of each joint's motor [N m or N]."""
+    :func:`uvms_mj.stages.signals.joints_given`, and tau_q (n,) is the torque of each joint's motor [N m or N]."""
 
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 

@@ -218,8 +218,7 @@ def signals(words: tuple[str, ...]) -> None:
     """
     with bad_input():
         from ..scenario import STAGES
-        from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-        from ..stages.signals import BAND, contact_signals
+        from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
@@ -250,10 +249,10 @@ def signals(words: tuple[str, ...]) -> None:
 
 def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
     """The signals that a run records, and their bands, each with a title."""
-    from ..stages.joint_signals import JOINT_SIGNALS
     from ..stages.signals import (
         BAND,
         DELAYED,
+        JOINT_SIGNALS,
         MEASURED_MOTION,
         PUSH,
         RECORDED,

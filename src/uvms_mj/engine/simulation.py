@@ -17,8 +17,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
-from ..setup.checked import changed, checked
-from ..setup.checks import warnings_of
+from ..setup.checks import changed, checked, warnings_of
 from ..stages.signals import Signal
 from ..stages.words import no_signal
 from .base import Engine

@@ -15,7 +15,7 @@ from ..physics.random import standard_normal
 from ..physics.tree import MOST_JOINTS
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, repeated, within
 from ..stages.base import Room, Stage, setting, shared
-from ..stages.joint_signals import encoder_given, encoder_signals
+from ..stages.signals import encoder_given, encoder_signals
 
 MOST_LATE = 500
 """Largest delay in periods of the encoder."""
@@ -29,8 +29,8 @@ _Deviations = Annotated[tuple[NonNegative, ...], repeated(1)]
 @dataclasses.dataclass(frozen=True)
 class Encoder(Stage):
     """Base class of all encoders of the joints. ``given`` has CLOCK and the signals of
-    :func:`uvms_mj.stages.joint_signals.joint_signals`, and ``out`` has those of
-    :func:`uvms_mj.stages.joint_signals.encoder_signals`."""
+    :func:`uvms_mj.stages.signals.joint_signals`, and ``out`` has those of
+    :func:`uvms_mj.stages.signals.encoder_signals`."""
 
     period: Step | None = shared(None, "s", "time between two samples, a multiple of the time step; default: the step")
 

@@ -28,7 +28,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from ..errors import Fault, InputError
 from ..quantities import Lowercase
 from ..stages.base import Room, Stage, setting
-from ..stages.joint_signals import WRIST_READING, wrist_given
+from ..stages.signals import WRIST_READING, wrist_given
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
 

@@ -17,8 +17,7 @@ from ..physics.tree import (
     restoring_wrench,
 )
 from ..stages.base import Room, Stage
-from ..stages.joint_signals import WRIST_TRUE
-from ..stages.signals import CLOCK, MEASURED, TRUE
+from ..stages.signals import CLOCK, MEASURED, TRUE, WRIST_TRUE
 
 
 @kernel

@@ -16,7 +16,7 @@ from ..errors import Fault, InputError, shortened, suggestion
 from ..files import function_tree
 from . import signals
 from .base import Stage, base_of, has_own_constants
-from .joint_signals import JOINT_SIGNALS
+from .signals import JOINT_SIGNALS
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100

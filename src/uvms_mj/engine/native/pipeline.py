@@ -28,7 +28,6 @@ from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
 from ...setup.base import Setup
 from ...stages.base import Stage, random_key
-from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (
     CLOCK,
     ERRORS,
@@ -43,6 +42,7 @@ from ...stages.signals import (
     TRUTH,
     Signal,
     commanded_signal,
+    encoder_signals,
     pulse_signal,
     record_dtype,
 )

@@ -20,7 +20,6 @@ from ...physics.pairs import CONTACT, PAIR
 from ...physics.posture import work_dtype
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
-from ...stages.joint_signals import encoder_given, joints_given, wrist_given
 from ...stages.signals import (
     CLOCK,
     GIVEN,
@@ -30,8 +29,11 @@ from ...stages.signals import (
     TRUTH,
     WRENCH_COMMAND,
     actuation_given,
+    encoder_given,
+    joints_given,
     record_dtype,
     thrusters_given,
+    wrist_given,
 )
 
 NUMBERS = 1 << 24

@@ -12,21 +12,12 @@ from ...errors import Fault, InputError
 from ...navigation import Perfect
 from ...setup.base import Setup
 from ...stages.base import Stage
-from ...stages.joint_signals import (
-    JOINT_SIGNALS,
-    WRIST_READING,
-    WRIST_TRUE,
-    encoder_signals,
-    joint_command_signal,
-    joint_saturation_signal,
-    joint_signals,
-    joint_torque_signal,
-)
 from ...stages.signals import (
     BAND,
     BANDED,
     DELAYED,
     IN_TASK_FRAME,
+    JOINT_SIGNALS,
     MANIPULABILITY,
     MEASURED_MOTION,
     OWN_UNIT,
@@ -35,8 +26,15 @@ from ...stages.signals import (
     SCHEDULED,
     TOOL,
     UNSTEADY,
+    WRIST_READING,
+    WRIST_TRUE,
     Signal,
     contact_signals,
+    encoder_signals,
+    joint_command_signal,
+    joint_saturation_signal,
+    joint_signals,
+    joint_torque_signal,
     thruster_signal,
 )
 from .bodies import recorded_contacts

@@ -17,8 +17,7 @@ import numpy as np
 
 from ...control.base import SteadyState
 from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
-from ...stages.joint_signals import joint_saturation_signal
-from ...stages.signals import RUNNING, Signal
+from ...stages.signals import RUNNING, Signal, joint_saturation_signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
 from . import joints, markers, ros2

@@ -19,7 +19,7 @@ from ...errors import Fault, InputError, suggestion
 from ...files import plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import Scenario
-from ...setup.checked import checked
+from ...setup.checks import checked
 from .draws import Variation, design_faults, points, variation
 from .metrics import COMPONENTS, column_is_taken, kept_column, limits, metric_of
 from .places import missing, overlap, overrides_at, unit_of
