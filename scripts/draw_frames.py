@@ -1,6 +1,6 @@
 """Draw the frames: world W and body B, the wall, the current and the contact force.
 
-    python scripts/draw_frames.py                   docs/frames.svg
+    python scripts/draw_frames.py                   docs/physics/frames.svg
     python scripts/draw_frames.py --out FILE.png    any format that matplotlib writes
 
 All numbers are those of the shipped scenario and its vehicle.
@@ -20,7 +20,7 @@ from uvms_mj import Scenario
 from uvms_mj.guidance import FilteredSteps
 from uvms_mj.setup.base import set_up
 
-OUT = Path(__file__).parents[1] / "docs" / "frames.svg"
+OUT = Path(__file__).parents[1] / "docs" / "physics" / "frames.svg"
 INK, BODY, MOVE = "#1f2933", "#0b5cad", "#7b4fa3"
 WATER, FORCE, TARGET = "#0f7f91", "#d02a1e", "#2f7d32"
 
@@ -133,7 +133,7 @@ def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
     "--out",
     default=OUT,
     type=click.Path(path_type=Path),
-    show_default="docs/frames.svg",
+    show_default="docs/physics/frames.svg",
     help="File to write.",
 )
 def main(out: Path) -> None:

@@ -1,6 +1,6 @@
 """Draw the house: the rooms with the way of one scenario, and one sample on its way through an instant.
 
-python scripts/draw_rooms.py             docs/rooms.svg and docs/instant.svg
+python scripts/draw_rooms.py             docs/inside/rooms.svg and docs/inside/instant.svg
 python scripts/draw_rooms.py --png DIR   the same as PNG in a folder, to look at them
 
 The floors are those of the import contract in pyproject.toml; a test of the docs compares them.
@@ -250,7 +250,7 @@ def _legend(ax: Axes, x: float, y: float) -> None:
 @click.command()
 @click.option("--png", type=click.Path(file_okay=False, path_type=Path), help="Write PNG files to this folder instead.")
 def main(png: Path | None) -> None:
-    """Draw docs/rooms.svg and docs/instant.svg."""
+    """Draw docs/inside/rooms.svg and docs/inside/instant.svg."""
     fonts = ["DejaVu Sans", "Verdana", "sans-serif"]  # the others are as wide, or narrower
     matplotlib.rcParams.update({"font.size": 10, "font.sans-serif": fonts, "text.color": INK})
     matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "rooms"})  # letters, not their paths
@@ -258,7 +258,7 @@ def main(png: Path | None) -> None:
         if png:
             figure.savefig(png / f"{name}.png", dpi=120)
         else:
-            figure.savefig(ROOT / "docs" / f"{name}.svg", metadata={"Date": None})
+            figure.savefig(ROOT / "docs" / "inside" / f"{name}.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

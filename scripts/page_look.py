@@ -16,20 +16,22 @@ DPI = 180
 
 
 def written(figure: Figure, name: str, colours: int = 128) -> None:
-    """Write docs/NAME.png with a palette of this many colours. The figure is as wide as :data:`PAGE_IN`."""
+    """Write NAME.png in place, with a palette of this many colours. The figure is as wide as :data:`PAGE_IN`."""
     stacked([figure], name, colours)
 
 
 def stacked(figures: Sequence[Figure], name: str, colours: int = 128) -> None:
-    """Write docs/NAME.png of figures below one another. With all 256 colours it is dithered, as a rendered scene needs
-    it."""
+    """Write NAME.png of figures below one another, where it is in docs.
+
+    With all 256 colours it is dithered, as a rendered scene needs it.
+    """
     drawn = [_drawn(figure) for figure in figures]
     whole = Image.new("RGB", (drawn[0].width, sum(each.height for each in drawn)), "white")
     top = 0
     for each in drawn:
         whole.paste(each, (0, top))
         top += each.height
-    file = DOCS / f"{name}.png"
+    file = next(DOCS.rglob(f"{name}.png"), DOCS / f"{name}.png")
     if colours == 256:
         palette = whole.quantize(colours, Image.Quantize.FASTOCTREE)
         few = whole.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)

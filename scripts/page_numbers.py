@@ -37,8 +37,8 @@ def script(name: str) -> ModuleType:
 
 
 def page(name: str) -> Path:
-    """The page that a script is for."""
-    return ROOT / "README.md" if name == "readme" else ROOT / "docs" / f"{name}.md"
+    """A page of the guides by its name."""
+    return ROOT / "README.md" if name == "readme" else next((ROOT / "docs").rglob(f"{name}.md"))
 
 
 def needs_folder(function: Callable) -> bool:

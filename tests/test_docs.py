@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
+from page_numbers import page
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import Plan, study_file
@@ -19,11 +20,11 @@ from uvms_mj.studies.tune import tables as tune_tables
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-EXTENDING = (ROOT / "docs" / "extending.md").read_text()
-STUDIES = (ROOT / "docs" / "studies.md").read_text()
-ENVIRONMENTS = (ROOT / "docs" / "environments.md").read_text()
+EXTENDING = page("extending").read_text()
+STUDIES = page("studies").read_text()
+ENVIRONMENTS = page("environments").read_text()
 GUIDES = EXTENDING + ENVIRONMENTS + (ROOT / "README.md").read_text()
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 GROUPS = ("CLOCK", "MEASURED", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "APPLIED", "IMPEDANCE", "TASK")
 
 
@@ -36,7 +37,7 @@ def test_commands_run(arguments, tmp_path):
     assert "plain Python" not in done.stderr, "an example must compile"
 
 
-@pytest.mark.parametrize("name", sorted(set(re.findall(r"\(\.\./examples/(\w+\.py)\)", GUIDES))))
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"\((?:\.\./)*examples/(\w+\.py)\)", GUIDES))))
 def test_examples_are_shown_as_they_are(name):
     """From the imports to the command line: the docstring of the file is text of the guide."""
     code = (EXAMPLES / name).read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
@@ -77,18 +78,18 @@ def test_the_drawing_has_the_rooms_of_the_import_contract():
     assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
 
 
-@pytest.mark.parametrize("picture", sorted((ROOT / "docs").glob("*.svg")), ids=lambda path: path.name)
+@pytest.mark.parametrize("picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name)
 def test_a_drawing_is_small(picture):
     assert picture.stat().st_size <= 100_000
 
 
 def test_the_drawing_of_an_instant_has_the_stages_of_the_table_in_their_order():
-    table = (ROOT / "docs" / "architecture.md").read_text().split("| stage | in a run |")[1].split("\n\n")[0]
+    table = page("architecture").read_text().split("| stage | in a run |")[1].split("\n\n")[0]
     drawn = [BEFORE[0]]
     for stage, *_ in CHAIN:
         drawn += [stage, *(name for name, *_ in reversed(BETWEEN.get(stage, [])))]
     assert re.findall(r"^\| ([a-z, ]+) \|", table, re.MULTILINE) == drawn
-    picture = (ROOT / "docs" / "instant.svg").read_text()
+    picture = page("architecture").with_name("instant.svg").read_text()
     assert all(f">{name}</text>" in picture for name in drawn)
 
 
@@ -111,10 +112,10 @@ def test_the_study_and_the_tuning_of_the_guide_are_valid(tmp_path):
     assert (found.plan.runs, found.search.trials, len(found.gains)) == (20, 100, 2)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
-        assert (page.parent / target).exists(), target
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", path.read_text()):
+        assert (path.parent / target).exists(), target
 
 
 def test_metrics_are_those_of_the_program():

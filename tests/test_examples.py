@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from page_numbers import page
 from uvms_mj import Scenario, attach, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.files import shipped
@@ -112,7 +113,7 @@ def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
 
 def test_the_recipe_of_the_guide_measures_the_lag(capsys, monkeypatch):
     """The thrust u (1 - (1 - h/T)^k) passes u (1 - 1/e) at the instant k = 500, which 501 steps compute."""
-    text = (ROOT / "docs" / "extending.md").read_text()
+    text = page("extending").read_text()
     (recipe,) = (code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if code.startswith("lag = "))
     monkeypatch.chdir(ROOT)
     exec("import numpy as np\nfrom uvms_mj import Scenario, Simulation\n" + recipe, used := {})

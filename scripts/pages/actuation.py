@@ -1,4 +1,4 @@
-"""docs/actuation.md: the curves of the T200 by voltage, the step responses of the lags, and an example."""
+"""docs/physics/actuation.md: the curves of the T200 by voltage, the step responses of the lags, and an example."""
 
 import re
 import warnings

@@ -1,4 +1,4 @@
-"""docs/arms.md: a tool that presses on a wall at the end of the run, and its force over time.
+"""docs/physics/arms.md: a tool that presses on a wall at the end of the run, and its force over time.
 
 The picture needs an EGL driver.
 """
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from page_look import DOCS, written
+from page_numbers import page
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.base import SteadyState
@@ -59,7 +60,7 @@ def run(name: str) -> Trace:
 
 def pressed() -> Trace:
     """The scenario of the page in which the tool pushes."""
-    _, scenario = re.findall(r"```toml\n(.*?)```", (DOCS / "arms.md").read_text(), re.DOTALL)
+    _, scenario = re.findall(r"```toml\n(.*?)```", page("arms").read_text(), re.DOTALL)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "my_rov.xml").write_text(FILE.read_text())
         Path(folder, "tool.toml").write_text(scenario)

@@ -1,4 +1,4 @@
-"""docs/estimation.md: errors of the Kalman filter within 3 sigma, its NEES, and the observed contact force."""
+"""docs/physics/estimation.md: errors of the Kalman filter within 3 sigma, its NEES, and the observed contact force."""
 
 import warnings
 from collections.abc import Iterator

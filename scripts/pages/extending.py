@@ -1,4 +1,4 @@
-"""docs/extending.md: the lagging thrusters of the examples, alone and in the loop of GSTA."""
+"""docs/how_to/extending.md: the lagging thrusters of the examples, alone and in the loop of GSTA."""
 
 import warnings
 from collections.abc import Iterator

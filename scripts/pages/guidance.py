@@ -1,4 +1,4 @@
-"""docs/guidance.md: the shipped references, and runs that follow two of them."""
+"""docs/physics/guidance.md: the shipped references, and runs that follow two of them."""
 
 import functools
 from collections.abc import Iterator

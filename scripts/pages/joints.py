@@ -1,5 +1,5 @@
-"""docs/joints.md: a motor on its torque-speed line, a gear that sticks, a servo that follows a motion, and the contact
-force that a wrist sensor derives in a swing without contact."""
+"""docs/physics/joints.md: a motor on its torque-speed line, a gear that sticks, a servo that follows a motion, and the
+contact force that a wrist sensor derives in a swing without contact."""
 
 import functools
 from collections.abc import Iterator

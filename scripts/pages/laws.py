@@ -1,4 +1,4 @@
-"""docs/laws.md: all shipped laws in one task, as a table and a picture.
+"""docs/physics/laws.md: all shipped laws in one task, as a table and a picture.
 
 Each law shall push with 1.5 N on the paper's wall, in the unknown current of ``push_wall``. Parallel control is asked
 for this force by F_d, the other laws by a reference 1 cm inside the wall.

@@ -1,4 +1,4 @@
-"""docs/posture.md: a vehicle that holds its tool and changes its posture, in two orders of priority.
+"""docs/physics/posture.md: a vehicle that holds its tool and changes its posture, in two orders of priority.
 
 The vehicle is the teaching vehicle planar_arm.
 """

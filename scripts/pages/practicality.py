@@ -1,4 +1,4 @@
-"""docs/practicality.md, from the folder of `uvms-mj practicality --out FOLDER`: its maps and the table of claims."""
+"""docs/evidence/practicality.md, from the folder of `uvms-mj practicality --out FOLDER`: its maps and its claims."""
 
 import functools
 from collections.abc import Iterator

@@ -71,4 +71,4 @@ def of_the_paper(folder: Path) -> Iterator[tuple]:
 
 def main(folder: str = "") -> None:
     if folder:
-        shutil.copyfile(Path(folder, "overview.png"), DOCS / "paper.png")
+        shutil.copyfile(Path(folder, "overview.png"), DOCS / "evidence" / "paper.png")

@@ -1,4 +1,4 @@
-"""docs/sampling.md: where a sampled law holds at the wall, and how much a late command makes it vibrate."""
+"""docs/physics/sampling.md: where a sampled law holds at the wall, and how much a late command makes it vibrate."""
 
 import functools
 import warnings

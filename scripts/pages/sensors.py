@@ -1,4 +1,4 @@
-"""docs/sensors.md: a noisy, late force against the truth, spectra of the noise, and the push's deviation."""
+"""docs/physics/sensors.md: a noisy, late force against the truth, spectra of the noise, and the push's deviation."""
 
 import functools
 import warnings

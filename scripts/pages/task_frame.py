@@ -1,4 +1,4 @@
-"""docs/task_frame.md: the move of its scenario."""
+"""docs/physics/task_frame.md: the move of its scenario."""
 
 import re
 import tempfile
@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from page_look import DOCS
+from page_numbers import page
 from uvms_mj import Scenario, Trace, simulate
 
 
 def run(**others: object) -> Trace:
     """The scenario of the page, with other settings."""
-    (text,) = re.findall(r"```toml\n(.*?)```", (DOCS / "task_frame.md").read_text(), re.DOTALL)
+    (text,) = re.findall(r"```toml\n(.*?)```", page("task_frame").read_text(), re.DOTALL)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         file = Path(folder, "move.toml")

@@ -1,4 +1,5 @@
-"""docs/tool_push.md: the vehicle at the start and at rest, the push of three laws, and currents from all sides."""
+"""docs/physics/tool_push.md: the vehicle at the start and at rest, the push of three laws, and currents from all
+sides."""
 
 import functools
 import os

@@ -1,4 +1,4 @@
-"""docs/validation.md, from the records of the pool: the pitch of every trial, and the errors of the models."""
+"""docs/evidence/validation.md, from the records of the pool: the pitch of every trial, and the errors of the models."""
 
 import functools
 import itertools

@@ -1,4 +1,4 @@
-"""docs/vehicles.md: the vehicles that ship, from the front and from behind, with an arm from the side.
+"""docs/physics/vehicles.md: the vehicles that ship, from the front and from behind, with an arm from the side.
 
 The picture needs an EGL driver. Variants of a frame look alike, so each frame is drawn once.
 """
@@ -25,7 +25,7 @@ from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
 
-OUT = Path(__file__).parents[2] / "docs" / "vehicles.png"
+OUT = Path(__file__).parents[2] / "docs" / "physics" / "vehicles.png"
 FRAMES = {
     "bluerov1": (0.78, 0.0, ()),
     "bluerov2": (0.78, 0.0, ()),

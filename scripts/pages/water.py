@@ -1,4 +1,4 @@
-"""docs/water.md: a current with gusts, its spectrum against theory, and the push on a wall in it."""
+"""docs/physics/water.md: a current with gusts, its spectrum against theory, and the push on a wall in it."""
 
 import functools
 from collections.abc import Iterator

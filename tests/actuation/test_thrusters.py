@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import residue
 
+from page_numbers import page as page_of
 from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.actuation import T200, General, IdealThrusters
 from uvms_mj.actuation.lag import THIRD_ORDER
@@ -412,7 +413,7 @@ def test_ideal_thrusters_are_the_default_and_no_stage():
 
 
 def test_the_page_has_the_settings_of_the_program():
-    page = (Path(__file__).parents[2] / "docs" / "actuation.md").read_text()
+    page = page_of("actuation").read_text()
     table = page.split("| `thrusters.` |")[1].split("\n\n")[0]
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
     listed = {name for row in rows for name in re.findall(r"`(\w+)`", row)}

@@ -3,13 +3,13 @@
 import builtins
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 
+from page_numbers import page
 from uvms_mj.compiler.builtin import FUNCTIONS, METHODS, PROPERTIES
 
-PAGE = (Path(__file__).parents[2] / "docs" / "language.md").read_text()
+PAGE = page("language").read_text()
 _TABLE = PAGE[PAGE.index("## Functions") : PAGE.index("`np.empty` is zero")]
 _CODE = re.compile(r"`([^`]*)`")
 _NAMES = {

@@ -1,4 +1,4 @@
-"""docs/arms.md: its file is complete and runs, its errors are those that come."""
+"""docs/physics/arms.md: its file is complete and runs, its errors are those that come."""
 
 import re
 from pathlib import Path
@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from page_numbers import page
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.files import shipped
 from uvms_mj.plant.mjcf import Mjcf
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "arms.md").read_text()
+PAGE = page("arms").read_text()
 FILE = ROOT / "examples" / "bluerov1_two_joints.xml"
 ROV = FILE.read_text()
 LINKS, WATER, MOTORS = re.findall(r"```xml\n(.*?)```", PAGE, re.DOTALL)

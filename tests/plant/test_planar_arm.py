@@ -1,4 +1,4 @@
-"""The planar arm: its equations of motion, written by hand as in docs/planar_arm.md, against the simulator."""
+"""The planar arm: its equations of motion, written by hand as in docs/physics/planar_arm.md, against the simulator."""
 
 from math import cos, sin
 

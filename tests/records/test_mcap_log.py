@@ -12,6 +12,7 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
 
+from page_numbers import page
 from recorded import decoded, same
 from tree_run import tool_run
 from uvms_mj import McapLog, Scenario, Status, Trace, simulate
@@ -219,7 +220,7 @@ def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
 
 def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):
     trace, _ = logged
-    text = (ROOT / "docs" / "log.md").read_text()
+    text = page("log").read_text()
     lines = [line.strip("|") for line in text.splitlines() if line[:2] == "| "]
     cells = [[cell.strip().strip("`").replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)] for line in lines]
     listed = {row[0]: row[1:] for row in cells if row[0].startswith("/")}
@@ -235,7 +236,7 @@ def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):
 
 def test_the_foxglove_layout_shows_topics_that_exist(logged):
     trace, _ = logged
-    layout = json.loads((ROOT / "docs" / "foxglove_layout.json").read_text())
+    layout = json.loads((ROOT / "docs" / "reference" / "foxglove_layout.json").read_text())
     text = json.dumps(layout)
     named = set(re.findall(r'"(/[a-z_/]+)[".]', text))
     assert named

@@ -73,7 +73,7 @@ def test_every_signal_is_in_the_table_of_the_command():
 
 
 def test_bands_make_a_log_about_a_quarter_larger(tmp_path):
-    """As docs/log.md says."""
+    """As docs/reference/log.md says."""
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), engine="free_body")
     trace.save(tmp_path / "with.mcap")
     without(trace, *itertools.chain(*(BAND[name] for name in ("tau", "s", "u", "push")))).save(

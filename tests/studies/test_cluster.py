@@ -12,6 +12,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from command import COMMAND, run
+from page_numbers import page as page_of
 from uvms_mj import InputError, Study
 from uvms_mj.studies.pool.cluster import Cluster
 from uvms_mj.studies.results import frame
@@ -163,7 +164,7 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 
 def test_the_batch_file_of_the_page_runs_a_study(study_file, tmp_path):
     """With a stand-in for srun that starts two tasks."""
-    page = (MODELS.parent / "docs" / "studies.md").read_text()
+    page = page_of("studies").read_text()
     script = page.split("```bash\n")[1].split("```")[0]
     tools = {
         "srun": '"$@" & "$@" & wait',

@@ -1,6 +1,6 @@
 """The compiler: Python functions of numbers, records and arrays of known shape in, LLVM out.
 
-It knows nothing of vehicles, stages or the loop. docs/language.md is its language. :mod:`.unit` is the entrance.
+It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its language. :mod:`.unit` is the entrance.
 
 - :mod:`.values`: kinds of values and the LLVM values that represent them
 - :mod:`.refusals`: what is refused, with file, line and the words of the source
