@@ -1,4 +1,4 @@
-"""docs/physics/walls.md: a vehicle with two bumpers on a pile, its forces and their closed form, and a wall that shakes.
+"""docs/physics/walls.md: a vehicle with two bumpers on a pile, its forces and their closed form, and a shaking wall.
 
 The picture needs an EGL driver.
 """
