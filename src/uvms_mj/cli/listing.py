@@ -20,6 +20,27 @@ if TYPE_CHECKING:
     from ..stages.signals import Signal
 
 
+@dataclasses.dataclass(frozen=True)
+class Listed:
+    """A list as the terminal and the pages of the reference show it."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    notes: tuple[str, ...] = ()
+
+    def show(self, names: Iterable[str] | None = None, **looks: Any) -> None:
+        """Print the rows of these names, if there are any; default: all rows."""
+        chosen = self.rows if names is None else [row for row in self.rows if row[0] in {*names}]
+        table = table_of(self.title, *self.columns, **looks)
+        for row in chosen:
+            table.add_row(*row)
+        for note in self.notes:
+            table.add_row(*[""] * (len(self.columns) - 1), note, style="dim")
+        if chosen or names is None:
+            print_table(table)
+
+
 @command()
 @click.argument("laws", nargs=-1, metavar="[LAW]...")
 def controllers(laws: tuple[str, ...]) -> None:
@@ -102,26 +123,24 @@ def _print_stages(listed: "Sequence[type[Stage]]") -> None:
         if cls.room.table != table:
             click.echo(f"[{cls.room.table}]\n")
         table = cls.room.table
-        _print_stage(cls)
+        stage_list(cls).show(min_width=80)
+        click.echo()
 
 
-def _print_stage(cls: "type[Stage]") -> None:
-    room = cls.room
+def stage_list(cls: "type[Stage]") -> Listed:
+    """The settings of a stage, with notes on its states."""
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
     summary_line = (written or "").strip().splitlines()
     title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
-    table = table_of(title, room.setting, "default", "unit", "meaning", min_width=80)
     fields, preset_of = _own_settings(cls)
+    rows = []
     for field in fields:
         default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
-        table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
-    if preset_of:
-        table.add_row("", "", "", f"all other settings as in {preset_of}", style="dim")
+        rows.append((field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", "")))
+    notes = (f"all other settings as in {preset_of}",) if preset_of else ()
     if cls.states:
-        states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
-        table.add_row("", "", "", f"states: {states}", style="dim")
-    print_table(table)
-    click.echo()
+        notes += ("states: " + ", ".join(f"{name} ({size})" for name, size in cls.states.items()),)
+    return Listed(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes)
 
 
 def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
@@ -160,7 +179,6 @@ def keys(words: tuple[str, ...]) -> None:
     """
     with bad_input():
         from ..scenario import STAGES
-        from ..scenario import keys as scenario_keys
 
         def of_a_stage(word: str) -> str:
             last = word.rpartition(".")[2].lower()
@@ -168,15 +186,19 @@ def keys(words: tuple[str, ...]) -> None:
             owners = [cls.label() for cls in every if last in (field.name.lower() for field in cls.setting_fields())]
             return f"it is a setting of {', '.join(owners)}: uvms-mj stages {owners[0]}" if owners else ""
 
-        listed = list(scenario_keys())
-        near = {part for key, *_ in listed for part in (key, *key.split("."))}
-        wanted = _wanted(words, {key: meaning for key, _, meaning in listed}, "key", str.startswith, near, of_a_stage)
+        listed = key_list()
+        near = {part for key, *_ in listed.rows for part in (key, *key.split("."))}
+        meanings = {key: meaning for key, _, meaning in listed.rows}
+        listed.show(_wanted(words, meanings, "key", str.startswith, near, of_a_stage))
+
+
+def key_list() -> Listed:
+    """The keys of a scenario. Of a stage, only the keys that all stages of its table have."""
+    from ..scenario import keys as scenario_keys
+
     title = "Keys of a scenario; `uvms-mj stages` lists the settings of each stage"
-    table = table_of(title, "key", "default", "meaning")
-    for key, default, meaning in listed:
-        if key in wanted:
-            table.add_row(key, toml_value(default), meaning)
-    print_table(table)
+    rows = [(key, toml_value(default), meaning) for key, default, meaning in scenario_keys()]
+    return Listed(title, ("key", "default", "meaning"), rows)
 
 
 def _wanted(
@@ -218,37 +240,47 @@ def signals(words: tuple[str, ...]) -> None:
     """
     with bad_input():
         from ..scenario import STAGES
-        from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
         chosen = [table for table in STAGES if not kinds or any(table in rooms_by_word[kind] for kind in kinds)]
-        rooms = [STAGES[table].base.room for table in chosen]
-        groups = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
-        groups += [
-            (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
-        ]
-        if not kinds or "recorded" in kinds:
-            groups += _recorded()
-        meanings = {signal.name: signal.meaning for _, listed in groups for signal in listed}
+        inputs, outputs = zip(*map(stage_signals, chosen), strict=True) if chosen else ((), ())
+        groups = [*inputs, *(each for each in outputs if len(each.rows) > 1)]
+        groups += recorded_signals() if not kinds or "recorded" in kinds else []
+        meanings = {name: meaning for listed in groups for name, *_, meaning in listed.rows}
         wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
+    for listed in groups:
+        listed.show(wanted, fixed=("name", "shape"), min_width=80)
+
+
+def stage_signals(table: str) -> tuple[Listed, Listed]:
+    """The signals that a stage of this table of a scenario receives and sets."""
+    from ..scenario import STAGES
+
+    room = STAGES[table].base.room
+    given, out = room.arguments[2], room.arguments[4]
+    return (
+        signal_list(f"Inputs of the {room.noun}: {given}.<name>", room.given(0)),
+        signal_list(f"Outputs of the {room.noun}: {out}.<name>", room.out),
+    )
+
+
+def signal_list(title: str, listed: "Iterable[Signal]") -> Listed:
+    """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints or contacts."""
+    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
+
     of_contacts = {signal.name for signal in contact_signals(0)}
     of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
-    for title, listed in groups:
-        columns = ("name", "shape", "unit", "frame", "meaning")
-        table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
-        for signal in (signal for signal in listed if signal.name in wanted):
-            counted = (
-                "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
-            )
-            shape = " x ".join(str(length) if length else counted for length in signal.shape)
-            table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
-        if table.row_count:
-            print_table(table)
+    rows = []
+    for signal in listed:
+        counted = "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
+        shape = " x ".join(str(length) if length else counted for length in signal.shape)
+        rows.append((signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning))
+    return Listed(title, ("name", "shape", "unit", "frame", "meaning"), rows)
 
 
-def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
-    """The signals that a run records, and their bands, each with a title."""
+def recorded_signals() -> list[Listed]:
+    """The signals that a run records, and their bands."""
     from ..stages.signals import (
         BAND,
         DELAYED,
@@ -269,8 +301,8 @@ def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
     own = (*RECORDED, *MEASURED_MOTION, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [
-        ("Recorded signals: trace.<name>; the states of the stages are recorded too", own),
-        ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands),
+        signal_list("Recorded signals: trace.<name>; the states of the stages are recorded too", own),
+        signal_list("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands),
     ]
 
 
@@ -287,11 +319,18 @@ def metrics(words: tuple[str, ...]) -> None:
     uvms-mj metrics contact
     """
     with bad_input():
-        from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
+        listed = metric_list()
+        meanings = {name: said for name, _, said in listed.rows}
+        listed.show(_wanted(words, meanings, "metric", str.__eq__, meanings), fixed=("name",), min_width=80)
 
-        wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
-        table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)
-        for name, said in ((name, said) for name, said in MEANINGS.items() if name in wanted):
-            parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
-            table.add_row(name, unit_of_column(name), said + (f"; .{', .'.join(parts)}" if parts != [name] else ""))
-        print_table(table)
+
+def metric_list() -> Listed:
+    """The metrics that a study can keep."""
+    from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
+
+    rows = []
+    for name, said in MEANINGS.items():
+        parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
+        columns = "" if parts == [name] else f"; .{', .'.join(parts)}"
+        rows.append((name, unit_of_column(name), said + columns))
+    return Listed("Metrics of a run", ("name", "unit", "meaning"), rows)
