@@ -94,7 +94,7 @@ def test_the_drawing_of_an_instant_has_the_stages_of_the_table_in_their_order():
 
 
 def test_the_keys_of_a_study_and_of_a_tuning_are_those_of_the_program():
-    tables = {name: part for name, part in study_file._PARTS.items() if name} | dict(tune_tables.TABLES)
+    tables = {name: part for name, part in study_file.TABLES.items() if name} | dict(tune_tables.TABLES)
     keys = {f"{table}.{field.name}" for table, part in tables.items() for field in dataclasses.fields(part)}
     rows = [
         cell for row in re.findall(r"^\| (`.*?) \|", STUDIES, re.MULTILINE) for cell in re.findall(r"`([\w.]+)`", row)

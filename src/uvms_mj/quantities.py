@@ -175,8 +175,8 @@ def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
     return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in given.items()}
 
 
-def doc(meaning: str, default: Any) -> Any:
-    """A field with its default and a one-line meaning, which ``uvms-mj keys`` prints."""
+def doc(meaning: str, default: Any = dataclasses.MISSING) -> Any:
+    """A field with its default, if it has one, and a one-line meaning for lists of keys."""
     return dataclasses.field(default=default, metadata={"meaning": meaning})
 
 

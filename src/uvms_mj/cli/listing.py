@@ -71,7 +71,7 @@ def stages(names: tuple[str, ...]) -> None:
         if wanted := names[1:] if room else names:
             _print_stages([cls for name in wanted for cls in _named(name, choices, room)])
         else:
-            _print_stages([cls for choice in choices for cls in _shipped(choice).values()])
+            _print_stages([cls for choice in choices for cls in shipped_stages(choice).values()])
 
 
 def _rooms() -> dict[str, list[str]]:
@@ -84,7 +84,7 @@ def _rooms() -> dict[str, list[str]]:
     return {word: [table] for word, table in tables_by_word(STAGES).items()} | rooms
 
 
-def _shipped(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
+def shipped_stages(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
     """The shipped stages of a table by name; before the laws, the task."""
     from ..control import Controller, ImpedanceTask
 
@@ -96,7 +96,7 @@ def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[t
     from ..errors import InputError, suggestion
     from ..stages.loader import give_one, stages_in, users_stages
 
-    shipped = [_shipped(choice) for choice in choices]
+    shipped = [shipped_stages(choice) for choice in choices]
     if found := [cls for stages in shipped for key, cls in stages.items() if name in (key, cls.label())]:
         return found
     file, _, class_name = name.rpartition(":")
@@ -182,7 +182,7 @@ def keys(words: tuple[str, ...]) -> None:
 
         def of_a_stage(word: str) -> str:
             last = word.rpartition(".")[2].lower()
-            every = [cls for choice in STAGES.values() for cls in _shipped(choice).values()]
+            every = [cls for choice in STAGES.values() for cls in shipped_stages(choice).values()]
             owners = [cls.label() for cls in every if last in (field.name.lower() for field in cls.setting_fields())]
             return f"it is a setting of {', '.join(owners)}: uvms-mj stages {owners[0]}" if owners else ""
 

@@ -63,13 +63,13 @@ _Count = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
 class Vary:
     key: str | None = doc("dotted key that varies, or a component of one, initial.position[0]", None)
     keys: Annotated[list[str] | None, _list_of("dotted keys")] = doc(
-        "several that move together, in place of key", None
+        "several that move together, in place of key; each parameter is then one number, or a list with one a key", None
     )
     laws: Annotated[list[str] | None, _list_of("labels")] = doc(
         "labels of the laws for which it varies; default: all", None
     )
     values: Annotated[list[Any] | None, _list_of("values")] = doc(
-        "values; of keys that move together, lists with one value a key", None
+        "values, numbers or texts such as files; of keys that move together, lists with one value a key", None
     )
     low: Bound = doc("least value", None)
     high: Bound = doc("greatest value", None)
@@ -85,11 +85,18 @@ class Vary:
 @dataclass(frozen=True, config=STRICT)
 class Design:
     kind: Literal["grid", "random", "sobol", "latin_hypercube", "sobol_indices"] | None = doc(
-        "default: grid if every key has values or a grid, otherwise random", None
+        '"grid", "random", "sobol", "latin_hypercube" or "sobol_indices"; default: a grid if every key has values or a '
+        "grid, otherwise random",
+        None,
     )
-    runs: _Count | None = doc("draws for each law; a grid has its product", None)
+    runs: _Count | None = doc(
+        "draws, each run with every law; a grid has its product, Sobol indices d + 2 times a power of two for d keys",
+        None,
+    )
     repeats: _Count = doc("runs of each draw and law, which differ in simulation.seed", 1)
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("of the draws, and of the runs' random numbers", 0)
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc(
+        "of the draws and of the runs' random numbers, which the laws of a draw share", 0
+    )
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -109,7 +116,7 @@ class Logs:
 class Keep:
     metrics: Annotated[list[str], _list_of("names")] = dataclasses.field(
         default_factory=lambda: list(DEFAULT_METRICS),
-        metadata={"meaning": "numbers of a run under their names in run --json, or path/to/file.py:function"},
+        metadata={"meaning": "metrics by their names, or path/to/file.py:function"},
     )
     logs: Annotated[Logs, BeforeValidator(lambda x: {"kind": x} if isinstance(x, str) else x)] = doc(
         '"none", "failed", {kind = "worst", k, metric} or {kind = "listed", indices}', Logs()
@@ -127,15 +134,29 @@ class Execution:
 
 @dataclass(frozen=True, config=STRICT)
 class StudyFile:
-    base: dict[str, Any]
-    name: Annotated[str, _FolderName] = "study"
-    description: str = ""
-    laws: Annotated[list[Any] | None, _list_of("laws")] = None
+    base: dict[str, Any] = doc(
+        "base.scenario is the name or file of a scenario, and other keys, such as wall.damping = 5.0, change it; "
+        "without it [base] is the scenario itself"
+    )
+    name: Annotated[str, _FolderName] = doc("title of the report; default: the file's name", "study")
+    description: str = doc("first line of the report", "")
+    laws: Annotated[list[Any] | None, _list_of("laws")] = doc(
+        'laws to compare, ["gsta", "my_law.py:MyLaw"], or tables [[laws]] with name, label and keys of this law alone, '
+        "controller.k_1 = 8.0; default: the law of the base, whose controller.period and .delay stay with each law",
+        None,
+    )
     vary: Annotated[list[Vary], _list_of("tables, [[vary]]")] = dataclasses.field(default_factory=list)
     design: Design = Design()
     keep: Keep = dataclasses.field(default_factory=Keep)
     run: Execution = Execution()
-    success: dict[str, Any] = dataclasses.field(default_factory=dict)
+    success: dict[str, Any] = dataclasses.field(
+        default_factory=dict,
+        metadata={
+            "meaning": "what a run must meet besides its completion, by metrics that are kept: contact.settled = true, "
+            'contact.final_N = [1.4, 1.6], "my_metrics.py:overshoot" = [0, 0.1] or overshoot = [0, 0.1]; '
+            "default: it has settled"
+        },
+    )
 
 
 def absolute(value: Any, folder: Path) -> Any:
@@ -155,8 +176,8 @@ def with_absolute_values(vary: Vary, folder: Path) -> Vary:
 
 
 _VALIDATOR = TypeAdapter(StudyFile)
-_PARTS: Mapping[str, Any] = {"": StudyFile, "vary": Vary, "design": Design, "keep": Keep, "run": Execution}
-_CHOICES = {name: [field.name for field in dataclasses.fields(table)] for name, table in _PARTS.items()}
+TABLES: Mapping[str, Any] = {"": StudyFile, "vary": Vary, "design": Design, "keep": Keep, "run": Execution}
+_CHOICES = {name: [field.name for field in dataclasses.fields(table)] for name, table in TABLES.items()}
 
 
 def read(tables: Mapping[str, Any], faults: list[Fault]) -> StudyFile:

@@ -15,10 +15,9 @@ _Quantile = Annotated[Number, within(0.0, 1.0, "")]
 
 @dataclass(frozen=True, config=STRICT)
 class Gain:
-    key: str
-    """Dotted key of a number, or a component of one, ``impedance.stiffness[0]``."""
-    low: Real
-    high: Real
+    key: str = doc("dotted key of a number, or a component of one, impedance.K_d[0]")
+    low: Real = doc("least value")
+    high: Real = doc("greatest value; the file's own is between them, and is trial 0")
     log: bool = doc("whether its logarithm is searched", False)
 
 
@@ -26,9 +25,9 @@ class Gain:
 class Measure:
     """A number of all runs of a trial: the mean, the largest value or a quantile of a metric."""
 
-    metric: str
-    over: Literal["mean", "max", "quantile"] = doc("mean, max or quantile of the runs", "mean")
-    q: _Quantile | None = doc("of over = quantile, from 0 to 1 [1]", None)
+    metric: str = doc("a metric as in keep.metrics, its function's name, or a component of one")
+    over: Literal["mean", "max", "quantile"] = doc('"mean", "max" or "quantile" of the runs, the last with q', "mean")
+    q: _Quantile | None = doc("the quantile, from 0 to 1 [1]", None)
 
     @property
     def label(self) -> str:
@@ -39,13 +38,13 @@ class Measure:
 
 @dataclass(frozen=True, config=STRICT)
 class Objective(Measure):
-    direction: Literal["minimize", "maximize"] = "minimize"
+    direction: Literal["minimize", "maximize"] = doc('"minimize" or "maximize"', "minimize")
 
 
 @dataclass(frozen=True, config=STRICT)
 class Constraint(Measure):
-    at_most: Real | None = None
-    at_least: Real | None = None
+    at_most: Real | None = doc("greatest value of a feasible trial", None)
+    at_least: Real | None = doc("least value of a feasible trial", None)
 
     def excess(self, value: float) -> float:
         """The violation of the nearer limit, relative to the limit unless that is 0; 0 within the limits."""
@@ -61,9 +60,11 @@ class Constraint(Measure):
 
 @dataclass(frozen=True, config=STRICT)
 class Search:
-    trials: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = doc("with trial 0, the file's own gains", 100)
+    trials: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = doc(
+        "number of trials, with trial 0, the file's own gains; a larger one later goes on with the same search", 100
+    )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("of the suggestions", 0)
-    sampler: Literal["tpe", "random"] = doc("Optuna's: tpe, or random for comparison", "tpe")
+    sampler: Literal["tpe", "random"] = doc('of Optuna: "tpe", or "random" for comparison', "tpe")
 
 
 TABLES: Mapping[str, Any] = {"gain": Gain, "objective": Objective, "constraint": Constraint, "tune": Search}

@@ -1,0 +1,73 @@
+"""The site: ``make docs`` builds it, with warnings as errors."""
+
+import importlib.metadata
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import reference_pages  # noqa: E402
+from source_pages import linkcode_resolve as linkcode_resolve  # noqa: E402
+
+reference_pages.write(HERE / "reference")
+
+project = "uvms-mj"
+author = "The uvms-mj authors"
+project_copyright = author
+version = release = importlib.metadata.version(project)
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.linkcode",
+    "sphinx.ext.napoleon",
+    "sphinx-mathjax-offline",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "source_pages",
+]
+exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
+
+# Pages
+myst_enable_extensions = ["colon_fence", "dollarmath", "html_image"]
+myst_dmath_double_inline = True
+myst_heading_anchors = 4
+myst_url_schemes = {"http": None, "https": None, "mailto": None, "source": None}  # source: see source_pages.py
+nb_execution_mode = "cache"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+copybutton_exclude = ".linenos, .gp, .go"
+suppress_warnings = ["misc.highlighting_failure"]  # a block of output in the words of a program has no language
+
+# API
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
+autodoc_default_options = {"members": True, "show-inheritance": False}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+toc_object_entries_show_parents = "hide"
+
+# Looks. Nothing is loaded from another address.
+html_theme = "pydata_sphinx_theme"
+html_title = "uvms-mj"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "header_links_before_dropdown": 7,
+    "navbar_align": "left",
+    "navbar_end": ["theme-switcher"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "show_prev_next": True,
+    "show_toc_level": 2,
+    "secondary_sidebar_items": ["page-toc"],
+    "pygments_light_style": "friendly",
+    "pygments_dark_style": "github-dark",
+}
+html_sidebars = {"index": []}
