@@ -1,21 +1,29 @@
 # make run    the paper's scenario
 # make test   lint, types, import contracts, tests; `.venv/bin/pytest -m "not slow"` for a quick check
+# make docs   the site, in docs/_build/html; warnings are errors. make docs-serve shows it at http://127.0.0.1:8000
 # make system-packages   (Debian, as root) a browser and a software renderer; without them, the viewer tests are skipped
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test setup system-packages clean
+.PHONY: run test docs docs-serve setup system-packages clean
 
 run: setup
 	$(BIN)/uvms-mj run --controller gsta
 
 test: setup $(if $(CI),system-packages)
-	$(BIN)/ruff check src tests scripts examples
-	$(BIN)/ruff format --check src tests scripts examples
+	$(BIN)/ruff check src tests scripts examples docs
+	$(BIN)/ruff format --check src tests scripts examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2 --dist worksteal
+
+docs: setup
+	$(BIN)/sphinx-build -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html
+	@echo "the site is in docs/_build/html/index.html"
+
+docs-serve: docs
+	$(BIN)/python -m http.server --bind 127.0.0.1 --directory docs/_build/html 8000
 
 system-packages:
 	-@if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then apt-get update -qq && \
@@ -33,4 +41,4 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) docs/_build .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -48,9 +48,9 @@ def _keys() -> str:
     listed = key_list()
     parts = [
         "# Keys of a scenario",
-        "A scenario is a TOML file of tables. `uvms-mj keys` prints this list, and `uvms-mj keys wall` a part of it. A key is "
-        "set in the file, by `--set wall.stiffness=2e4` on the command line, or in Python by "
-        '`Scenario.load("push_wall", {"wall.stiffness": 2e4})`. Units are SI. The settings of each stage are in [](stages.md).',
+        "A scenario is a TOML file of tables. `uvms-mj keys` prints this list, and `uvms-mj keys wall` a part of it. A "
+        "key is set in the file, by `--set wall.stiffness=2e4` on the command line, or in Python by "
+        '`Scenario.load("push_wall", {"wall.stiffness": 2e4})`. Units are SI. [](stages.md) describes the stages.',
     ]
     for table in dict.fromkeys(key.partition(".")[0] for key, *_ in listed.rows):
         rows = [row for row in listed.rows if row[0].partition(".")[0] == table]
@@ -62,9 +62,9 @@ def _signals() -> str:
     """The groups of signals that stages are given, and the signals that a run records."""
     parts = [
         "# Signals",
-        "Signals that the stages of a run are given and set, by group, and signals that a run records. `uvms-mj signals` prints "
-        "them. Units are SI; W is the world with x towards the wall and z up, B the body with x forward, y left and z up. "
-        "[](stage.md) lists the groups that each stage is given.",
+        "Signals that the stages of a run are given and set, by group, and signals that a run records. `uvms-mj "
+        "signals` prints them. Units are SI; W is the world with x towards the wall and z up, B the body with x forward, y left "
+        "and z up. [](stage.md) lists the groups that each stage is given.",
     ]
     groups: Mapping[str, Sequence[signals.Signal]] = {
         name: getattr(signals, name)
@@ -83,7 +83,13 @@ def _signals() -> str:
     return _page(parts)
 
 
-OWN_GROUPS = {"ALLOCATION": "actuation", "COMMANDS": "thrusters", "JOINTS": "joints", "ENCODER": "encoder", "WRIST": "wrist"}
+OWN_GROUPS = {
+    "ALLOCATION": "actuation",
+    "COMMANDS": "thrusters",
+    "JOINTS": "joints",
+    "ENCODER": "encoder",
+    "WRIST": "wrist",
+}
 """Groups of one stage only, besides CLOCK, with its table of a scenario."""
 GROUPS = {
     "CLOCK": "Given to every stage.",
@@ -108,9 +114,9 @@ def _stages() -> str:
     """The shipped stages with their settings."""
     parts = [
         "# Stages that ship",
-        "Laws, references, sensors and thrusters with their settings, by the table of the scenario that chooses them. `uvms-mj "
-        "stages` prints this list, and `uvms-mj stages gsta t200` a part of it. [](stage.md) is the contract of a stage of your "
-        "own.",
+        "Laws, references, sensors and thrusters with their settings, by the table of the scenario that chooses them. "
+        "`uvms-mj stages` prints this list, and `uvms-mj stages gsta t200` a part of it. [](stage.md) is the contract "
+        "of a stage of your own.",
     ]
     for table, choice in STAGES.items():
         common = {field.name for field in choice.base.setting_fields()}
@@ -130,10 +136,10 @@ def _metrics() -> str:
     return _page(
         [
             "# Metrics",
-            "Numbers of a run that a study keeps: the names in `keep.metrics` and `[success]` of a study, and in `[objective]` "
-            "and `[[constraint]]` of a tuning. `uvms-mj metrics` prints them. A vector is kept whole; `success`, `constraint` "
-            "and `objective` take one of its components, `final.position_m.x`. A metric of your own is a function, "
-            "`path/to/file.py:function`.",
+            "Numbers of a run that a study keeps: the names in `keep.metrics` and `[success]` of a study, and in "
+            "`[objective]` and `[[constraint]]` of a tuning. `uvms-mj metrics` prints them. A vector is kept whole; "
+            "`success`, `constraint` and `objective` take one of its components, `final.position_m.x`. A metric of "
+            "your own is a function, `path/to/file.py:function`.",
             _listed(metric_list()),
         ]
     )
@@ -143,8 +149,8 @@ def _study_keys() -> str:
     """The tables of a study file and of a tuning file."""
     parts = [
         "# Keys of studies and tunings",
-        "A study file is TOML. Its base is a scenario, and its tables say what varies, how the draws are made, and what is "
-        "kept. A tuning file is a study file of one law with four more tables. [](../how_to/study.md) and "
+        "A study file is TOML. Its base is a scenario, and its tables say which keys vary, how the draws are made, and "
+        "which numbers are kept. A tuning file is a study file of one law with four more tables. [](../how_to/study.md) and "
         "[](../how_to/tune.md) show them at work.",
     ]
     tables = {"study": study_file.StudyFile} | {name: part for name, part in study_file.TABLES.items() if name}
@@ -167,8 +173,8 @@ def _commands() -> str:
     """The help of every command."""
     parts = [
         "# Commands",
-        "Each command explains itself with `--help`, as below. Exit status 0 is success, 2 an error in the input or a run that "
-        "failed.",
+        "Each command explains itself with `--help`, as below. Exit status 0 is success, 2 an error in the input or a "
+        "run that failed.",
     ]
     context = click.Context(uvms_mj, info_name="uvms-mj", max_content_width=100, terminal_width=100)
     for name, command in sorted(_every(uvms_mj, context, ())):
@@ -199,8 +205,8 @@ def _topics() -> str:
     }
     parts = [
         "# Topics of a log",
-        "A log is an MCAP file of ROS 2 messages. [](log.md) describes the file; here is every topic. Rows are written at the "
-        "log rate, 1 kHz by default, arrows 20 times a second, and constants once at the start.",
+        "A log is an MCAP file of ROS 2 messages. [](log.md) describes the file; here is every topic. Rows are written "
+        "at the log rate, 1 kHz by default, arrows 20 times a second, and constants once at the start.",
     ]
     known: set[str] = set()
     for heading, (scenario, changes) in runs.items():
@@ -215,7 +221,9 @@ def _topics() -> str:
                 rows.append((topic.name, written, topic.type, topic.frame, topic.unit, topic.meaning))
                 known.add(topic.name)
         parts += [f"## {heading}", _table(("topic", "written", "type", "frame", "unit", "meaning"), rows)]
-    parts.append("A state of a law is on `/law/` with its name, `/law/z` of GSTA, and a state of another stage on `/signals/`.")
+    parts.append(
+        "A state of a law is on `/law/` with its name, `/law/z` of GSTA, and a state of another stage on `/signals/`."
+    )
     return _page(parts)
 
 
@@ -239,8 +247,9 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _cell(column: str, text: str) -> str:
     """A cell: names, defaults and types as code, as they are typed, and words with their characters kept."""
-    code = column in ("name", "key", "topic", "type", "default", "setting", "gain") and text not in ("", "-", "required")
-    return f"`{text}`".replace("|", r"\|") if code else _code(text).replace("|", r"\|")
+    names = column in ("name", "key", "topic", "type", "default", "setting", "gain")
+    code = names and text not in ("", "-", "required")
+    return (f"`{text}`" if code else _code(text)).replace("|", r"\|")
 
 
 def _code(text: str) -> str:

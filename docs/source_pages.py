@@ -23,7 +23,7 @@ _LINK = re.compile(r"\]\((?:\.\./)+((?:src|tests|scripts|examples|models)\b[^)\s
 
 
 def line_of(path: Path, name: str) -> int:
-    """The line of a definition in a Python file: a function, class, method ``Class.method`` or a constant. Raises KeyError."""
+    """The line of a function, class, method ``Class.method`` or constant in a Python file. Raises KeyError."""
     body: list[ast.stmt] = ast.parse(path.read_text()).body
     line = 0
     for part in name.split("."):
@@ -94,7 +94,8 @@ def _pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:
     for folder, names in inside.items():
         links = "".join(f'<li><a href="{Path(folder).name}/{name}.html">{name}</a></li>' for name in names)
         yield _page(folder), {"title": folder, "body": f"<h1>{folder}</h1><ul>{links}</ul>"}, "page.html"
-    files = {path for path in linked if (ROOT / path).is_file()} | {f"{f}/{n}" for f, names in inside.items() for n in names}
+    files = {path for path in linked if (ROOT / path).is_file()}
+    files |= {f"{folder}/{name}" for folder, names in inside.items() for name in names}
     for path in sorted(files):
         text = (ROOT / path).read_text(errors="replace")
         try:
