@@ -63,8 +63,8 @@ def _signals() -> str:
     parts = [
         "# Signals",
         "Signals that the stages of a run are given and set, by group, and signals that a run records. `uvms-mj "
-        "signals` prints them. Units are SI; W is the world with x towards the wall and z up, B the body with x forward, y left "
-        "and z up. [](stage.md) lists the groups that each stage is given.",
+        "signals` prints them. Units are SI; W is the world with x towards the wall and z up, B the body with x "
+        "forward, y left and z up. [](stage.md) lists the groups that each stage is given.",
     ]
     groups: Mapping[str, Sequence[signals.Signal]] = {
         name: getattr(signals, name)
@@ -150,8 +150,8 @@ def _study_keys() -> str:
     parts = [
         "# Keys of studies and tunings",
         "A study file is TOML. Its base is a scenario, and its tables say which keys vary, how the draws are made, and "
-        "which numbers are kept. A tuning file is a study file of one law with four more tables. [](../how_to/study.md) and "
-        "[](../how_to/tune.md) show them at work.",
+        "which numbers are kept. A tuning file is a study file of one law with four more tables. See "
+        "[](../how_to/study.md) and [](../how_to/tune.md).",
     ]
     tables = {"study": study_file.StudyFile} | {name: part for name, part in study_file.TABLES.items() if name}
     for name, part in (tables | dict(tune_tables.TABLES)).items():

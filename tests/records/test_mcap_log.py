@@ -12,9 +12,7 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
 
-from page_numbers import page
 from recorded import decoded, same
-from tree_run import tool_run
 from uvms_mj import McapLog, Scenario, Status, Trace, simulate
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
@@ -216,22 +214,6 @@ def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
 
 
 # Shipped files
-
-
-def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):
-    trace, _ = logged
-    text = page("log").read_text()
-    lines = [line.strip("|") for line in text.splitlines() if line[:2] == "| "]
-    cells = [[cell.strip().strip("`").replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)] for line in lines]
-    listed = {row[0]: row[1:] for row in cells if row[0].startswith("/")}
-    gsta = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}))
-    topics = {t.name: t for header in (trace.header, gsta.header) for t in Format(header).topics}
-    tree = tool_run(0.01)
-    topics = {t.name: t for t in Format(tree.header).topics if not t.name.startswith("/signals/")} | topics
-    expected = {name: [t.type, t.frame, t.unit, t.meaning] for name, t in topics.items()}
-    state = expected.pop("/law/z")
-    assert listed.pop("/law/<state>")[:3] == state[:3]
-    assert listed == expected
 
 
 def test_the_foxglove_layout_shows_topics_that_exist(logged):
