@@ -7,7 +7,7 @@
 The folder pages has a script for each page: ``main`` draws its picture, ``numbers`` has its numbers (page_numbers.py).
 Those of long runs take a folder:
 
-    readme           of `uvms-mj paper --out FOLDER`; without it, the rest of the README alone
+    paper            of `uvms-mj paper --out FOLDER`; without it, the certificate alone
     practicality     of `uvms-mj practicality --out FOLDER`
     studies          of `uvms-mj study monte_carlo --out FOLDER/mc` and `uvms-mj study gain_map --out FOLDER/gm`
     validation       of the records of the pool, which are not in the repository
