@@ -1,0 +1,11 @@
+"""
+Sliding on a pile, 10 N, with friction
+======================================
+
+The tool presses on a round pile and slides along it. Coulomb friction acts at the contact point, with a tangential spring while it sticks.
+"""
+
+from uvms_mj import Scenario, simulate
+
+trace = simulate(Scenario.load("tool_slide"))
+figure = trace.plot(["force", "f_contact_W"])
