@@ -40,11 +40,10 @@ class Console:
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
-        column = "{task.fields[simulated]:.1f} s simulated"
-        shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
+        shown = progress_bar(f"{label} · compiling", self.quiet, stop, "{simulated:.1f} s simulated", simulated=0.0)
         with shown as update:
             h = scenario.simulation.timestep
-            yield lambda done, total: update(done, total, description=label, simulated=done * h)
+            yield lambda done, total: update(done, total, what=label, simulated=done * h)
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
