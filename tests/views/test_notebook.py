@@ -236,7 +236,7 @@ study
     """
 row = study.frame.iloc[3]
 print([trace.notes, "class Mine" in trace.header.law.code, row["law"], row["status"],
-       row["final.position_m.x"] == trace.p_WB[-1, 0]])
+       bool(row["final.position_m.x"] == trace.p_WB[-1, 0])])
 """,
 )
 
