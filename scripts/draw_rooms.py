@@ -55,6 +55,7 @@ SUBJECTS = {
     "compiler": "Python functions to LLVM",
     "quantities": "units and ranges",
     "files": "reading, writing",
+    "progress": "progress bars",
     "errors": "bad input",
 }
 

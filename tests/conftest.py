@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
 from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.cli import main
 
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")
@@ -58,3 +60,10 @@ def smooth_overrides():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20261121)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A function that runs the command in this process and returns exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])

@@ -18,6 +18,7 @@ _NAMES = {
     "errors": "InputError",
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
+    "plant.mjcf": "Mjcf",
     "plant.water": "Current Disturbance Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
@@ -26,6 +27,8 @@ _NAMES = {
     "stages.base": "setting",
     "studies.convergence": "converge",
     "studies.study": "Study",
+    "studies.tune": "Tuning",
+    "views.figures": "plot",
 }
 """The modules with their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -59,6 +62,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Navigation as Navigation
     from .navigation import Observer as Observer
     from .navigation import Wrist as Wrist
+    from .plant.mjcf import Mjcf as Mjcf
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Tether as Tether
@@ -69,6 +73,8 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .stages.base import setting as setting
     from .studies.convergence import converge as converge
     from .studies.study import Study as Study
+    from .studies.tune import Tuning as Tuning
+    from .views.figures import plot as plot
 
 
 def __getattr__(name: str) -> object:

@@ -216,8 +216,8 @@ class Scenario:
         """The tables of :meth:`to_dict` as TOML text."""
         return tomli_w.dumps(self.to_dict())
 
-    def __repr__(self) -> str:
-        """Name, law, and every key that differs from its default."""
+    def changes(self, units: bool = False) -> list[tuple[str, str, str]]:
+        """Every key that differs from its default, with its value and its default as texts, on request with units."""
         values: list[tuple[str, Any, Any]] = []
         for name, kind in _TABLES.items():
             table = getattr(self, name)
@@ -225,11 +225,26 @@ class Scenario:
                 values.append((f"{name}.name", Path(table.source()).name, kind.source()))
             values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
         values.append(("walls", self.walls, ()))
-        other = [
-            f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
-        ]
+        own = {f"controller.{f.name}": unit_of(f) for f in dataclasses.fields(self.controller)}
+
+        def text(key: str, value: Any) -> str:
+            unit = (_UNITS | own).get(key, "") if units and isinstance(value, float | tuple) else ""
+            return f"{shortened(value)} {unit}".rstrip()
+
+        differ = [each for each in values if each[1] not in (each[2], (each[2],) * 6)]
+        return [(key, text(key, value), text(key, default)) for key, value, default in differ]
+
+    def __repr__(self) -> str:
+        """Name, law, and every key that differs from its default."""
+        other = [f"{key} = {value}" for key, value, _ in self.changes()]
         what = "other than the defaults:" if other else "defaults"
         return "\n    ".join([f"<Scenario {self.name!r}, {self.controller.label()}, {what}", *other]) + ">"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from .views.notebook import scenario_html
+
+        return scenario_html(self)
 
 
 _VALIDATOR = TypeAdapter(Scenario)

@@ -8,8 +8,7 @@ import pytest
 
 from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, simulate
 from uvms_mj.analysis import residual
-from uvms_mj.cli.converge import with_error
-from uvms_mj.studies.convergence import Estimate, NotCompletedError, extrapolated
+from uvms_mj.studies.convergence import Estimate, NotCompletedError, extrapolated, with_error
 
 MASS_ALONE = {
     "current.speed": 0.0,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import bad_input, end, ended
-from .console import ROUNDING, Console, facts, print_table, table_of
+from .console import Console, facts, print_table, table_of
 from .options import command, output_options, run_options
 from .run import chosen
 from .stop import Stop, exit_interrupted
@@ -188,6 +188,8 @@ def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: f
 
 
 def _tables(report: dict[str, Any]) -> None:
+    from ..analysis.run_table import ROUNDING
+
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
     table = facts(f"{report['scenario']} · {report['controller']}")
     alone = "" if gains["nominal"] else ", without nominal control"

@@ -35,24 +35,19 @@ def draw_to_files() -> None:
 
 @contextlib.contextmanager
 def progress_bar(
-    what: str, hidden: bool, stop: Stop, column: str | None = None, **fields: Any
+    what: str, hidden: bool, stop: Stop, text: str = "{share:.0%}", **fields: Any
 ) -> Iterator[Callable[..., None]]:
-    """A progress bar on terminals, with the share done or another column beside it, which shows ``fields``. Yields a
-    function of the counts done and in total, and of fields of the task such as its description. The function also
-    checks for signals."""
-    if hidden or not sys.stderr.isatty():
+    """:func:`.progress.bar`, whose function also checks for signals."""
+    if hidden:
         yield lambda *counts, **fields: stop.check()
         return
-    import rich.console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+    from ..progress import bar
 
-    columns = ("{task.description}", BarColumn(), column or TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None, **fields)
+    with bar(what, text, **fields) as update:
 
         def advance(done: int, total: int, **fields: Any) -> None:
             stop.check()
-            progress.update(task, completed=done, total=total, **fields)
+            update(done, total, **fields)
 
         yield advance
 

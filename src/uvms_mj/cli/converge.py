@@ -1,7 +1,6 @@
 """``uvms-mj converge``."""
 
 import json
-import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from .run import chosen
 from .stop import Stop
 
 if TYPE_CHECKING:
-    from ..studies.convergence import Convergence, Estimate
+    from ..studies.convergence import Convergence
 
 
 @command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
@@ -77,34 +76,10 @@ def _report(found: "Convergence") -> dict[str, object]:
 
 
 def _table(found: "Convergence") -> None:
-    scenario, period = found.scenario, found.scenario.controller.period
-    sampled = "the law at every step" if period is None else f"the law every {period:g} s"
-    title = f"{scenario.name} · {scenario.controller.label()} · {scenario.simulation.duration:g} s, {sampled}"
-    table = table_of(title, "metric", fixed=("metric",), min_width=60)
-    for h in found.timesteps:
-        table.add_column(f"h = {h:g} s", justify="right")
-    table.add_column("order", justify="right")
-    table.add_column("tends to", no_wrap=True)
-    table.add_column("remark")
-    for each in found.estimates:
-        values = ("-" if value is None else f"{value:.7g}" for value in each.values)
-        order = "-" if each.order is None else f"{each.order:.2f}"
-        table.add_row(each.name, *values, order, with_error(each), each.remark)
+    heads, *rows = found.table()
+    table = table_of(found.title, heads[0], fixed=heads[:1], min_width=60)
+    for head in heads[1:]:
+        table.add_column(head, justify="right" if head.startswith(("h =", "order")) else "left", no_wrap="to" in head)
+    for row in rows:
+        table.add_row(*row)
     print_table(table)
-
-
-def with_error(estimate: "Estimate") -> str:
-    """A number to the second digit of its uncertainty, ``17.872 ± 0.013``; the number alone if that is rounding."""
-    from ..studies.convergence import RESOLUTION, ROUNDING
-
-    value, uncertainty = estimate.value, estimate.uncertainty
-    if value is None or uncertainty is None:
-        return "-"
-    if uncertainty <= max(RESOLUTION, ROUNDING * abs(value)):
-        return f"{value:.9g}" if abs(value) > RESOLUTION else "0"
-    last = math.floor(math.log10(uncertainty)) - 1
-    if abs(value) < 10.0**last:
-        return f"0 ± {uncertainty:#.2g}"
-    digits = math.floor(math.log10(abs(value))) - last + 1
-    both = f"{value:#.{max(1, digits)}g} ± {uncertainty:#.2g} "
-    return both.replace(". ", " ").replace(".e", "e").strip()

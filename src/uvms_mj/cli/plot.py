@@ -86,19 +86,13 @@ def plot(
 def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> "Trace":
     """The rows of a trace from a time to a time [s]. Raises InputError unless there are two rows between them."""
     from ..errors import InputError
-    from ..records.trace import Trace
 
-    if (start is None and end is None) or len(trace) < 2:
-        return trace
-    first, last = float(trace.t[0]), float(trace.t[-1])
-    low = first if start is None else number("--from", start, "s", 0.0, 1e7)
-    high = last if end is None else number("--to", end, "s", 0.0, 1e7)
-    half = 0.5 * trace.header.row_steps * trace.scenario.simulation.timestep
-    chosen = (trace.t > low - half) & (trace.t < high + half)
-    if chosen.sum() < 2:
-        found = f"{chosen.sum()} samples from {low:g} to {high:g} s"
-        raise InputError(f"{label}: has {found}; its samples are from {first:g} to {last:g} s")
-    return Trace.of(trace.header, trace.rows()[chosen], trace.outcome)
+    low = None if start is None else number("--from", start, "s", 0.0, 1e7)
+    high = None if end is None else number("--to", end, "s", 0.0, 1e7)
+    try:
+        return trace.between(low, high)
+    except InputError as error:
+        raise InputError(f"{label}: {error}") from None
 
 
 @command()

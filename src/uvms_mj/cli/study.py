@@ -27,14 +27,8 @@ from .options import (
 from .stop import Stop
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from ..studies.pages import Table
     from ..studies.pool.estimate import Estimate
     from ..studies.study import Study
-
-
-PAGE = "report.html"
 
 
 class _Commands(click.Group):
@@ -138,13 +132,12 @@ def pool_of(scheduler: str | None, workers: int | None) -> "contextlib.AbstractC
 def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[str, int, int, int], None]]:
     """A progress bar on terminals. Yields the study's progress function, which also checks for signals and keeps the
     numbers of runs in ``shown``."""
-    column = "{task.completed:.0f} of {task.total} runs, {task.fields[failed]} failed"
-    with progress_bar("starting", hidden, stop, column, failed=0) as update:
+    with progress_bar("starting", hidden, stop, "{done:.0f} of {total} runs, {failed} failed", failed=0) as update:
 
         def progress(what: str, done: int, failed: int, total: int) -> None:
             if what == "running":
                 shown.update(done=done, total=total)
-            update(done, total, description=what, failed=failed)
+            update(done, total, what=what, failed=failed)
 
         yield progress
 
@@ -172,7 +165,7 @@ def list_studies(as_json: bool) -> None:
 
 @command("report")
 @path_argument("folder", metavar="DIR")
-@path_option("-o", "--out", metavar="FILE.html", help=f"File for the page [default: DIR/{PAGE}, replaced].")
+@path_option("-o", "--out", metavar="FILE.html", help="File for the page [default: DIR/report.html, replaced].")
 @force_option
 def study_report(folder: str, out: str | None, force: bool) -> None:
     """Write one HTML page about the results of a study, also while it runs: success rates, distributions, maps over
@@ -190,44 +183,11 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
             if Path(out).suffix.lower() not in (".html", ".htm"):
                 raise InputError(f"--out {out!r}: the name must end in .html")
             refuse_existing("--out", Path(out), force)
-        from ..studies import pages
-        from ..studies.report import page
         from ..studies.study import Study
 
         if not Path(folder).is_dir():
             raise InputError(f"{folder}: is not a folder with the results of a study")
-        study = Study.load(folder)
-        path = Path(folder, PAGE) if out is None else Path(out)
-        pages.write(path, page(study.plan_of_results, study.frame, folder, _versions(Path(folder)), _checked(study)))
-        click.echo(path)
-
-
-def _versions(folder: Path) -> dict[str, str]:
-    """Versions of the code of a study by name; empty if they can't be read."""
-    from ..errors import InputError
-    from ..studies.results import version_of
-
-    try:
-        return dict(version_of(folder)["code"])
-    except InputError:
-        return {}
-
-
-def _checked(study: "Study") -> "list[Table]":
-    """The largest difference of each number between the engines."""
-    from ..studies.check import largest
-    from ..studies.pages import Table
-
-    found = study.check
-    if found is None:
-        return []
-    heads = ["free_body", "mujoco", "difference", "tolerance", "row", "within"]
-    rows = [
-        (each["number"], [*(each[head] for head in heads[:4]), each["index"], "yes" if each["within"] else "no"])
-        for each in largest(found).to_dict("records")
-    ]
-    runs = found["index"].nunique()
-    return [Table(f"free_body against mujoco in {runs} runs, largest differences", heads, rows)]
+        click.echo(Study.load(folder).report(out))
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
@@ -307,7 +267,7 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
         }
         click.echo(json.dumps(finite(numbers), allow_nan=False))
     elif not quiet:
-        _table(study, rows)
+        _table(study)
         if found is not None:
             click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
             for each in largest(found).to_dict("records"):
@@ -342,22 +302,18 @@ def finite(value: Any) -> Any:
     return None if value != value or value in (float("inf"), -float("inf")) else value
 
 
-def _table(study: "Study", rows: "pd.DataFrame") -> None:
+def _table(study: "Study") -> None:
     """Runs by law and status, and their successes."""
-    from ..studies.plan.metrics import in_words, successes
+    from ..studies.plan.metrics import in_words
 
-    success = successes(rows, study.plan.success)
-    statuses = dict.fromkeys(["completed", *rows["status"]])
-    columns = ("law", "runs", *statuses, "success")
-    table = table_of(study.plan.name, *columns, fixed=columns, min_width=60)
+    heads, *rows = study.table()
+    table = table_of(study.plan.name, *heads, fixed=heads, min_width=60)
     for column in table.columns[1:]:
         column.justify = "right"
-    for law in study.plan.laws:
-        mine = rows["law"] == law.label
-        own = rows.loc[mine, "status"].tolist()
-        table.add_row(law.label, str(len(own)), *(str(own.count(each)) for each in statuses), str(success[mine].sum()))
+    for row in rows:
+        table.add_row(*row)
     print_table(table)
-    click.echo(f"{in_words(study.plan.success, 'contact.settled' in rows)}")
+    click.echo(f"{in_words(study.plan.success, 'contact.settled' in study.frame)}")
 
 
 study.add_command(study_report)

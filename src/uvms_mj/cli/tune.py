@@ -83,8 +83,7 @@ def tune(dry_run: bool, workers: int | None, scheduler: str | None, as_json: boo
 def _search(tuning: "Tuning", folder: Path, executor: Any, hidden: bool, stop: Stop, shown: dict[str, int]) -> None:
     """Run the trials with a progress bar on terminals. ``shown`` gets the numbers of trials."""
     folder_for(str(folder))
-    column = "{task.completed:.0f} of {task.total} trials, best {task.fields[best]}"
-    with progress_bar("tuning", hidden, stop, column, best="-") as update:
+    with progress_bar("tuning", hidden, stop, "{done:.0f} of {total} trials, best {best}", best="-") as update:
 
         def progress(done: int, total: int, best: float | None) -> None:
             shown.update(done=done, total=total)

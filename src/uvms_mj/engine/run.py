@@ -14,6 +14,7 @@ from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
+from ..progress import following
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
@@ -51,7 +52,7 @@ def simulate(
     controller: Controller | None = None,
     *,
     log_rate: float | str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
     sinks: Sequence[Sink] = (),
     keep_s: float | None = None,
     engine: str = "mujoco",
@@ -64,7 +65,8 @@ def simulate(
         controller: a controller in place of the scenario's.
         log_rate: samples per second [Hz], which must divide the step rate; ``"full"`` for every step; default: 1 kHz,
             or a rate near it that divides the step rate.
-        progress: called after each chunk with the number of steps done and the run's number of steps.
+        progress: True for a progress bar, or a function that is called after each chunk with the number of steps done
+            and the run's number of steps.
         sinks: receivers of the samples during the run, e.g. ``McapLog("run.mcap")``; called on a separate thread.
         keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
         engine: "mujoco" or "free_body", as in :class:`Simulation`.
@@ -92,12 +94,21 @@ def simulate(
             needed = f"a run needs another {stage.room.noun}"
             wrong = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation; {needed}"
             raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
-    with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf, looks=False) as sim:
+    label = f"{scenario.name} · {scenario.controller.label()}"
+
+    def shown(done: int, total: int) -> dict[str, float]:
+        return {"done": done, "total": total, "simulated": done * scenario.simulation.timestep}
+
+    with (
+        following(progress, label, "{simulated:.1f} s simulated", shown) as advance,
+        mujoco_warnings(),
+        Simulation(scenario, engine=engine, mjcf=mjcf, looks=False) as sim,
+    ):
         notes = sim.notes
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, progress, sinks, np.inf if keep_s is None else keep_s, notes).go()
+        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes).go()
 
 
 @dataclasses.dataclass
@@ -106,7 +117,7 @@ class _Run:
 
     sim: Simulation
     row_steps: int
-    progress: Callable[[int, int], None] | None
+    progress: Callable[[int, int], None]
     sinks: Sequence[Sink]
     keep_s: float
     notes: tuple[str, ...]
@@ -152,8 +163,7 @@ class _Run:
         start = time.perf_counter()
         try:
             for done in self._chunks():
-                if self.progress is not None:
-                    self.progress(done, self.scenario.steps)
+                self.progress(done, self.scenario.steps)
                 if sim.divergence:
                     touched = self.memory.run["row"]["touches"][0] > 0.0
                     own = not (is_shipped(self.scenario.thrusters) and is_shipped(self.scenario.actuation))

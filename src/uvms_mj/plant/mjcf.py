@@ -140,6 +140,12 @@ class Mjcf:
         """The files alone: MuJoCo's parsed model can't be pickled."""
         return type(self), (self.name, dict(self.files))
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from ..views.notebook import mjcf_html
+
+        return mjcf_html(self)
+
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
         with _compiling(self.name):

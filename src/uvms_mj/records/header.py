@@ -28,6 +28,7 @@ from ..stages.base import Stage
 from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
+from ..stages.written import class_source
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "llvmlite", "mcap")
 
@@ -70,12 +71,20 @@ class StageSource:
         code = path.read_bytes() if path.is_file() else b""
         if not code:
             try:
-                code = inspect.getsource(kind).encode()
+                code = _source_of(kind).encode()
             except (OSError, TypeError):  # defined at a prompt
                 return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
         files = {name: file.read_bytes() for name, file in listed_files(kind).items()}
         return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states, files)
+
+
+def _source_of(kind: type[Stage]) -> str:
+    """The source of a class without a file. Raises OSError or TypeError if there is none."""
+    try:
+        return inspect.getsource(kind)
+    except (OSError, TypeError):  # inspect knows no class of a cell
+        return class_source(kind)
 
 
 @dataclass(frozen=True, eq=False)

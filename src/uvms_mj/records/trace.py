@@ -1,8 +1,9 @@
 """The trace of a run: its samples as named read-only arrays, its header and its outcome."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from .mcap import McapLog, read
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,66 @@ class Trace:
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self.arrays]
+
+    def plot(self, what: str | Sequence[str] = "summary", *, width: float | None = None) -> "Figure":
+        """Draw the run as a matplotlib Figure, which a notebook shows. pyplot does not know it and keeps it not open.
+
+        Args:
+            what: one or several of position, attitude, velocity, force, sliding, tau, thrusters, integral, joints and
+                summary, of the names of recorded signals, or of their components, ``tau.x``.
+            width: of the figure [in]; default: 7.1 for the summary, otherwise 3.4.
+
+        :func:`uvms_mj.plot` draws several runs on the same axes. Raises InputError if the run has no such quantity, or
+        fewer than two samples.
+        """
+        from ..views import figures
+
+        return figures.plot({self.scenario.controller.label(): self}, what, width)
+
+    def between(self, start: float | None = None, end: float | None = None) -> "Trace":
+        """The rows from a time to a time [s]; default: the first and the last one. Raises InputError unless there are
+        two of them."""
+        if (start is None and end is None) or len(self) < 2:
+            return self
+        first, last = float(self.t[0]), float(self.t[-1])
+        low, high = first if start is None else start, last if end is None else end
+        half = 0.5 * self.header.row_steps * self.scenario.simulation.timestep
+        chosen = (self.t > low - half) & (self.t < high + half)
+        if chosen.sum() < 2:
+            found = f"{chosen.sum()} samples from {low:g} to {high:g} s"
+            raise InputError(f"has {found}; its samples are from {first:g} to {last:g} s")
+        return Trace.of(self.header, self.rows()[chosen], self.outcome)
+
+    def export(
+        self,
+        path: str | os.PathLike,
+        signals: Sequence[str] = (),
+        *,
+        rate: float | None = None,
+        replace: bool = False,
+    ) -> None:
+        """Write the samples to a file in the format of its ending, .csv, .parquet, .npz or .mat, with their units.
+
+        Args:
+            path: the file.
+            signals: names of signals and, in CSV and Parquet, of components, ``tau.x``; default: all.
+            rate: rows per second, which must divide the trace's own [Hz]; default: all rows.
+            replace: whether to replace a file that exists.
+
+        Raises InputError for an unknown ending, signal or rate, and if the file exists.
+        """
+        from .export import WRITERS, at_rate, export
+
+        kind = Path(path).suffix.lower().removeprefix(".")
+        if kind not in WRITERS:
+            raise InputError(f"{path}: the name must end in one of .{', .'.join(WRITERS)}")
+        export(self if rate is None else at_rate(self, rate), kind, Path(path), replace, signals)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from ..views.notebook import trace_html
+
+        return trace_html(self)
 
     @property
     def scenario(self) -> Scenario:

@@ -34,10 +34,12 @@ from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
+from ..progress import following
 from ..quantities import leaves
 from ..records.header import Status
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
+from ..views.notebook import block
 
 LEVELS = 3
 ORDERS = (0.5, 2.1)
@@ -94,6 +96,26 @@ class Convergence:
     estimates: tuple[Estimate, ...]
     notes: tuple[str, ...]
 
+    @property
+    def title(self) -> str:
+        """Scenario, law, duration and sampling."""
+        scenario, period = self.scenario, self.scenario.controller.period
+        sampled = "the law at every step" if period is None else f"the law every {period:g} s"
+        return f"{scenario.name} · {scenario.controller.label()} · {scenario.simulation.duration:g} s, {sampled}"
+
+    def table(self) -> list[tuple[str, ...]]:
+        """The table of the estimates, its heads first."""
+        found = [("metric", *(f"h = {h:g} s" for h in self.timesteps), "order", "tends to", "remark")]
+        for each in self.estimates:
+            values = ("-" if value is None else f"{value:.7g}" for value in each.values)
+            order = "-" if each.order is None else f"{each.order:.2f}"
+            found.append((each.name, *values, order, with_error(each), each.remark))
+        return found
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return block(self.title, [*self.table(), *(("warning", note) for note in self.notes)])
+
 
 class NotCompletedError(RuntimeError):
     """One of the runs did not complete, e.g. because it diverged."""
@@ -105,7 +127,7 @@ def converge(
     *,
     controller: Controller | None = None,
     mjcf: Mjcf | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
 ) -> Convergence:
     """Run a scenario at its time step, half and a quarter of it, and extrapolate its numbers.
 
@@ -114,7 +136,7 @@ def converge(
         metrics: names of :data:`METRICS`; the name of a vector, e.g. ``final.position_m``, selects all components.
         controller: controller to use in place of the scenario's.
         mjcf: the vehicle's model, as for :func:`uvms_mj.simulate`.
-        progress: called repeatedly with the steps done in all runs and their total.
+        progress: True for a progress bar, or a function of the steps done in all runs and their total.
 
     Raises:
         InputError: a metric is unknown, or the scenario can't run at one of the steps.
@@ -130,25 +152,25 @@ def converge(
     steps = [each.steps for each in scenarios]
     columns: list[dict[str, Any]] = []
     notes: dict[str, str] = {}
-    for i, each in enumerate(scenarios):
-        h = each.simulation.timestep
+    with following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told:
+        for i, each in enumerate(scenarios):
+            h = each.simulation.timestep
 
-        def advance(done: int, _: int, before: int = sum(steps[:i])) -> None:
-            if progress is not None:
-                progress(before + done, sum(steps))
+            def advance(done: int, _: int, before: int = sum(steps[:i])) -> None:
+                told(before + done, sum(steps))
 
-        with warnings.catch_warnings():  # the trace's notes contain them
-            warnings.simplefilter("ignore", SamplingWarning)
-            warnings.simplefilter("ignore", PlainPythonWarning)
-            trace = simulate(each, mjcf=mjcf, keep_s=AROUND_THE_END_S, progress=advance)
-        if trace.status is Status.interrupted:
-            raise KeyboardInterrupt
-        if trace.status is not Status.completed:
-            raise NotCompletedError(f"the run with a time step of {h:g} s is {trace.status.name}: {trace.message}")
-        columns.append(dict(leaves(summary(trace, {}))))
-        for note in trace.notes:
-            words = re.sub(r"[\d.e+-]*\d", "", note)  # without its numbers, which depend on the time step
-            notes.setdefault(words, f"at {h:g} s: {note}")
+            with warnings.catch_warnings():  # the trace's notes contain them
+                warnings.simplefilter("ignore", SamplingWarning)
+                warnings.simplefilter("ignore", PlainPythonWarning)
+                trace = simulate(each, mjcf=mjcf, keep_s=AROUND_THE_END_S, progress=advance)
+            if trace.status is Status.interrupted:
+                raise KeyboardInterrupt
+            if trace.status is not Status.completed:
+                raise NotCompletedError(f"the run with a time step of {h:g} s is {trace.status.name}: {trace.message}")
+            columns.append(dict(leaves(summary(trace, {}))))
+            for note in trace.notes:
+                words = re.sub(r"[\d.e+-]*\d", "", note)  # without its numbers, which depend on the time step
+                notes.setdefault(words, f"at {h:g} s: {note}")
     estimates = tuple(
         extrapolated(name, tuple(column.get(name) for column in columns), h if name == _INSTANT else 0.0)
         for name in names
@@ -212,3 +234,18 @@ def _names(metrics: Sequence[str]) -> list[str]:
     if faults:
         raise InputError(faults, "metrics")
     return list(dict.fromkeys(names))
+
+
+def with_error(estimate: Estimate) -> str:
+    """A number to the second digit of its uncertainty, ``17.872 ± 0.013``; the number alone if that is rounding."""
+    value, uncertainty = estimate.value, estimate.uncertainty
+    if value is None or uncertainty is None:
+        return "-"
+    if uncertainty <= max(RESOLUTION, ROUNDING * abs(value)):
+        return f"{value:.9g}" if abs(value) > RESOLUTION else "0"
+    last = math.floor(math.log10(uncertainty)) - 1
+    if abs(value) < 10.0**last:
+        return f"0 ± {uncertainty:#.2g}"
+    digits = math.floor(math.log10(abs(value))) - last + 1
+    both = f"{value:#.{max(1, digits)}g} ± {uncertainty:#.2g} "
+    return both.replace(". ", " ").replace(".e", "e").strip()

@@ -4,23 +4,32 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import is_folder, locked
-from .check import load
+from ..progress import following
+from ..views.notebook import block
+from .check import largest, load
 from .plan import Plan
+from .plan.metrics import SETTLED, in_words, successes
 from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
 from .pool.workers import Workers
-from .results import STUDY, Results, frame, units_of
+from .results import STUDY, Results, frame, units_of, version_of
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
+
+    from .pages import Table
+
+PAGE = "report.html"
+"""Name of the page about the results, in their folder."""
 
 
 class Study:
@@ -59,6 +68,12 @@ class Study:
         assert found.plan_of_results
         return found
 
+    @classmethod
+    def from_dict(cls, tables: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> "Study":
+        """Make a study from nested tables, as a study file has them. An entry of ``laws`` may also be a controller, or
+        its class, such as one of a notebook's cell. Errors are those of :meth:`load`."""
+        return cls(Plan.from_dict(tables, None, overrides))
+
     @property
     def plan(self) -> Plan:
         """The runs. Raises InputError if the study of a folder can't be run any more, as its files have gone."""
@@ -82,7 +97,7 @@ class Study:
         *,
         workers: int | None = None,
         executor: Executor | None = None,
-        progress: Progress | None = None,
+        progress: Progress | bool | None = None,
     ) -> "Study":
         """Run what the folder lacks, and return this study. Called again after an interruption, it goes on.
 
@@ -91,8 +106,8 @@ class Study:
             workers: processes on this machine; default: one per core.
             executor: in place of them, any object of the shape of ``concurrent.futures``: ``submit(f, *args)`` returns
                 a future. :func:`.pool.cluster.Cluster` is one.
-            progress: called with the runs done, those that did not complete, and the number of runs. An exception that
-                it raises ends the study.
+            progress: True for a progress bar, or a function that is called with what is being done, the runs done,
+                those that did not complete, and the number of runs. An exception that it raises ends the study.
 
         Raises:
             InputError: the folder has another study, or is in use, or the workers can't go on.
@@ -107,8 +122,11 @@ class Study:
             bundle = StudyBundle.of(self.plan)
             bundle.plan()  # as a worker will: what does not travel is missed before the first run
             results = Results(folder, self.plan, bundle)
-            with executor_of(executor, workers) as pool:
-                Execution(self.plan, bundle, results, pool, progress or (lambda *_: None)).run()
+            with (
+                following(progress, "starting", "{done} of {total} runs, {failed} failed", _shown) as advance,
+                executor_of(executor, workers) as pool,
+            ):
+                Execution(self.plan, bundle, results, pool, advance).run()
         self.folder, self.damaged = folder, tuple(results.damaged)
         return self
 
@@ -125,10 +143,85 @@ class Study:
 
         return dataset(self.plan_of_results, self.frame)
 
+    def table(self) -> list[tuple[str, ...]]:
+        """The table of the results, its heads first: of each law its runs, by how they ended, and its successes."""
+        plan, rows = self.plan_of_results, self.frame
+        success = successes(rows, plan.success)
+        statuses = list(dict.fromkeys(["completed", *rows["status"]]))
+        found: list[tuple[str, ...]] = [("law", "runs", *statuses, "success")]
+        for law in plan.laws:
+            mine = rows["law"] == law.label
+            own = rows.loc[mine, "status"].tolist()
+            ended = (str(own.count(each)) for each in statuses)
+            found.append((law.label, str(len(own)), *ended, str(success[mine].sum())))
+        return found
+
+    def plot(self, what: str = "overview", *, over: Sequence[str] = ()) -> "Figure":
+        """Draw one figure of the report as a matplotlib Figure, which a notebook shows; pyplot does not know it.
+
+        Args:
+            what: overview (success rates, the first distributions), distributions, map, or sensitivity.
+            over: of a map, one or two varied keys; default: those with the greatest effect.
+
+        Raises InputError if the study has not run, or has no such figure.
+        """
+        from .report import figure
+
+        return figure(self.plan_of_results, self.frame, what, over)
+
+    def report(self, path: str | os.PathLike | None = None) -> Path:
+        """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:
+        report.html in the folder, replaced. Raises InputError if the study has not run."""
+        from . import pages
+        from .report import page
+
+        rows = self.frame
+        assert self.folder is not None
+        file = self.folder / PAGE if path is None else Path(path)
+        code = {}
+        with contextlib.suppress(InputError):
+            code = dict(version_of(self.folder)["code"])
+        pages.write(file, page(self.plan_of_results, rows, str(self.folder), code, self._checked()))
+        return file
+
+    def _checked(self) -> "list[Table]":
+        """The largest difference of each number between the engines."""
+        from .pages import Table
+
+        found = self.check
+        if found is None:
+            return []
+        heads = ["free_body", "mujoco", "difference", "tolerance", "row", "within"]
+        rows = [
+            (each["number"], [*(each[head] for head in heads[:4]), each["index"], "yes" if each["within"] else "no"])
+            for each in largest(found).to_dict("records")
+        ]
+        runs = found["index"].nunique()
+        return [Table(f"free_body against mujoco in {runs} runs, largest differences", heads, rows)]
+
+    def __repr__(self) -> str:
+        where = f" in {self.folder}" if self.folder is not None else ", which have not run"
+        return f"<Study {self.plan_of_results.name!r}: {self.plan_of_results.runs} runs{where}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the plan, and of a study that ran its table and the overview."""
+        plan = self.plan_of_results
+        rows = [(name, rest) for name, _, rest in (line.partition(": ") for line in plan.text().splitlines())]
+        ran = self.folder is not None and any((self.folder / "rows").glob("part-*.parquet"))
+        if not ran:
+            return block(f"study {plan.name}", rows, text=plan.description)
+        success = in_words(plan.success, SETTLED in self.frame)
+        below = block("", self.table(), [self.plot()], text=success)
+        return block(f"study {plan.name}, in {self.folder}", rows, text=plan.description) + below
+
     @property
     def check(self) -> "pd.DataFrame | None":
         """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
         return None if self.folder is None else load(self.folder)
+
+
+def _shown(what: str, done: int, failed: int, total: int) -> dict[str, Any]:
+    return {"what": what, "done": done, "failed": failed, "total": total}
 
 
 def _file_in(folder: Path) -> Path:

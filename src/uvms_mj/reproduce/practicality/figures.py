@@ -7,13 +7,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ...studies.report.figures import decades
 from ...views import colours
-from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, keys, panels, styled
+from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, Figure, keys, panels, styled
 from .axes import MAPS, Axis
 from .plans import DEMANDED, PART
 from .results import LABELS, Results

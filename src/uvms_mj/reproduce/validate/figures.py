@@ -2,9 +2,8 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from ...views.figures.style import ABOVE, BLACK, GREY, LINE, PAGE_IN, SMALL, keys, line, panels, styled
+from ...views.figures.style import ABOVE, BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, keys, line, panels, styled
 from .data import Attitude
 from .fit import HEIGHTS
 from .results import PITCH, ROLL, YAW, Results

@@ -7,6 +7,7 @@ extremes must be able to run.
 import contextlib
 import dataclasses
 import functools
+import hashlib
 import warnings
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 
+from ...control import Controller
 from ...errors import Fault, InputError, suggestion
-from ...files import plain, shortened, tables_of, toml_path
+from ...files import atomic_write, plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import Scenario
 from ...setup.checks import checked
+from ...stages.written import module_source
 from .draws import Variation, design_faults, points, variation
 from .metrics import COMPONENTS, column_is_taken, kept_column, limits, metric_of
 from .places import missing, overlap, overrides_at, unit_of
@@ -265,6 +269,10 @@ def laws_of(
         faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
     for i, entry in enumerate([{}] if given is None else given):
         place = f"laws[{i}]"
+        if isinstance(entry, type) and issubclass(entry, Controller):
+            entry = entry()
+        if isinstance(entry, Controller):
+            entry = _table_of_law(entry)
         if not isinstance(entry, str | Mapping):
             faults.append(Fault(place, f'{shortened(entry)} is neither a law, "gsta", nor a table {{name = "gsta"}}'))
             continue
@@ -278,6 +286,25 @@ def laws_of(
         elif found is not None:
             laws.append(found)
     return laws
+
+
+def _table_of_law(law: Controller) -> dict[str, Any]:
+    """The table of a law that is given as an object, with the settings that differ from their defaults. The class of a
+    notebook's cell is written to a file of its own, in the user's folder of data. Raises InputError if it can't
+    be written."""
+    source = law.source()
+    if source.startswith("<session>"):
+        text = module_source(type(law))
+        folder = platformdirs.user_data_path("uvms-mj") / "laws" / hashlib.sha256(text.encode()).hexdigest()[:16]
+        file = folder / f"{type(law).__name__.lower()}.py"
+        if not file.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            with atomic_write(file) as part:
+                part.write_text(text, encoding="utf-8")
+        source = f"{file}:{type(law).__name__}"
+    given = {field.name: getattr(law, field.name) for field in law.setting_fields() if field.repr}
+    own = {f.name for f in law.setting_fields() if given[f.name] != f.default}
+    return {"name": source, "controller": plain({name: given[name] for name in own})}
 
 
 def _law(

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, panels, stripe, styled
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, panels, stripe, styled
 from .data import Factor, Metric, StudyRows, spans_decades
 from .sensitivity import Sensitivities
 from .statistics import Estimate, rate

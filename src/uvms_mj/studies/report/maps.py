@@ -11,11 +11,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
-from ...views.figures.style import PAGE_IN, styled
+from ...views.figures.style import PAGE_IN, Figure, styled
 from .data import Factor, Metric, StudyRows, spans_decades
 from .figures import decades, rounded
 from .sensitivity import SUCCESS, Sensitivities

@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from matplotlib.figure import Figure
+
+from ...errors import InputError, suggestion
 from ..pages import Picture, Table, rendered
 from ..plan import Plan
 from . import figures, maps, tables
@@ -65,6 +68,48 @@ def page(
         studied=tables.studied(data, versions or {}),
         checked=checked,
     )
+
+
+DRAWN = ("overview", "distributions", "map", "sensitivity")
+"""What :func:`figure` can draw."""
+
+
+def figure(plan: Plan, frame: "pd.DataFrame", what: str = "overview", over: Sequence[str] = ()) -> Figure:
+    """One figure of the report: one of :data:`DRAWN`, a map over one or two of the varied keys; default: those with the
+    greatest effect. Raises InputError if the study has no such figure."""
+    data = StudyRows(plan, frame)
+    if what not in DRAWN:
+        raise InputError(f"{what}: is no figure of a study; {suggestion(what, DRAWN)}")
+    if over and what != "map":
+        raise InputError(f"over: is for a map, not for {what!r}")
+    drawn: Figure | None
+    if what == "overview":
+        drawn = figures.overview(data, figures.success_rates(data))
+    elif what == "distributions":
+        drawn = figures.distributions(data)
+    elif over:
+        drawn = _map_over(data, over)
+    else:
+        found = sensitivities(data)
+        made = [_sensitivity(data, found)] if what == "sensitivity" else _maps(data, found)
+        drawn = made[0].figure if made and made[0] is not None else None
+    if drawn is None:
+        why = "no number of its runs varies" if data.factors else "no key varies"
+        raise InputError(f"{plan.name}: has nothing for a figure of {what}: {why}")
+    return drawn
+
+
+def _map_over(data: StudyRows, over: Sequence[str]) -> Figure | None:
+    """A map over one or two varied keys. Raises InputError for another number, or a key that does not vary."""
+    known = {factor.key: factor for factor in data.factors}
+    for key in over:
+        if key not in known:
+            raise InputError(f"over: {key!r} does not vary; {suggestion(key, known)}")
+    if len(over) == 1:
+        return figures.profile(data, known[over[0]])
+    if len(over) != 2 or over[0] == over[1]:
+        raise InputError("over: give one key, or two different ones")
+    return maps.maps(data, (known[over[0]], known[over[1]]), data.varying[: maps.MOST_METRICS])
 
 
 def _line(data: StudyRows) -> str:

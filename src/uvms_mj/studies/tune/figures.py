@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...views import colours
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, panels, styled
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, Figure, panels, styled
 from ..plan.metrics import unit_of_column, without_unit
 from ..report.figures import ABOVE_PANEL, decades
 from .tables import Measure

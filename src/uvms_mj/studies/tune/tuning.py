@@ -13,6 +13,7 @@ import tomli_w
 
 from ...errors import InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
+from ...progress import following
 from ..plan import Plan
 from ..plan.places import unit_of
 from ..pool.bundle import StudyBundle
@@ -106,7 +107,7 @@ class Tuning:
         *,
         workers: int | None = None,
         executor: Executor | None = None,
-        progress: Progress | None = None,
+        progress: Progress | bool | None = None,
     ) -> None:
         """Run the trials that a folder lacks, and write what was found. Called again after an interruption, it goes on.
 
@@ -117,7 +118,7 @@ class Tuning:
             out: the folder.
             workers: processes on this machine; default: one per core.
             executor: in place of them, as in :meth:`uvms_mj.Study.run`.
-            progress: see :data:`Progress`. An exception that it raises ends the search.
+            progress: True for a progress bar, or :data:`Progress`. An exception that it raises ends the search.
 
         Raises:
             InputError: optuna is missing, the folder has another tuning, or the workers can't go on.
@@ -125,7 +126,12 @@ class Tuning:
         """
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
-        with locked(folder), executor_of(executor, workers) as pool:
+        text = "{done} of {total} trials, best {best}"
+        with (
+            locked(folder),
+            following(progress, "tuning", text, _shown) as advance,
+            executor_of(executor, workers) as pool,
+        ):
             bundle = StudyBundle.of(self.plan)
             about = about_of(self.plan, bundle)
             if any((folder / name).exists() for name in (TUNING, VERSION)):
@@ -133,7 +139,7 @@ class Tuning:
             put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
             put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
             journal = self._journal(folder)
-            self._search(journal, bundle, pool, progress or (lambda *_: None))
+            self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
 
     def text(self) -> list[str]:
@@ -232,6 +238,10 @@ class Tuning:
         ]
         numbers = dict.fromkeys([self.objective.label, *labels], float)
         return pd.DataFrame(table).astype(numbers if table else {})
+
+
+def _shown(done: int, total: int, best: float | None) -> dict[str, Any]:
+    return {"done": done, "total": total, "best": "-" if best is None else f"{best:.4g}"}
 
 
 def _trial(each: Any) -> Trial:

@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as _Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
@@ -60,6 +60,15 @@ _METADATA: dict[str, dict[str, Any]] = {
     "pgf": {},
 }
 FORMATS = tuple(_METADATA)
+
+
+class Figure(_Figure):
+    """matplotlib's figure, which a notebook shows even if nothing has imported pyplot. pyplot does not keep it open."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=self.dpi)
+        return file.getvalue()
 
 
 def stripe(i: int, n: int) -> dict[str, Any]:
