@@ -7,10 +7,12 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+import gallery  # noqa: E402
 import reference_pages  # noqa: E402
 from source_pages import linkcode_resolve as linkcode_resolve  # noqa: E402
 
 reference_pages.write(HERE / "reference")
+gallery.copy_sources(HERE)
 
 project = "uvms-mj"
 author = "The uvms-mj authors"
@@ -26,9 +28,10 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
     "source_pages",
 ]
-exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
+exclude_patterns = ["_build", "results", "**/.ipynb_checkpoints"]
 
 # Pages
 myst_enable_extensions = ["colon_fence", "dollarmath", "html_image"]
@@ -41,6 +44,23 @@ nb_execution_raise_on_error = True
 nb_merge_streams = True
 copybutton_exclude = ".linenos, .gp, .go"
 suppress_warnings = ["misc.highlighting_failure"]  # a block of output in the words of a program has no language
+
+# Gallery
+sphinx_gallery_conf = {
+    "examples_dirs": [str(HERE / "_build" / "gallery")],
+    "gallery_dirs": ["gallery"],
+    "filename_pattern": r"\.py",
+    "image_scrapers": ("gallery.figures",),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "write_computation_times": False,
+    "default_thumb_file": str(HERE / "push_wall.png"),
+    "min_reported_time": 1e9,
+    "within_subsection_order": "gallery.Order",
+    "nested_sections": True,
+    "remove_config_comments": True,
+}
 
 # API
 autosummary_generate = True

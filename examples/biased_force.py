@@ -29,3 +29,13 @@ class BiasedForce(Navigation):
         for i in range(3):
             for j in range(3):
                 out.f_contact_m_W[i] += given.R_WB[i, j] * state.force_error[j]
+
+
+if __name__ == "__main__":
+    from dataclasses import replace
+
+    from uvms_mj import Scenario, simulate
+
+    trace = simulate(replace(Scenario.load("push_wall"), navigation=BiasedForce(bias=(0.5, 0.0, 0.0), noise=0.1)))
+    print(f"push {trace.push[-1]:.3f} N, measured {-trace.f_contact_m_W[-1, 0]:.3f} N")
+    figure = trace.plot(["force", "force_error"])

@@ -38,3 +38,12 @@ class Circle(Guidance):
         out.p_d_dot[0], out.p_d_dot[1] = radius * rate * cosine, radius * rate * sine
         out.p_d_ddot[0] = radius * (acceleration * cosine - rate**2 * sine)
         out.p_d_ddot[1] = radius * (acceleration * sine + rate**2 * cosine)
+
+
+if __name__ == "__main__":
+    from dataclasses import replace
+
+    from uvms_mj import Scenario, simulate
+
+    scenario = replace(Scenario.load("push_wall", {"wall.position": 5.0}), reference=Circle())
+    figure = simulate(scenario).plot(["position", "eta_e"])

@@ -25,6 +25,18 @@ def drive(sim: Simulation, duration: float) -> None:
 
 
 if __name__ == "__main__":
+    from matplotlib.figure import Figure
+
+    rows = []
     with Simulation(Scenario.load("push_wall", SETTINGS)) as sim:
-        drive(sim, 20.0)
+        while sim.t < 20.0:
+            drive(sim, sim.t + 0.1)
+            rows.append((sim.t, *sim.signals.p_WB))
         print("position [m]:", sim.signals.p_WB, "error [m]:", sim.signals.eta_e[:3])
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    axes = figure.subplots()
+    t, *position = zip(*rows, strict=True)
+    for name, values in zip("xyz", position, strict=True):
+        axes.plot(t, values, label=name)
+    axes.set(xlabel="time [s]", ylabel="position [m]")
+    axes.legend()

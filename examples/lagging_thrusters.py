@@ -26,3 +26,14 @@ class LaggingThrusters(Actuation):
             state.u_cmd[i] = u[i]
             state_dot.thrust[i] = (u[i] - state.thrust[i]) / settings.time_constant
             u[i] = state.thrust[i]
+
+
+if __name__ == "__main__":
+    from dataclasses import replace
+
+    from uvms_mj import Scenario, plot, simulate
+
+    scenario, traces = Scenario.load("push_wall", {"wall.stiffness": 2e3}), {}
+    for T in (0.005, 0.05):
+        traces[f"T = {T} s"] = simulate(replace(scenario, actuation=LaggingThrusters(time_constant=T)))
+    figure = plot(traces, ["force", "position"])

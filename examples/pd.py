@@ -35,3 +35,11 @@ class Pd(Controller):
         p_d, _ = setup.rest_pose
         pull = self.k_p * (p_d[0] - wall.position) + scenario.disturbance.bias[0]
         return max(0.0, pull / (1.0 + self.k_p / wall.stiffness))
+
+
+if __name__ == "__main__":
+    from uvms_mj import Scenario, simulate
+
+    trace = simulate(Scenario.load("push_wall", {"current.speed": 0.0}), controller=Pd(k_p=300.0))
+    print(f"push {trace.push[-1]:.6f} N, closed form {trace.analytic.force:.6f} N")
+    figure = trace.plot(["position", "force"])

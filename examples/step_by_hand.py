@@ -17,7 +17,15 @@ def impact(sim: Simulation, stiffness: float) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
+    from matplotlib.figure import Figure
+
+    rows = []
     with Simulation(Scenario.load("push_wall")) as sim:
-        for stiffness in (1e4, 3e4, 1e5):
+        for stiffness in (1e4, 2e4, 3e4, 5e4, 1e5):
             first, peak = impact(sim, stiffness)
+            rows.append((stiffness, peak))
             print(f"{stiffness:6.0f} N/m: contact at {first:.3f} s, {peak:.2f} N")
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(*zip(*rows, strict=True), "o-")
+    axes.set(xlabel="stiffness of the wall [N/m]", ylabel="largest force [N]", ylim=(0.0, None))

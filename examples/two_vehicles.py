@@ -35,6 +35,15 @@ def drift(seconds: float) -> mujoco.MjData:
 
 
 if __name__ == "__main__":
-    data = drift(20.0)
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    axes = figure.subplots()
+    times = [0.0, 5.0, 10.0, 15.0, 20.0]
+    places = [drift(t) for t in times]
     for name in VEHICLES:
-        print(name, data.body(f"{name}/{name}").xpos)
+        path = [data.body(f"{name}/{name}").xpos[:2].copy() for data in places]
+        axes.plot(*zip(*path, strict=True), "o-", label=f"{name}, every 5 s")
+        print(name, path[-1])
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.legend()

@@ -2,7 +2,8 @@
 Gusts, shear and a tether
 =========================
 
-The current has Gauss-Markov gusts, falls off with depth, and drags a tether. GSTA keeps the wall, impedance control loses it.
+The current has Gauss-Markov gusts, falls off with depth, and drags a tether. GSTA keeps the wall, impedance control
+loses it.
 """
 
 import uvms_mj

@@ -2,8 +2,8 @@
 Real thrusters and an estimated state
 =====================================
 
-The BlueROV2 Heavy with T200 thrusters on 14 V, whose dead band and lag the law does not know, on a soft wall. The state comes from an
-error-state Kalman filter of inertial unit, DVL, pressure and heading.
+The BlueROV2 Heavy with T200 thrusters on 14 V, whose dead band and lag the law does not know, on a soft wall. The
+state comes from an error-state Kalman filter of inertial unit, DVL, pressure and heading.
 """
 
 import uvms_mj

@@ -2,7 +2,8 @@
 Sliding on a pile, 10 N, with friction
 ======================================
 
-The tool presses on a round pile and slides along it. Coulomb friction acts at the contact point, with a tangential spring while it sticks.
+The tool presses on a round pile and slides along it. Coulomb friction acts at the contact point, with a tangential
+spring while it sticks.
 """
 
 from uvms_mj import Scenario, simulate

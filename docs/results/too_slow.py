@@ -2,8 +2,8 @@
 A control rate that is too low, and a bumper that helps
 =======================================================
 
-At 100 Hz the contact force is older than D_d/(K_f k_c) on the paper's wall, and the vehicle bounces. A softer wall and smaller gains hold.
-A run says so before its first step.
+At 100 Hz the contact force is older than D_d/(K_f k_c) on the paper's wall, and the vehicle bounces. A softer wall
+and smaller gains hold. A run says so before its first step.
 """
 
 import uvms_mj

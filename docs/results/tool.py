@@ -2,8 +2,8 @@
 A push with the tool of an arm
 ==============================
 
-The vehicle floats in a current that the law does not know, and the paper's law runs at the tool, with the tool's inertia in place of the
-vehicle's. The push rests at its closed form while the arm still moves.
+The vehicle floats in a current that the law does not know, and the paper's law runs at the tool, with the tool's
+inertia in place of the vehicle's. The push rests at its closed form while the arm still moves.
 """
 
 from uvms_mj import Scenario, simulate

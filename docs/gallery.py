@@ -1,0 +1,65 @@
+"""The gallery: programs in docs/results and the examples, each with the figures that it leaves in its variables."""
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst
+
+ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts")
+"""Programs that come first; the others follow by name."""
+HEADING = """
+Examples of the guides
+----------------------
+
+Stages of your own, loops of your own, environments. `uvms-mj new example all` writes the files.
+"""
+
+
+def copy_sources(docs: Path) -> None:
+    """Put the programs of both folders below one, as Sphinx-Gallery wants them, where they are no part of the site."""
+    target = docs / "_build" / "gallery"
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(docs / "results", target)
+    examples = target / "examples"
+    examples.mkdir()
+    (examples / "GALLERY_HEADER.rst").write_text(HEADING)
+    for path in sorted((docs.parent / "examples").glob("*.py")):
+        (examples / path.name).write_text(_titled(path.read_text()))
+
+
+def _titled(program: str) -> str:
+    """A program whose docstring has its first words as a title, and its commands as blocks."""
+    _, docstring, code = program.split('"""', 2)
+    summary, *commands = docstring.strip().split("\n\n")
+    title, text = re.split(r"[.:]\s*", summary, maxsplit=1)
+    blocks = ["::\n\n    " + each.replace("\n", "\n    ") for each in commands]
+    return (
+        '"""\n' + "\n\n".join([f"{title}\n{'=' * len(title)}", text[:1].upper() + text[1:], *blocks]) + f'\n"""{code}'
+    )
+
+
+def figures(block: Any, variables: dict[str, Any], settings: dict[str, Any]) -> str:
+    """Save the new figures among the variables of a program; pyplot knows none of them."""
+    found = [value for value in variables["example_globals"].values() if isinstance(value, Figure)]
+    saved = variables.setdefault("saved_figures", [])
+    paths = []
+    for figure in found:
+        if not any(figure is each for each in saved):
+            saved.append(figure)
+            paths.append(next(variables["image_path_iterator"]))
+            figure.savefig(paths[-1], dpi=150)
+    return figure_rst(paths, settings["src_dir"])
+
+
+class Order:
+    """Order of the programs of a section."""
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def __call__(self, name: str) -> tuple[int, str]:
+        stem = Path(name).stem
+        return (ORDER.index(stem) if stem in ORDER else len(ORDER), stem)
