@@ -56,3 +56,36 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
     done = run("run", *SHORT, "--json", cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["status"] == "completed"
+
+
+CALLS = {
+    "run": ("simulate", "Scenario.load", "McapLog"),
+    "study": ("Study.load", "Study.run", "Study.plot", "Study.report"),
+    "tune": ("Tuning.load", "Tuning.run", "Tuning.report"),
+    "paper": ("reproduce.paper.repeat",),
+    "practicality": ("reproduce.practicality.repeat",),
+    "validate": ("reproduce.validate.repeat",),
+    "converge": ("converge",),
+    "certify": ("certify",),
+    "replay": ("views.rerun.show", "views.rerun.serve", "views.rerun.save"),
+    "video": ("video", "still"),
+    "plot": ("plot", "Trace.plot"),
+    "compare": ("compare",),
+    "info": ("Trace.load",),
+    "export": ("Trace.export",),
+    "controllers": ("control.BUILT_IN",),
+    "stages": ("scenario.STAGES",),
+    "vehicles": ("Mjcf.find", "files.shipped"),
+    "new": ("cli.new.written",),
+    "keys": ("scenario.keys",),
+    "signals": ("stages.signals.RECORDED",),
+    "metrics": ("studies.plan.metrics.MEANINGS",),
+}
+"""For each command the calls that do the same in Python."""
+
+
+def test_every_command_has_its_call_in_python():
+    assert set(CALLS) == set(main.commands)
+    for calls in CALLS.values():
+        for call in calls:
+            assert pkgutil.resolve_name(f"uvms_mj.{call}" if call[0].islower() and "." in call else f"uvms_mj:{call}")

@@ -23,8 +23,10 @@ _NAMES = {
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
+    "reproduce.comparison": "compare",
     "scenario": "Scenario",
     "stages.base": "setting",
+    "studies.certified": "certify",
     "studies.convergence": "converge",
     "studies.study": "Study",
     "studies.tune": "Tuning",
@@ -69,8 +71,10 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace
+    from .reproduce.comparison import compare as compare
     from .scenario import Scenario as Scenario
     from .stages.base import setting as setting
+    from .studies.certified import certify as certify
     from .studies.convergence import converge as converge
     from .studies.study import Study as Study
     from .studies.tune import Tuning as Tuning

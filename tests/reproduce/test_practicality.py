@@ -147,7 +147,8 @@ def test_claims_are_finite_json_and_some_of_these_rows_fail(results):
 def test_the_command_writes_page_and_claims_and_ends_with_1_if_claims_fail(results, tmp_path, monkeypatch):
     """With these rows in place of the runs."""
     module = importlib.import_module("uvms_mj.cli.practicality")
-    monkeypatch.setattr(module, "_run", lambda *arguments: (results, {"uvms-mj": "1"}))
+    repeated = importlib.import_module("uvms_mj.reproduce.practicality")
+    monkeypatch.setattr(repeated, "_run", lambda *arguments: results)
     (tmp_path / "out").mkdir()
     done = CliRunner().invoke(module.practicality, ["--out", str(tmp_path / "out"), "--json"])
     assert done.exit_code == 1, done.output

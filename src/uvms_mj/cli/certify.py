@@ -45,8 +45,10 @@ def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool,
     console = Console(as_json, quiet)
     try:
         with bad_input():
+            from ..studies.certified import certificate_of
+
             scenario, trace = _load(**asked)
-            certificate = _certificate(scenario, trace)
+            certificate = certificate_of(scenario, trace)
             if rate is not None or state is not None:
                 _report_gains(certificate, rate or 0.0, state or 0.0, console)
                 return
@@ -75,22 +77,6 @@ def _load(
     return trace.scenario, trace
 
 
-def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
-    """The certificate of the law. Raises InputError if the law has none."""
-    from ..errors import InputError
-    from ..setup.base import set_up
-    from ..stages.loader import Placeholder
-
-    law = scenario.controller
-    certificate = set_up(scenario, None if trace is None else trace.header.mjcf).certificate
-    if certificate is None:
-        hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
-        if isinstance(law, Placeholder):
-            hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
-        raise InputError(f"{law.label()} defines no certificate{hint}")
-    return certificate
-
-
 def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:
     from ..control.theory.certificate import MARGIN, gains_for, rate_bound
     from ..errors import InputError
@@ -115,76 +101,13 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
 
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
-    from ..analysis.disturbance import experienced
-    from ..analysis.summary import saturated
+    from ..studies.certified import report_of
 
-    found = experienced(trace)
-    report: dict[str, Any] = {
-        "scenario": trace.scenario.name,
-        "status": trace.status.name,
-        "controller": trace.scenario.controller.label(),
-        "gains": {name: getattr(certificate, name) for name in ("k_1", "k_2", "beta", "nominal")},
-        "certified": {name: getattr(certificate, name) for name in ("rate", "state", "limit")},
-        "experienced": None,
-        "saturated_s": saturated(trace),
-    }
-    if isinstance(found, str):
-        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found}"}
-    else:
-        import numpy as np
-
-        from ..stages.signals import AXES, FINAL_WINDOW_S
-
-        first = float(trace.first_contact[-1])
-        free = found.largest_rate(end=first) if first >= 0.0 else found.largest_rate()
-        largest, beyond = found.largest_rate(), found.time_beyond(certificate, trace.s)
-        columns = {
-            "varphi": np.abs(found.varphi).max(axis=0),
-            "rate": largest,
-            "rate_before_contact": free,
-            "rate_at_end": found.largest_rate(start=float(found.t[-1]) - FINAL_WINDOW_S - 1e-9),
-            "margin": certificate.rate - largest,
-            "margin_to_limit": certificate.limit - largest,
-            "time_beyond_s": beyond,
-            "contact_lag": found.contact_lag,
-        }
-        report["experienced"] = {"axes": list(AXES)} | {name: values.tolist() for name, values in columns.items()}
-        report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
-        report["verdict"] = _verdict(certificate, largest * found.doubt, beyond, report["saturated_s"])
+    report = report_of(certificate, trace)
     if console.as_json:
         click.echo(json.dumps(report, allow_nan=False))
     elif not console.quiet:
         _tables(report)
-
-
-def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: float) -> str:
-    from ..control.theory.certificate import MARGIN, gains_for
-
-    bound = certificate.rate
-    if bound == 0.0:
-        return "not certified: these gains are not certified for any disturbance"
-    if not beyond.any():
-        by_state = "" if largest.max() < bound else ", within the state-dependent part of the bound"
-        return (
-            f"certified: the disturbance changed slowly enough on each axis{by_state}; "
-            "s converges in finite time to a band that shrinks with the step"
-        )
-    from ..stages.signals import AXES
-
-    axes = ", ".join(axis for axis, time in zip(AXES, beyond, strict=True) if time > 0.0)
-    sentence = (
-        f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s in "
-        "total; s may have left zero during that time"
-    )
-    if saturated > 0.0:
-        return (
-            f"{sentence}; thrusters were at their limits for {saturated:.3g} s: the missing thrust counts as "
-            "disturbance, and no gain compensates it"
-        )
-    if not certificate.nominal:
-        return sentence
-    k_1, k_2 = gains_for(float(largest.max()))
-    return f"{sentence}; k_1 = {k_1:.3g} and k_2 = {k_2:.3g} are certified for this rate plus {MARGIN:.0%}"
 
 
 def _tables(report: dict[str, Any]) -> None:

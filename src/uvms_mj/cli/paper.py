@@ -1,10 +1,7 @@
 """``uvms-mj paper``: runs, figures and claims of the paper's section 5."""
 
-import csv
-import io
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +14,7 @@ from .options import asked_for, command, json_option, path_option, scenario_argu
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
-    from ..reproduce.paper.claims import Row, Runs
+    from ..reproduce.paper.claims import Row
     from ..scenario import Scenario
 
 EXIT_CLAIM_FAILS = 1
@@ -54,6 +51,7 @@ def paper(
         with bad_input():
             jobs = _jobs(arguments, settings, out, source)
             from ..reproduce.paper import runs as study
+            from ..reproduce.paper import write
 
             logs = Path(source or out or "") / "logs"
             if source is not None:
@@ -69,7 +67,7 @@ def paper(
                     running = False
                     runs = study.load(logs, jobs)
                 with progress_bar("drawing", as_json, stop) as bar:
-                    rows = _write(folder, runs, bar)
+                    rows = write(folder, runs, bar)
     except KeyboardInterrupt:
         end("interrupted" if running else "interrupted; the logs are complete: redraw with --from", exit_interrupted())
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
@@ -118,32 +116,6 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
                 raise InputError([Fault(key, f"{law} has no such gain; {suggestion(gain, choices)}")])
             gains[law][f"controller.{gain}"] = overrides.pop(key)
     return gains
-
-
-def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
-    """Write figures, claims and the page, from the logs only."""
-    from ..reproduce.paper import claims, report
-    from ..reproduce.paper.laws import LABELS
-    from ..studies import pages
-    from ..views import figures
-
-    rows = claims.judge(runs)
-    drawn = figures.paper(runs.traces, runs.fine)
-    for i, (name, figure) in enumerate(drawn.items()):
-        progress(i, len(drawn))
-        figures.save(figure, folder / name)
-    dicts = [row.as_dict() for row in rows]
-    pages.write(folder / "claims.json", json.dumps(dicts, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    table = io.StringIO()
-    writer = csv.DictWriter(table, dicts[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(dicts)
-    pages.write(folder / "claims.csv", table.getvalue())
-    traces = {LABELS[name]: trace for name, trace in runs.traces.items()}
-    pictures = [report.Picture(name, report.CAPTIONS[name], drawn[name]) for name in report.CAPTIONS]
-    title = "Super-twisting impedance control: the paper’s section 5, run again"
-    pages.write(folder / "report.html", report.page(title, traces, pictures, rows))
-    return rows
 
 
 def _table(rows: "list[Row]") -> None:

@@ -17,13 +17,6 @@ WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thruste
 FORMATS = ("png", "svg", "pdf", "pgf")
 WIDTHS = {"column": 3.4, "page": 7.1}
 """Widths of a figure by name [in]."""
-_CAPTIONS = {
-    "position": "Position in W and its reference",
-    "force": "Contact force",
-    "sliding": "Sliding variable",
-    "tau": "Thrust",
-}
-"""Captions of the figures of a page."""
 
 
 @command()
@@ -113,21 +106,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
-        from ..reproduce.paper import report
-        from ..studies import pages
-        from ..views import figures
+        from ..reproduce.comparison import compare as write
 
-        traces = loaded(logs)
-        captions = dict(_CAPTIONS)
-        if any(trace.header.law.states for trace in traces.values()):
-            captions["integral"] = "The laws' own states"
-        if any(trace.header.geometry.links for trace in traces.values()):
-            captions["joints"] = "Joints"
-        pictures = [
-            report.Picture(what, f"{caption}: {report.named(traces)}.", figures.plot(traces, what))
-            for what, caption in captions.items()
-            if what != "sliding" or any("s" in trace.arrays for trace in traces.values())
-        ]
-        names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
-        pages.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))
+        write(loaded(logs), out)
         click.echo(out)

@@ -4,23 +4,20 @@ import functools
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from .common import draw_to_files, filling, progress_bar
 from .console import print_verdicts
-from .folders import folder_for
 from .options import asked_for, command, json_option, path_option, set_option, workers_option
 from .stop import Stop
 from .study import kept
 
 if TYPE_CHECKING:
     from ..reproduce.paper.claims.base import Row
-    from ..reproduce.practicality.results import Results
 
 EXIT_CLAIM_FAILS = 1
-PAGE = "report.html"
 
 
 @command(
@@ -48,15 +45,17 @@ def practicality(settings: tuple[str, ...], out: str | None, workers: int | None
     draw_to_files()
     folder = Path(out or Path("runs", "practicality"))
     with filling(folder, functools.partial(kept, shown, "runs")):
-        results, versions = _run(settings, folder, workers, as_json, stop, shown)
-        from ..reproduce.practicality.claims import judge
-        from ..reproduce.practicality.page import page
-        from ..studies import pages
+        from ..reproduce.practicality import PAGE, repeat
 
-        rows = judge(results)
-        pages.write(folder / PAGE, page(results, rows, versions))
-        claims = [row.as_dict() for row in rows]
-        pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
+        overrides = asked_for((), settings)[1]
+        with progress_bar("running", as_json, stop) as update:
+
+            def progress(done: int, total: int) -> None:
+                shown.update(done=done, total=total)
+                update(done, total)
+
+            rows = repeat(folder, overrides, progress=progress, workers=workers)
+    claims = [row.as_dict() for row in rows]
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         click.echo(json.dumps({"claims": claims, "failed": failed, "report": str(folder / PAGE)}, allow_nan=False))
@@ -64,30 +63,6 @@ def practicality(settings: tuple[str, ...], out: str | None, workers: int | None
         _table(rows)
         click.echo(str(folder / PAGE))
     sys.exit(EXIT_CLAIM_FAILS if failed else 0)
-
-
-def _run(
-    settings: tuple[str, ...], folder: Path, workers: int | None, hidden: bool, stop: Stop, shown: dict[str, int]
-) -> "tuple[Results, dict[str, Any]]":
-    """Run what the folder lacks of all studies. ``shown`` gets the number of runs."""
-    from ..records.header import versions
-    from ..reproduce.practicality.plans import plans
-    from ..reproduce.practicality.results import Results
-    from ..studies.study import Study, executor_of
-
-    planned = plans(asked_for((), settings)[1])
-    folder_for(str(folder))
-    total, before, frames = sum(plan.runs for plan in planned.values()), 0, {}
-    with progress_bar("running", hidden, stop) as update, executor_of(None, workers) as pool:
-        for name, plan in planned.items():
-
-            def progress(_: str, done: int, failed: int, runs: int, before: int = before) -> None:
-                shown.update(done=before + done, total=total)
-                update(before + done, total)
-
-            frames[name] = Study(plan).run(folder / name, executor=pool, progress=progress).frame
-            before += plan.runs
-    return Results(planned, frames), versions()
 
 
 def _table(rows: "list[Row]") -> None:

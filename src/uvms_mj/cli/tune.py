@@ -18,7 +18,6 @@ from .study import duration, engines_differ, finite, kept, pool_of
 if TYPE_CHECKING:
     from ..studies.tune import Tuning
 
-PAGE = "report.html"
 EXIT_NOT_FOUND = 1
 
 
@@ -140,13 +139,11 @@ def _head(tuning: "Tuning", workers: int, folder: Path, dry_run: bool, as_json: 
 
 def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
     """Write the page, print what was found, and return the exit status."""
-    from ..studies import pages
     from ..studies.check import largest
-    from ..studies.tune.page import page
 
     trials, best = tuning.trials(folder), tuning.best(folder)
     checked = None if best is None else tuning.study_of(folder, best).check
-    pages.write(folder / PAGE, page(tuning, trials, best, str(folder)))
+    page = tuning.report(folder)
     failed = [] if checked is None else checked[~checked["within"]].to_dict("records")
     if as_json:
         differences = [] if checked is None else largest(checked).drop(columns="index").to_dict("records")
@@ -162,7 +159,7 @@ def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
         click.echo(json.dumps(finite(report), allow_nan=False))
     elif not quiet:
         print_table(_table(tuning, trials[0], best))
-        click.echo(folder / PAGE)
+        click.echo(page)
     if best is None:
         worst = trials[-1].outcome.message
         click.echo(f"no feasible trial among {len(trials)}; the last one: {printable(worst)}", err=True)

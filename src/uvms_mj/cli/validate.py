@@ -8,11 +8,8 @@ import click
 
 from .common import draw_to_files, filling, progress_bar
 from .console import print_table, table_of
-from .folders import folder_for
 from .options import command, json_option, path_option, workers_option
 from .stop import Stop
-
-PAGE = "report.html"
 
 
 @click.group()
@@ -45,20 +42,10 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
     draw_to_files()
     folder, stop = Path(out or Path("runs", "validate-pool")), Stop()
     with filling(folder):
-        from ..records.header import versions
-        from ..reproduce.validate.data import records
-        from ..reproduce.validate.page import numbers, page
-        from ..reproduce.validate.results import compute
-        from ..studies import pages
-        from ..studies.study import executor_of
+        from ..reproduce.validate import PAGE, repeat
 
-        trials, resting = records(data)
-        folder_for(str(folder))
-        with progress_bar("running", as_json, stop) as update, executor_of(None, workers) as executor:
-            results = compute(trials, resting, executor, update)
-        found = numbers(results)
-        pages.write(folder / PAGE, page(results, versions()))
-        pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
+        with progress_bar("running", as_json, stop) as update:
+            found = repeat(data, folder, progress=update, workers=workers)
     if as_json:
         click.echo(json.dumps(found | {"report": str(folder / PAGE)}, allow_nan=False))
         return

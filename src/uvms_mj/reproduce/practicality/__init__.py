@@ -1,1 +1,71 @@
 """Practicality: the paper's laws on a real vehicle, from ideal to real along each axis."""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..paper.claims import Row
+    from .results import Results
+
+PAGE = "report.html"
+"""Name of the page in the folder of the results."""
+
+
+def repeat(
+    out: str | os.PathLike,
+    overrides: Mapping[str, Any] = MappingProxyType({}),
+    *,
+    progress: Callable[[int, int], None] | bool | None = None,
+    workers: int | None = None,
+) -> "list[Row]":
+    """Do what ``uvms-mj practicality`` does: run all studies, and write claims.json and report.html to the folder.
+    Called again after an interruption, it goes on.
+
+    Args:
+        out: the folder.
+        overrides: dotted keys with values, of all studies.
+        progress: True for a progress bar, or a function of the runs done and their total.
+        workers: processes; default: one per core.
+
+    Returns the claims with their verdicts. Raises InputError if an override is invalid, or the folder has other
+    studies.
+    """
+    from ...progress import following
+    from ...records.header import versions
+    from ...studies import pages
+    from .claims import judge
+    from .page import page
+
+    folder = Path(out)
+    with following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told:
+        results = _run(folder, overrides, told, workers)
+    rows = judge(results)
+    pages.write(folder / PAGE, page(results, rows, versions()))
+    claims = [row.as_dict() for row in rows]
+    pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
+    return rows
+
+
+def _run(
+    folder: Path, overrides: Mapping[str, Any], told: Callable[[int, int], None], workers: int | None
+) -> "Results":
+    """Run what the folder lacks of all studies."""
+    from ...studies.study import Study, executor_of
+    from .plans import plans
+    from .results import Results
+
+    planned = plans(dict(overrides))
+    total, before, frames = sum(plan.runs for plan in planned.values()), 0, {}
+    with executor_of(None, workers) as pool:
+        for name, plan in planned.items():
+
+            def advance(_: str, done: int, failed: int, runs: int, before: int = before) -> None:
+                told(before + done, total)
+
+            frames[name] = Study(plan).run(folder / name, executor=pool, progress=advance).frame
+            before += plan.runs
+    return Results(planned, frames)

@@ -1,1 +1,45 @@
 """Runs that are compared with measurements in a pool."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+PAGE = "report.html"
+"""Name of the page in the folder of the results."""
+
+
+def repeat(
+    data: str | os.PathLike,
+    out: str | os.PathLike,
+    *,
+    progress: Callable[[int, int], None] | bool | None = None,
+    workers: int | None = None,
+) -> dict[str, Any]:
+    """Do what ``uvms-mj validate pool`` does: simulate each trial of a folder of records, and write report.html and
+    numbers.json to the folder ``out``.
+
+    ``progress`` is True for a progress bar, or a function of the runs done and their total; ``workers`` is the number
+    of processes, by default one per core. Returns the numbers. Raises InputError if the records are not valid.
+    """
+    from ...progress import following
+    from ...records.header import versions
+    from ...studies import pages
+    from ...studies.study import executor_of
+    from .data import records
+    from .page import numbers, page
+    from .results import compute
+
+    trials, resting = records(str(data))
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told,
+        executor_of(None, workers) as executor,
+    ):
+        results = compute(trials, resting, executor, told)
+    found = numbers(results)
+    pages.write(folder / PAGE, page(results, versions()))
+    pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
+    return found

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TUNING, TRIALS, FOUND = "tune.toml", "trials.parquet", "found.toml"
+PAGE = "report.html"
+"""Name of the page in the folder of the results."""
 Progress = Callable[[int, int, "float | None"], None]
 """Called with the number of trials done, their total, and the best feasible value so far."""
 
@@ -209,6 +211,16 @@ class Tuning:
         """The study of a trial's runs, in its own folder."""
         tables = {**with_gains(self.plan, trial.gains).tables, "name": f"{self.name}, trial {trial.number}"}
         return Study(Plan.from_dict(tables), Path(folder, f"trial-{trial.number:05d}"))
+
+    def report(self, folder: str | os.PathLike) -> Path:
+        """Write report.html, the page about the trials of a folder, and return its path. Raises InputError as
+        :meth:`trials` does."""
+        from .. import pages
+        from .page import page
+
+        file, trials = Path(folder, PAGE), self.trials(folder)
+        pages.write(file, page(self, trials, self._best(trials), str(folder)))
+        return file
 
     def _write(self, folder: Path, trials: list[Trial], pool: Executor) -> None:
         """Write the table of trials, the scenario with the found gains, and its study."""
