@@ -31,7 +31,14 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "source_pages",
 ]
-exclude_patterns = ["_build", "results", "**/.ipynb_checkpoints"]
+exclude_patterns = [
+    "_build",
+    "results",
+    "gallery/**.ipynb",
+    "gallery/**.py",
+    "sg_execution_times.rst",
+    "**/.ipynb_checkpoints",
+]
 
 # Pages
 myst_enable_extensions = ["colon_fence", "dollarmath", "html_image"]

@@ -19,7 +19,7 @@ from pygments.util import ClassNotFound
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
-_LINK = re.compile(r"\]\((?:\.\./)+((?:src|tests|scripts|examples|models)\b[^)\s]*)\)")
+_LINK = re.compile(r"\]\((?:\.\./)*((?:src|tests|scripts|examples|models|CITATION\.cff|LICENSE|pyproject\.toml)\b[^)\s]*)\)")
 
 
 def line_of(path: Path, name: str) -> int:
@@ -71,6 +71,12 @@ def _mark(app: Sphinx, docname: str, source: list[str]) -> None:
     source[0] = _LINK.sub(r"](source:\1)", source[0])
 
 
+def _mark_included(app: Sphinx, path: Path, docname: str, source: list[str]) -> None:
+    """The same in a file of the repository that a page includes. Its links start at the repository's root."""
+    _mark(app, docname, source)
+    source[0] = source[0].replace("](CONTRIBUTING.md)", "](contributing.md)")
+
+
 def _resolve(app: Sphinx, tree: nodes.document, docname: str) -> None:
     for reference in tree.findall(nodes.reference):
         scheme, _, target = reference.get("refuri", "").partition(":")
@@ -110,6 +116,7 @@ def _pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", _mark)
+    app.connect("include-read", _mark_included)
     app.connect("doctree-resolved", _resolve)
     app.connect("html-collect-pages", _pages)
     return {"parallel_read_safe": False, "parallel_write_safe": False}

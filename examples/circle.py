@@ -46,4 +46,6 @@ if __name__ == "__main__":
     from uvms_mj import Scenario, simulate
 
     scenario = replace(Scenario.load("push_wall", {"wall.position": 5.0}), reference=Circle())
-    figure = simulate(scenario).plot(["position", "eta_e"])
+    trace = simulate(scenario)
+    position_figure = trace.plot("position", width=6.5)
+    error_figure = trace.plot("eta_e", width=6.5)

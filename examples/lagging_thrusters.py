@@ -36,4 +36,5 @@ if __name__ == "__main__":
     scenario, traces = Scenario.load("push_wall", {"wall.stiffness": 2e3}), {}
     for T in (0.005, 0.05):
         traces[f"T = {T} s"] = simulate(replace(scenario, actuation=LaggingThrusters(time_constant=T)))
-    figure = plot(traces, ["force", "position"])
+    force_figure = plot(traces, "force", width=6.5)
+    position_figure = plot(traces, "position", width=6.5)

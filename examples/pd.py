@@ -42,4 +42,5 @@ if __name__ == "__main__":
 
     trace = simulate(Scenario.load("push_wall", {"current.speed": 0.0}), controller=Pd(k_p=300.0))
     print(f"push {trace.push[-1]:.6f} N, closed form {trace.analytic.force:.6f} N")
-    figure = trace.plot(["position", "force"])
+    force_figure = trace.plot("force", width=6.5)
+    position_figure = trace.plot("position", width=6.5)

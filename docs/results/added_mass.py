@@ -2,7 +2,7 @@
 Added mass, exact and stable
 ============================
 
-A constant thrust from rest. The surge equation (m + A_11) u_dot = X - (d + q |u|) u has a solution in closed form,
+A constant thrust from rest. The surge equation (m + A_11) u_dot = X - (d + q abs(u)) u has a solution in closed form,
 and the run is on it. A simulator that computes the force of the added mass from the last acceleration diverges where
 the added mass exceeds the mass; here it is part of the inertia. The grey line is the same thrust without added mass.
 Later than shown, the Munk moment turns a vehicle that nobody steers.

@@ -8,4 +8,6 @@ Constant speed along a smooth curve through positions and attitudes, with feed-f
 from uvms_mj import Scenario, simulate
 
 trace = simulate(Scenario.load("follow_path"))
-figure = trace.plot(["position", "attitude", "eta_e"])
+position_figure = trace.plot("position", width=6.5)
+attitude_figure = trace.plot("attitude", width=6.5)
+error_figure = trace.plot("eta_e", width=6.5)

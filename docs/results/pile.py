@@ -8,4 +8,6 @@ A BlueROV2 Heavy with two bumpers presses on a round pile. Each contact has its 
 from uvms_mj import Scenario, simulate
 
 trace = simulate(Scenario.load("press_pile"))
-figure = trace.plot(["force", "f_normal", "position"])
+force_figure = trace.plot("force", width=6.5)
+f_normal_figure = trace.plot("f_normal", width=6.5)
+position_figure = trace.plot("position", width=6.5)

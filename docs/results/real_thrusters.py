@@ -16,4 +16,6 @@ traces = {
     "T200": simulate(Scenario.load("push_wall", T200)),
     "T200, Kalman filter": simulate(Scenario.load("push_wall", T200 | {"navigation.name": "ekf"})),
 }
-figure = uvms_mj.plot(traces, ["force", "position", "tau"])
+force_figure = uvms_mj.plot(traces, "force", width=6.5)
+position_figure = uvms_mj.plot(traces, "position", width=6.5)
+tau_figure = uvms_mj.plot(traces, "tau", width=6.5)

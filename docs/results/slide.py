@@ -9,4 +9,5 @@ spring while it sticks.
 from uvms_mj import Scenario, simulate
 
 trace = simulate(Scenario.load("tool_slide"))
-figure = trace.plot(["force", "f_contact_W"])
+force_figure = trace.plot("force", width=6.5)
+components_figure = trace.plot("f_contact_W", width=6.5)

@@ -14,4 +14,7 @@ traces = {law.label(): simulate(controller=law()) for law in (Impedance, Fosm, G
 for name, trace in traces.items():
     print(f"{name:10s} {trace.push[-1]:.6f} N, closed form {trace.analytic.force:.6f} N")
 
-figure = uvms_mj.plot(traces, ["position", "force", "sliding", "tau"])
+force_figure = uvms_mj.plot(traces, "force", width=6.5)
+position_figure = uvms_mj.plot(traces, "position", width=6.5)
+sliding_figure = uvms_mj.plot(traces, "sliding", width=6.5)
+tau_figure = uvms_mj.plot(traces, "tau", width=6.5)

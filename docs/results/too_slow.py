@@ -13,4 +13,5 @@ traces = {
     "100 Hz, 1e5 N/m": simulate(Scenario.load("push_wall", {"controller.period": 0.01})),
     "100 Hz, soft wall": simulate(Scenario.load("push_soft_wall_100hz")),
 }
-figure = uvms_mj.plot(traces, ["force", "position"])
+force_figure = uvms_mj.plot(traces, "force", width=6.5)
+position_figure = uvms_mj.plot(traces, "position", width=6.5)

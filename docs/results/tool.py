@@ -10,4 +10,6 @@ from uvms_mj import Scenario, simulate
 
 trace = simulate(Scenario.load("tool_push"))
 print(f"push {trace.push[-1]:.6f} N, closed form {trace.analytic.force:.6f} N")
-figure = trace.plot(["force", "joints", "position"])
+force_figure = trace.plot("force", width=6.5)
+joints_figure = trace.plot("joints", width=6.5)
+position_figure = trace.plot("position", width=6.5)

@@ -8,4 +8,5 @@ The vehicle slides along a wall with friction, and the demanded push follows a s
 from uvms_mj import Scenario, simulate
 
 trace = simulate(Scenario.load("wipe_wall"))
-figure = trace.plot(["position", "force"])
+force_figure = trace.plot("force", width=6.5)
+position_figure = trace.plot("position", width=6.5)
