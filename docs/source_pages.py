@@ -19,7 +19,9 @@ from pygments.util import ClassNotFound
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
-_LINK = re.compile(r"\]\((?:\.\./)*((?:src|tests|scripts|examples|models|CITATION\.cff|LICENSE|pyproject\.toml)\b[^)\s]*)\)")
+_LINK = re.compile(
+    r"\]\((?:\.\./)*((?:src|tests|scripts|examples|models|CITATION\.cff|LICENSE|pyproject\.toml)\b[^)\s]*)\)"
+)
 
 
 def line_of(path: Path, name: str) -> int:
