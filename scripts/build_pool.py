@@ -77,37 +77,26 @@ class Key:
 _PERIODS = tuple(1.0 / rate for rate in (50, 100, 200, 500, 1000, 2000, 5000, 10000))
 KEYS = (
     Key("wall.stiffness", "k_c_", "wall stiffness", "N/m", 1e2, 1e6, steps="log"),
+    Key("wall.damping", "b_c_", "wall damping", "N s/m", 0.0, 500.0, first=False),
     Key("current.speed", "v_c_", "current speed", "m/s", 0.0, 1.0),
     Key("controller.period", "1/T", "control rate", "Hz", 50.0, 1e4, shown="rate", choices=_PERIODS),
-    Key("impedance.K_d[0]", "K_d,x_", "desired stiffness, surge", "N/m", 10.0, 1500.0, steps="log"),
+    Key("impedance.K_d[0]", "K_d,x_", "surge stiffness", "N/m", 10.0, 1500.0, steps="log"),
+    Key("impedance.K_d[1]", "K_d,y_", "sway stiffness", "N/m", 10.0, 5e3, first=False),
+    Key("impedance.K_d[2]", "K_d,z_", "heave stiffness", "N/m", 10.0, 5e3, first=False),
+    Key("impedance.K_d[3]", "K_d,φ_", "roll stiffness", "N m", 1.0, 500.0, first=False),
+    Key("impedance.K_d[4]", "K_d,θ_", "pitch stiffness", "N m", 1.0, 500.0, first=False),
+    Key("impedance.K_d[5]", "K_d,ψ_", "yaw stiffness", "N m", 1.0, 500.0, first=False),
     Key("impedance.F_d[0]", "−F_d,x_", "desired push", "N", 0.0, 10.0, shown="minus"),
+    Key("task.F_1", "F_1_", "gain of the pose error", "1/s", 0.0, 10.0, first=False),
+    Key("task.F_2", "F_2_", "gain of ζ", "1", 0.1, 10.0, first=False),
+    Key("task.A", "A", "pole of ζ", "1/s", -500.0, 0.0, first=False),
     Key("controller.k_1", "k_1_", "gain of φ_1_", "m^1/2^/s^3/2^", 0.0, 15.0, "gsta"),
     Key("controller.k_2", "k_2_", "gain of φ_2_", "m/s^3^", 0.0, 60.0, "gsta"),
     Key("controller.beta", "β", "linear part of φ", "(s/m)^1/2^", 0.0, 20.0, "gsta"),
     Key("controller.K_s", "K_s_", "switching gain", "m/s^2^", 0.0, 60.0, "fosm"),
     Key("controller.epsilon", "ε", "boundary layer", "m/s", 1e-4, 1e-1, "fosm", "log"),
-    Key("wall.damping", "b_c_", "wall damping", "N s/m", 0.0, 500.0, first=False),
-    *(
-        Key(
-            f"impedance.K_d[{i}]",
-            f"K_d,{axis}_",
-            f"desired stiffness, {axis}",
-            unit,
-            10.0,
-            5000.0,
-            "",
-            "log",
-            "",
-            False,
-        )
-        for i, (axis, unit) in enumerate(
-            [("sway", "N/m"), ("heave", "N/m"), ("roll", "N m"), ("pitch", "N m"), ("yaw", "N m")], 1
-        )
-    ),
-    Key("task.F_1", "F_1_", "gain of the pose error in s", "1/s", -5.0, 5.0, first=False),
-    Key("task.A", "A", "pole of ζ", "1/s", -500.0, 0.0, first=False),
 )
-READ = ("p_WB", "quat_WB", "s", "tau", "u", "p_d", "touches", "force_peak")
+READ = ("p_WB", "quat_WB", "s", "u", "force_peak")
 """The signals that the page reads."""
 
 
@@ -122,9 +111,7 @@ def overrides(values: Mapping[str, float]) -> dict[str, Any]:
     for key, value in values.items():
         name, _, index = key.partition("[")
         if index:
-            table, _, word = name.partition(".")
-            entries = found.setdefault(name, list(getattr(getattr(Scenario(), table), word)))
-            entries[int(index[:-1])] = value
+            found.setdefault(name, list(_default(Scenario(), name)))[int(index[:-1])] = value
         else:
             found[name] = value
     return found
@@ -136,9 +123,13 @@ def default_of(key: Key) -> float:
     if key.key == "controller.period":
         return scenario.control_period
     name, _, index = key.key.partition("[")
-    table, _, word = name.partition(".")
-    value = getattr(getattr(scenario, table), word)
+    value = _default(scenario, name)
     return float(value[int(index[:-1])] if index else value[0] if isinstance(value, tuple) else value)
+
+
+def _default(scenario: Scenario, name: str) -> Any:
+    table, _, word = name.partition(".")
+    return getattr(getattr(scenario, table), word)
 
 
 def simulation(law: str, values: Mapping[str, float]) -> Simulation:
@@ -255,11 +246,11 @@ def data() -> dict[str, Any]:
     views = memory.views()
     fields = {name: [memory.image.place(views[name]), max(1, views[name].size)] for name in READ}
     run, plant = memory.run, memory.run["plant"]
-    others = {name: run[name] for name in ("address", "t", "step", "stop")}
+    others = {name: run[name] for name in ("address", "t")}
     others |= {"solved": plant["solved"], "v_c_W": plant["water"]["v_c_W"]}
     for name, array in others.items():
         fields[name] = [memory.image.place(array), array[0].size]
-    keys = []
+    keys, lists = [], {key.key.partition("[")[0] for key in KEYS if "[" in key.key}
     for key in KEYS:
         default, places, damped = default_of(key), {}, False
         for law in LAWS:
@@ -275,6 +266,7 @@ def data() -> dict[str, Any]:
         "library": list(LIBRARY),
         "fields": fields,
         "keys": keys,
+        "lists": {name: list(_default(scenario, name)) for name in sorted(lists)},
         "timestep": scenario.simulation.timestep,
         "sample_steps": round(SAMPLE_S / scenario.simulation.timestep),
         "x_c": scenario.wall.position,
@@ -287,8 +279,9 @@ def data() -> dict[str, Any]:
 def script(content: dict[str, Any]) -> str:
     """The JavaScript file of the pool."""
     named = {"DATA": content, "STYLE": _source("pool.css"), "WORKER": _source("worker.js")}
+    parts = [_source(name) for name in ("scene.js", "plot.js", "pool.js")]
     constants = [f"const {name} = {json.dumps(value, ensure_ascii=False)};" for name, value in named.items()]
-    return "\n".join(['"use strict";', "(() => {", *constants, _source("pool.js"), "})();", ""])
+    return "\n".join(['"use strict";', "(() => {", *constants, *parts, "})();", ""])
 
 
 def _source(name: str) -> str:

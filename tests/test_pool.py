@@ -1,15 +1,20 @@
 """The pool in a real browser: its module, its numbers against native runs, and its pages."""
 
 import base64
+import dataclasses
+import io
 import json
 import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from chromium import Chromium, needs_chromium
 from symbols import undefined
 from uvms_mj import Scenario, simulate
+from uvms_mj.views.colours import LAWS as COLOURS
+from uvms_mj.views.colours import legible
 
 pytest.importorskip("ziglang", reason="the extra docs, which has the linker, is not installed")
 import build_pool
@@ -145,3 +150,111 @@ def test_numbers_change_during_a_run_as_those_of_a_simulation(browser):
     assert here[-1, 0] == run._memory.run["t"][0] == 9.0
     exact = has_the_mathematics_of_this_machine(browser)
     assert np.abs(here[-1, 2:9] - np.concatenate(there)).max() <= (0.0 if exact else 1e-8)
+
+
+def colours_in(png: bytes) -> np.ndarray:
+    """The pixels (n, 3) of a picture."""
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=int).reshape(-1, 3)
+
+
+def opened(browser, site, page: str, width: int = 1280, scheme: str = "light") -> None:
+    """Open a page from its file and wait until it has drawn a run for half a second of its time."""
+    browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
+    browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    browser("Page.navigate", url=(site / page).as_uri())
+    said = browser.evaluate(
+        """new Promise((done) => {
+            const look = () => {
+                const time = document.querySelector(".pool-told div:last-child output");
+                if (!time || !(parseFloat(time.textContent) >= 0.5)) setTimeout(look, 20);
+                else done(document.querySelector(".pool-message").textContent);
+            };
+            look();
+        })"""
+    )
+    assert said == ""
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize(
+    ("page", "width", "scheme"),
+    [
+        ("pool.html", 1280, "light"),
+        ("pool.html", 390, "dark"),
+        ("numbers.html", 1280, "dark"),
+        ("numbers.html", 390, "light"),
+    ],
+)
+def test_a_page_shows_the_pool_and_is_no_wider_than_its_window(browser, site, page, width, scheme):
+    opened(browser, site, page, width, scheme)
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    browser.evaluate("document.querySelector('.pool-plots').scrollIntoView()")
+    pixels = colours_in(browser.picture())
+    assert len(np.unique(pixels[::20], axis=0)) > 100
+    line = np.abs(pixels - legible(COLOURS["gsta"])).max(axis=1) < 4
+    assert line.sum() > 50, "no line of the run in its plots"
+    assert (pixels.mean() > 128) == (scheme == "light")
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_the_pool_is_small_and_asks_nobody(browser, site):
+    assert sum(file.stat().st_size for file in site.iterdir()) < MOST_BYTES
+    opened(browser, site, "pool.html")
+    asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
+    assert asked
+    assert [url for url in asked if not url.startswith((site.as_uri(), "blob:", "data:"))] == []
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_what_the_page_shows_is_the_run(browser, site):
+    """A run with the clock, held after a while: its time and its distance to the wall."""
+    opened(browser, site, "pool.html")
+    shown = browser.evaluate(
+        """new Promise((done) => {
+            const [play, , speed] = document.querySelector(".pool-bar").children;
+            const told = () => [...document.querySelectorAll(".pool-told output")].map((each) => each.textContent);
+            speed.value = "4";
+            speed.dispatchEvent(new Event("change"));
+            setTimeout(() => {
+                play.click();
+                setTimeout(() => done(told()), 200);
+            }, 700);
+        })"""
+    )
+    t, distance = float(shown[5].removesuffix(" s")), float(shown[2].removesuffix(" mm"))
+    there = native("gsta", {}, 8.0)
+    near = there[np.abs(there[:, 0] - t) < 0.0501]
+    assert 2.0 < t < 8.0
+    assert 1e3 * (1.0 - near[-1, 2]) - 0.1 <= distance <= 1e3 * (1.0 - near[0, 2]) + 0.1
+    assert shown[1] == "1.498 N"
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize("law", LAWS)
+def test_the_scenario_of_the_page_is_one_that_runs_alike(browser, site, tmp_path, law):
+    """The numbers are typed into the fields; the TOML is loaded as a file."""
+    opened(browser, site, "numbers.html")
+    browser.evaluate(f"document.querySelector('input[value={law}]').click()")
+    stiffness = {"impedance.K_d[0]": 300.0, "impedance.K_d[4]": 20.0}
+    for name, value in (CHANGED[law] | stiffness).items():
+        (key,) = (key for key in build_pool.KEYS if key.key == name)
+        number = {"rate": 1.0 / value, "minus": -value}.get(key.shown, value)
+        browser.evaluate(
+            f"""(() => {{
+                const field = document.querySelector('[title$=": {name}"] :is(input, select)');
+                field.value = "{number:g}";
+                field.dispatchEvent(new Event(field.tagName === "SELECT" ? "change" : "input"));
+            }})()"""
+        )
+    (file := tmp_path / "scenario.toml").write_text(browser.evaluate("document.querySelector('textarea').value"))
+    scenario = Scenario.load(file)
+    expected = Scenario.load("push_wall", build_pool.overrides(CHANGED[law] | stiffness), law)
+    assert dataclasses.replace(scenario, name=expected.name, description=expected.description) == expected
+    shorter = scenario.updated({"simulation.duration": 7.0})
+    here = run_of_the_page(browser, law, CHANGED[law] | stiffness, 7.0)[0]
+    there = samples(simulate(shorter, engine="free_body", log_rate=1.0 / build_pool.SAMPLE_S))
+    assert np.abs(here[:, 2:9] - there[:, 2:9]).max() < 1e-7  # the last bits of D_d, and what impacts make of them

@@ -59,7 +59,7 @@ function reset(chosen, changes) {
 
 // Go on to the next sample, which has the instant t_k of the step that was taken last: [t, F, p_WB, quat_WB, s].
 function sample(into, at) {
-  const wanted = whole("step") === 0 && read("t")[0] === 0 && !begun ? 1 : data.sample_steps;
+  const wanted = begun ? data.sample_steps : 1;
   begun = true;
   const taken = steps(wanted);
   into[at] = read("t")[0];
@@ -110,7 +110,7 @@ function show(n) {
   busy_ms += performance.now() - begin;
   done_s += n * every;
   if (!goes_on) running = false;
-  const rest = Object.fromEntries(["tau", "u", "p_d", "v_c_W", "touches", "force_peak"].map((name) => [name, [...read(name)]]));
+  const rest = Object.fromEntries(["u", "v_c_W", "force_peak"].map((name) => [name, [...read(name)]]));
   postMessage({ rows: rows.subarray(0, k * WIDTH), ...rest, stopped: !goes_on, times_real: (1000 * done_s) / busy_ms, run }, [rows.buffer]);
 }
 
