@@ -269,6 +269,9 @@ def data() -> dict[str, Any]:
         "lists": {name: list(_default(scenario, name)) for name in sorted(lists)},
         "timestep": scenario.simulation.timestep,
         "sample_steps": round(SAMPLE_S / scenario.simulation.timestep),
+        **{name: _diagonal(getattr(setup.vehicle, name)) for name in ("M_A", "D_linear", "D_quadratic")},
+        "M_d_inv": setup.design.M_d_inv.tolist(),
+        "current": dataclasses.replace(scenario.current, speed=1.0).velocity_W,
         "x_c": scenario.wall.position,
         "x_d": target[0],
         "probe": setup.plant.probe.radius,
@@ -276,10 +279,16 @@ def data() -> dict[str, Any]:
     }
 
 
+def _diagonal(matrix: np.ndarray) -> list[float]:
+    """The diagonal of a matrix that has nothing else: the page's closed form takes no other."""
+    assert np.array_equal(matrix, np.diag(np.diag(matrix)))
+    return np.diag(matrix).tolist()
+
+
 def script(content: dict[str, Any]) -> str:
     """The JavaScript file of the pool."""
     named = {"DATA": content, "STYLE": _source("pool.css"), "WORKER": _source("worker.js")}
-    parts = [_source(name) for name in ("scene.js", "plot.js", "pool.js")]
+    parts = [_source(name) for name in ("rest.js", "scene.js", "plot.js", "pool.js")]
     constants = [f"const {name} = {json.dumps(value, ensure_ascii=False)};" for name, value in named.items()]
     return "\n".join(['"use strict";', "(() => {", *constants, *parts, "})();", ""])
 

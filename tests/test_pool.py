@@ -135,6 +135,34 @@ def test_the_default_run_is_that_of_free_body_bit_for_bit(browser, law):
     assert np.abs(here[-1] - there[-1]).max() < 1e-9
 
 
+RESTS = [
+    *((law, {}) for law in LAWS),
+    *CHANGED.items(),
+    ("impedance", {"current.speed": 0.2, "impedance.K_d[5]": 20.0}),
+    ("impedance", {"impedance.F_d[0]": -6.0, "wall.stiffness": 500.0, "task.A": -20.0}),
+    ("fosm", {"controller.epsilon": 0.02, "task.A": -10.0, "current.speed": 0.8}),
+    ("fosm", {"controller.K_s": 0.1, "task.A": -10.0, "controller.epsilon": 1e-3}),  # outside of the layer
+    ("fosm", {"controller.period": 0.005}),  # chatters
+    ("fosm", {"task.A": 0.0}),
+    ("fosm", {"task.A": 0.0, "controller.K_s": 0.0}),  # drifts
+    ("impedance", {"task.A": 0.0}),
+    ("gsta", {"controller.k_2": 0.0}),
+]
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize(("law", "values"), RESTS)
+def test_the_closed_form_of_the_page_is_that_of_the_law(browser, law, values):
+    run = build_pool.simulation(law, values)
+    theirs = run.scenario.controller.at_rest(run.setup)
+    ours = browser.evaluate(f"uvms_mj_pool.at_rest({json.dumps([law, values])[1:-1]})")
+    if isinstance(theirs, str):
+        assert "reason" in ours, theirs
+    else:
+        assert ours["force"] == pytest.approx(theirs.force, rel=1e-7, abs=1e-9)
+
+
 @pytest.mark.slow
 @needs_chromium
 def test_numbers_change_during_a_run_as_those_of_a_simulation(browser):

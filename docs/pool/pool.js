@@ -18,11 +18,12 @@ function simulate(law, values, seconds, during) {
   });
 }
 
+const DEFAULTS = Object.fromEntries(DATA.keys.map(({ key, value }) => [key, value]));
 const LAWS = { gsta: "GSTA", fosm: "FOSM", impedance: "Impedance" };
 const ABOUT = {
-  gsta: "Generalised super-twisting rejects the unknown current: the vehicle obeys the desired impedance, and the force at rest is that of the closed form.",
-  fosm: "First-order sliding mode stays inside its boundary layer ε: the force at rest comes close to the closed form.",
-  impedance: "Impedance control knows no current: the current holds the vehicle off, and it may stop short of the wall.",
+  gsta: "Generalised super-twisting rejects the unknown current: at rest the force is that of the desired impedance.",
+  fosm: "First-order sliding mode keeps s inside its boundary layer ε: at rest a small part of the current's wrench is left.",
+  impedance: "Impedance control does not reject the unknown current: the vehicle may stop short of the wall.",
 };
 
 // HTML of a text with _subscripts_ and ^superscripts^.
@@ -53,12 +54,6 @@ function number_at(key, place) {
   if (key.choices.length) return Math.round(1 / key.choices[Math.round(place * (key.choices.length - 1))]);
   const exact = key.steps === "log" ? key.least * (key.most / key.least) ** place : key.least + place * (key.most - key.least);
   return Number(exact.toPrecision(key.steps === "log" ? 2 : 3));
-}
-
-// The push at rest that the desired impedance demands, eq. (7) against the spring of the wall [N].
-function demanded(values) {
-  const K = values["impedance.K_d[0]"], k_c = values["wall.stiffness"], F_d = values["impedance.F_d[0]"];
-  return Math.max(0, (K * (DATA.x_d - DATA.x_c) - F_d) / (1 + K / k_c));
 }
 
 // The scenario as TOML: all that differs from the default.
@@ -100,7 +95,7 @@ class Pool {
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "An underwater vehicle pushes on a wall, computed in this page");
     this.paint = paints(root);
-    this.values = Object.fromEntries(DATA.keys.map(({ key, value }) => [key, value]));
+    this.values = { ...DEFAULTS };
     this.law = "gsta";
     this.old = {};
     this.run = 0;
@@ -139,12 +134,12 @@ class Pool {
     this.told = {};
     const number = (name, words) => {
       this.told[name] = element("output", {}, "–");
-      return element("div", {}, element("dt", { html: words }), element("dd", {}, this.told[name]));
+      return element("div", {}, element("span", { html: words }), this.told[name]);
     };
     this.plots = {};
     const plot = (column, title) => {
       this.plots[column] = canvas(`Plot over time: ${title.replace(/<[^>]*>/g, "")}`);
-      return element("figure", {}, element("figcaption", { html: title }), this.plots[column]);
+      return element("div", {}, element("span", { html: title }), this.plots[column]);
     };
     this.message = element("p", { class: "pool-message", role: "status" });
     this.about = element("p", { class: "pool-about" });
@@ -155,8 +150,8 @@ class Pool {
         element("div", { class: "pool-choice" },
           element("fieldset", { class: "pool-laws" }, element("legend", {}, "Control law"), ...laws),
           element("div", { class: "pool-bar" }, this.play, again, pace)),
-        element("dl", { class: "pool-told" },
-          number("F", "contact force, mean of 0.25 s"), number("demanded", "closed form at rest"),
+        element("div", { class: "pool-told" },
+          number("F", "contact force, mean of 0.25 s"), number("rest", "closed form at rest"),
           number("gap", "distance to the wall"), number("peak", "peak force"),
           number("s", "‖<i>s</i>‖ [m/s, rad/s]"), number("t", "time")),
         element("div", { class: "pool-plots" },
@@ -165,10 +160,9 @@ class Pool {
         this.controls,
         ...(this.all ? [this.build_toml()] : [])),
       this.about,
-      element("p", { class: "pool-note", html: rich(
-        "Closed form, eq. (7) at rest: <i>F</i> = (<i>K</i>_d,x_ (<i>x</i>_d_ − <i>x</i>_c_) − <i>F</i>_d,x_) / (1 + <i>K</i>_d,x_ / <i>k</i>_c_). ") }));
-    this.speed = element("span");
-    this.root.querySelector(".pool-note").append(this.speed);
+      element("p", { class: "pool-note" },
+        element("span", { html: rich("The desired impedance at rest, eq. (7): <i>F</i> = (<i>K</i>_d,x_ (<i>x</i>_d_ − <i>x</i>_c_) − <i>F</i>_d,x_) / (1 + <i>K</i>_d,x_ / <i>k</i>_c_) = ") }),
+        (this.told.demanded = element("output")), ". ", (this.speed = element("span"))));
     this.build_keys();
   }
 
@@ -176,7 +170,6 @@ class Pool {
     const keys = DATA.keys.filter((key) => key.places[this.law] && (this.all || key.first));
     this.controls.classList.toggle("pool-fields", this.all);
     this.controls.replaceChildren(...keys.map((key) => (this.all ? this.field(key) : this.slider(key))));
-    this.about.textContent = ABOUT[this.law];
     this.tell_scenario();
   }
 
@@ -235,7 +228,11 @@ class Pool {
   }
 
   tell_scenario() {
+    const { force, reason } = at_rest(this.law, this.values);
+    this.rest = force;
+    this.told.rest.textContent = reason ? "–" : `${force.toFixed(3)} N`;
     this.told.demanded.textContent = `${demanded(this.values).toFixed(3)} N`;
+    this.about.textContent = reason ? `No closed form: ${reason}.` : ABOUT[this.law];
     if (this.scenario) this.scenario.value = toml(this.law, this.values);
     this.draw_soon();
   }
@@ -303,7 +300,7 @@ class Pool {
 
   draw() {
     const { said, track, paint, told } = this, last = said.rows.length - ROW, at = (k) => said.rows[last + k];
-    const x = at(2), force = demanded(this.values), distance = DATA.x_c - x;
+    const x = at(2), force = this.rest, distance = DATA.x_c - x;
     draw_scene(this.scene, paint, {
       p: [x, at(3), at(4)], quat: [at(5), at(6), at(7), at(8)], push: at(1), u: said.u, current: said.v_c_W, drift: this.drift,
     }, DATA.x_c, DATA.probe);
@@ -316,10 +313,10 @@ class Pool {
     if (track.end > 0.5) this.speed.textContent = `Computed in your browser, ${Math.max(1, Math.round(said.times_real))} times as fast as real time.`;
     const tracks = [...(track.end <= WINDOW_S ? Object.values(this.old) : []), track];
     const first = track.since(track.end - WINDOW_S);
-    let most = Math.max(2, 1.4 * force);
+    let most = Math.max(2, 1.4 * (force ?? 0));
     for (const each of tracks) for (let k = each === track ? first : 0; k < each.n; k++) if (each.F[k] > most) most = each.F[k];
     const dashed = { dash: [6, 4], colour: paint.text };
-    draw_plot(this.plots.F, paint, tracks, "F", { low: 0, high: 1.08 * most, lines: [{ at: force, name: "closed form", left: true, ...dashed }] });
+    draw_plot(this.plots.F, paint, tracks, "F", { low: 0, high: 1.08 * most, lines: force === undefined ? [] : [{ at: force, name: "closed form", ...dashed }] });
     draw_plot(this.plots.x, paint, tracks, "x", { low: -0.05, high: 1.2, lines: [{ at: DATA.x_c, name: "contact", left: true, ...dashed }] });
     draw_plot(this.plots.s, paint, tracks, "s", { low: -10, high: 0.5, log: true });
   }
@@ -332,6 +329,6 @@ function mount() {
   new Pool(root);
 }
 
-window.uvms_mj_pool = { simulate, toml };
+window.uvms_mj_pool = { simulate, at_rest: (law, values) => at_rest(law, { ...DEFAULTS, ...values }) };
 if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", mount);
 else mount();
