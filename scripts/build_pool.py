@@ -298,18 +298,18 @@ def _source(name: str) -> str:
 
 
 def write(folder: Path) -> None:
-    """Write pool.js, and the pages pool.html and numbers.html which show it without a server, into a folder."""
+    """Write pool.js into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "pool.js").write_text(script(data()), encoding="utf-8")
-    for name in ("pool.html", "numbers.html"):
-        (folder / name).write_text(_source(name), encoding="utf-8")
 
 
 @click.command()
 @click.option("--out", default="pool", type=click.Path(path_type=Path), show_default=True)
 def main(out: Path) -> None:
-    """Build the pool."""
+    """Write pool.js into a folder, with two pages that show it from their files."""
     write(out)
+    for name in ("pool.html", "numbers.html"):
+        (out / name).write_text(_source(name), encoding="utf-8")
     for file in sorted(out.iterdir()):
         print(f"{file}: {file.stat().st_size / 1000:.1f} kB")
 

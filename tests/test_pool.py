@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 
 from chromium import Chromium, needs_chromium
@@ -31,7 +32,7 @@ CHANGED = {
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
-    build_pool.write(folder)
+    CliRunner().invoke(build_pool.main, ["--out", str(folder)], catch_exceptions=False)
     return folder
 
 
@@ -233,6 +234,28 @@ def test_the_pool_is_small_and_asks_nobody(browser, site):
     asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
     assert asked
     assert [url for url in asked if not url.startswith((site.as_uri(), "blob:", "data:"))] == []
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_the_page_follows_the_readers_wishes(browser, site):
+    """It begins paused for who wants less motion, and has the theme of the page around it."""
+    browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    browser("Page.navigate", url=(site / "pool.html").as_uri())
+    shown = browser.evaluate(
+        """new Promise((done) => setTimeout(() => {
+            const pool = document.querySelector("#pool"), dark = () => pool.classList.contains("pool-dark");
+            const [play, time] = [".pool-bar button", ".pool-told div:last-child output"].map((each) =>
+                pool.querySelector(each).textContent);
+            document.documentElement.dataset.theme = "dark";
+            setTimeout(() => {
+                const first = dark();
+                document.documentElement.dataset.theme = "light";
+                setTimeout(() => done([play, time, first, dark()]), 50);
+            }, 50);
+        }, 600))"""
+    )
+    assert shown == ["Play", "0.0 s", True, False]
 
 
 @pytest.mark.slow

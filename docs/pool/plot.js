@@ -82,25 +82,16 @@ function draw_plot(canvas, paint, tracks, column, { low, high, log = false, line
     ink.fillText(log ? `10${raised(value)}` : value.toFixed(up.digits).replace("-", "−"), left - 6, y);
   }
   ink.textBaseline = "alphabetic";
-  for (const t of marks(start, start + WINDOW_S, width < 260 ? 3 : 5).found) {
-    const last = across(t) > right - 20;
-    ink.textAlign = last ? "right" : "center";
-    ink.fillText(last ? `${t.toFixed(0)} s` : t.toFixed(0), last ? right + 6 : across(t), height - 5);
+  const times = marks(start, start + WINDOW_S, width < 260 ? 3 : 5).found;
+  for (const t of times) {
+    const last = t === times[times.length - 1], at_edge = across(t) > right - 20;
+    ink.textAlign = at_edge ? "right" : "center";
+    ink.fillText(last ? `${t.toFixed(0)} s` : t.toFixed(0), at_edge ? right + 6 : across(t), height - 5);
   }
   ink.save();
   ink.beginPath();
   ink.rect(left, top - 4, right - left, bottom - top + 8);
   ink.clip();
-  for (const line of lines) {
-    ink.setLineDash(line.dash || []);
-    ink.strokeStyle = line.colour;
-    ink.lineWidth = 1.5;
-    ink.beginPath();
-    ink.moveTo(left, along(line.at));
-    ink.lineTo(right, along(line.at));
-    ink.stroke();
-  }
-  ink.setLineDash([]);
   for (const track of tracks) {
     const present = track === now;
     ink.globalAlpha = present ? 1 : 0.4;
@@ -121,6 +112,16 @@ function draw_plot(canvas, paint, tracks, column, { low, high, log = false, line
     ink.stroke();
     ink.globalAlpha = 1;
   }
+  for (const line of lines) {
+    ink.setLineDash(line.dash || []);
+    ink.strokeStyle = line.colour;
+    ink.lineWidth = 1.5;
+    ink.beginPath();
+    ink.moveTo(left, along(line.at));
+    ink.lineTo(right, along(line.at));
+    ink.stroke();
+  }
+  ink.setLineDash([]);
   for (const line of lines.filter((each) => each.name)) {
     ink.fillStyle = line.colour;
     ink.textAlign = line.left ? "left" : "right";

@@ -19,6 +19,7 @@ function simulate(law, values, seconds, during) {
 }
 
 const DEFAULTS = Object.fromEntries(DATA.keys.map(({ key, value }) => [key, value]));
+const TOLD_MS = 100; // time between two readings of a number
 const LAWS = { gsta: "GSTA", fosm: "FOSM", impedance: "Impedance" };
 const ABOUT = {
   gsta: "Generalised super-twisting rejects the unknown current: at rest the force is that of the desired impedance.",
@@ -72,7 +73,7 @@ function toml(law, values) {
     tables.get(table).push(`${word} = [${entries.map(text).join(", ")}]`);
   }
   const parts = [...tables].map(([table, lines]) => `[${table}]\n${lines.join("\n")}\n`);
-  return ["# uvms-mj run scenario.toml --engine free_body\n", ...parts].join("\n");
+  return ["# uvms-mj run pool.toml --engine free_body\n", ...parts].join("\n");
 }
 
 function element(tag, attributes = {}, ...children) {
@@ -87,6 +88,9 @@ function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+// A number that changes too often to be read aloud.
+const shown_number = () => element("output", { "aria-live": "off" }, "–");
+
 class Pool {
   constructor(root) {
     this.root = root;
@@ -94,7 +98,6 @@ class Pool {
     root.classList.add("uvms-pool");
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "An underwater vehicle pushes on a wall, computed in this page");
-    this.paint = paints(root);
     this.values = { ...DEFAULTS };
     this.law = "gsta";
     this.old = {};
@@ -113,6 +116,7 @@ class Pool {
     const dark = matchMedia("(prefers-color-scheme: dark)"), page = document.documentElement;
     const theme = () => {
       root.classList.toggle("pool-dark", page.dataset.theme ? page.dataset.theme === "dark" : dark.matches);
+      this.paint = paints(root);
       this.draw_soon();
     };
     theme();
@@ -133,7 +137,7 @@ class Pool {
       ...[0.25, 1, 4].map((times) => element("option", { value: times, selected: times === 1 }, `${times}×`)));
     this.told = {};
     const number = (name, words) => {
-      this.told[name] = element("output", {}, "–");
+      this.told[name] = shown_number();
       return element("div", {}, element("span", { html: words }), this.told[name]);
     };
     this.plots = {};
@@ -162,19 +166,20 @@ class Pool {
       this.about,
       element("p", { class: "pool-note" },
         element("span", { html: rich("The desired impedance at rest, eq. (7): <i>F</i> = (<i>K</i>_d,x_ (<i>x</i>_d_ − <i>x</i>_c_) − <i>F</i>_d,x_) / (1 + <i>K</i>_d,x_ / <i>k</i>_c_) = ") }),
-        (this.told.demanded = element("output")), ". ", (this.speed = element("span"))));
+        (this.told.demanded = shown_number()), ". ", (this.speed = element("span"))));
     this.build_keys();
   }
 
   build_keys() {
     const keys = DATA.keys.filter((key) => key.places[this.law] && (this.all || key.first));
     this.controls.classList.toggle("pool-fields", this.all);
-    this.controls.replaceChildren(...keys.map((key) => (this.all ? this.field(key) : this.slider(key))));
+    const defaults = element("button", { type: "button", onclick: () => this.restore() }, "Default numbers");
+    this.controls.replaceChildren(...keys.map((key) => (this.all ? this.field(key) : this.slider(key))), defaults);
     this.tell_scenario();
   }
 
   slider(key) {
-    const shown = outwards(key, this.values[key.key]), value = element("output");
+    const shown = outwards(key, this.values[key.key]), value = shown_number();
     const tell = (number) => (value.innerHTML = rich(`${short(number)} ${key.unit}`));
     const steps = key.choices.length ? key.choices.length - 1 : 200;
     const range = element("input", {
@@ -220,9 +225,9 @@ class Pool {
     } }, "Copy");
     const save = element("button", { type: "button", onclick: () => {
       const address = URL.createObjectURL(new Blob([this.scenario.value], { type: "application/toml" }));
-      element("a", { href: address, download: "scenario.toml" }).click();
+      element("a", { href: address, download: "pool.toml" }).click();
       setTimeout(() => URL.revokeObjectURL(address), 1000);
-    } }, "Save scenario.toml");
+    } }, "Save pool.toml");
     return element("div", { class: "pool-toml" },
       element("span", {}, "Scenario: what differs from the default"), this.scenario, element("div", { class: "pool-bar" }, save, copy));
   }
@@ -241,6 +246,13 @@ class Pool {
     this.values[key.key] = value;
     this.worker.postMessage({ set: { [key.key]: value } });
     this.tell_scenario();
+  }
+
+  restore() {
+    this.values = { ...DEFAULTS };
+    this.worker.postMessage({ set: this.chosen() });
+    this.build_keys();
+    this.controls.lastChild.focus();
   }
 
   choose(law) {
@@ -269,6 +281,8 @@ class Pool {
     const goes = this.wants && this.seen && !this.stopped;
     this.worker.postMessage({ running: goes });
     this.play.textContent = this.wants ? "Pause" : "Play";
+    this.told_at = 0;
+    this.draw_soon();
   }
 
   take(said) {
@@ -298,12 +312,10 @@ class Pool {
     });
   }
 
-  draw() {
-    const { said, track, paint, told } = this, last = said.rows.length - ROW, at = (k) => said.rows[last + k];
-    const x = at(2), force = this.rest, distance = DATA.x_c - x;
-    draw_scene(this.scene, paint, {
-      p: [x, at(3), at(4)], quat: [at(5), at(6), at(7), at(8)], push: at(1), u: said.u, current: said.v_c_W, drift: this.drift,
-    }, DATA.x_c, DATA.probe);
+  // Write the numbers of the instant.
+  tell(distance) {
+    const { said, track, told } = this;
+    this.told_at = performance.now();
     told.F.textContent = `${track.mean(0.25).toFixed(3)} N`;
     told.gap.textContent = Math.abs(distance) < 1e-4 ? `${(1e6 * distance).toFixed(1)} µm` : `${(1e3 * distance).toFixed(1)} mm`;
     told.gap.textContent = told.gap.textContent.replace("-", "−");
@@ -311,14 +323,23 @@ class Pool {
     told.s.innerHTML = rich(short(track.s[track.n - 1]));
     told.t.textContent = `${track.end.toFixed(1)} s`;
     if (track.end > 0.5) this.speed.textContent = `Computed in your browser, ${Math.max(1, Math.round(said.times_real))} times as fast as real time.`;
+  }
+
+  draw() {
+    const { said, track, paint } = this, last = said.rows.length - ROW, at = (k) => said.rows[last + k];
+    const x = at(2), force = this.rest, distance = DATA.x_c - x;
+    draw_scene(this.scene, paint, {
+      p: [x, at(3), at(4)], quat: [at(5), at(6), at(7), at(8)], push: at(1), u: said.u, current: said.v_c_W, drift: this.drift,
+    }, DATA.x_c, DATA.probe);
+    if (performance.now() - this.told_at > TOLD_MS) this.tell(distance);
     const tracks = [...(track.end <= WINDOW_S ? Object.values(this.old) : []), track];
     const first = track.since(track.end - WINDOW_S);
-    let most = Math.max(2, 1.4 * (force ?? 0));
-    for (const each of tracks) for (let k = each === track ? first : 0; k < each.n; k++) if (each.F[k] > most) most = each.F[k];
+    const most = (column, least) =>
+      tracks.reduce((top, each) => each[column].subarray(each === track ? first : 0, each.n).reduce((a, b) => Math.max(a, b), top), least);
     const dashed = { dash: [6, 4], colour: paint.text };
-    draw_plot(this.plots.F, paint, tracks, "F", { low: 0, high: 1.08 * most, lines: force === undefined ? [] : [{ at: force, name: "closed form", ...dashed }] });
-    draw_plot(this.plots.x, paint, tracks, "x", { low: -0.05, high: 1.2, lines: [{ at: DATA.x_c, name: "contact", left: true, ...dashed }] });
-    draw_plot(this.plots.s, paint, tracks, "s", { low: -10, high: 0.5, log: true });
+    draw_plot(this.plots.F, paint, tracks, "F", { low: 0, high: 1.08 * most("F", Math.max(2, 1.4 * (force ?? 0))), lines: force === undefined ? [] : [{ at: force, name: "closed form", ...dashed }] });
+    draw_plot(this.plots.x, paint, tracks, "x", { low: -0.05, high: 0.15 + most("x", DATA.x_c), lines: [{ at: DATA.x_c, name: "contact", left: true, ...dashed }] });
+    draw_plot(this.plots.s, paint, tracks, "s", { low: -10, high: 0.5 + Math.log10(most("s", 1)), log: true });
   }
 }
 

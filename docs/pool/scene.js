@@ -1,6 +1,6 @@
 // The scene: the vehicle at the wall, from the side. x points to the wall, z up.
 
-const SCENE = { left: -0.5, right: 1.52, newton: 0.05 }; // edges in W [m]; length of a force's arrow [m/N]
+const SCENE = { left: -0.42, right: 1.46, newton: 0.05 }; // edges in W [m]; length of a force's arrow [m/N]
 
 // A canvas as large as its place on the page, with its pen in CSS pixels.
 function pen(canvas) {
@@ -14,10 +14,12 @@ function pen(canvas) {
   return { ink, width, height };
 }
 
-// The colours of the page's theme.
+// The colours of the page's theme, by their names in pool.css.
 function paints(root) {
-  const style = getComputedStyle(root);
-  return new Proxy({}, { get: (_, name) => style.getPropertyValue(`--pool-${String(name).replaceAll("_", "-")}`).trim() });
+  const style = getComputedStyle(root), known = {};
+  return new Proxy(known, {
+    get: (_, name) => (known[name] ??= style.getPropertyValue(`--pool-${name.replaceAll("_", "-")}`).trim()),
+  });
 }
 
 function arrow(ink, x, y, dx, dy, colour, thick = 4) {
@@ -55,8 +57,8 @@ function label(ink, text, x, y, paint, colour, align = "left") {
 
 // Snow in the water, at fixed places of a repeating pattern that drifts with the current.
 const SNOW = Array.from({ length: 70 }, (_, k) => {
-  const part = (n) => (Math.sin(n) * 43758.5453) % 1;
-  return { x: Math.abs(part(k + 1)), y: Math.abs(part(2 * k + 7)), size: 0.6 + 1.4 * Math.abs(part(3 * k + 5)) };
+  const part = (share) => (k * share) % 1;
+  return { x: part(0.7549), y: part(0.5698), size: 0.6 + 1.4 * part(0.618) };
 });
 
 function water(ink, width, height, paint, drift, face) {
@@ -70,6 +72,15 @@ function water(ink, width, height, paint, drift, face) {
     const x = ((((flake.x + drift) % 1) + 1) % 1) * width;
     if (x < face) ink.beginPath(), ink.arc(x, flake.y * height, flake.size, 0, 7), ink.fill();
   }
+  const floor = Math.min(34, 0.09 * height); // tiles, smaller at the back
+  ink.fillStyle = paint.floor;
+  ink.fillRect(0, height - floor, face, floor);
+  ink.strokeStyle = paint.joint;
+  ink.lineWidth = 1;
+  ink.beginPath();
+  for (const y of [0, 0.3, 0.65]) ink.moveTo(0, height - floor * (1 - y) + 0.5), ink.lineTo(face, height - floor * (1 - y) + 0.5);
+  for (let k = -30; k <= 30; k++) ink.moveTo(face / 2 + 38 * k, height - floor), ink.lineTo(face / 2 + 60 * k, height);
+  ink.stroke();
 }
 
 // The wall behind its face, which the vehicle dents by `depth` [px] at the height y.
@@ -171,6 +182,7 @@ function from_above(ink, x, y, size, paint, current, u) {
   ink.beginPath();
   ink.roundRect(-size, -size, 2 * size, 2 * size, 6);
   ink.fill();
+  ink.clip();
   ink.fillStyle = paint.wall;
   ink.fillRect(0.8 * size, 21 - size, 0.14 * size, 2 * size - 42);
   ink.fillStyle = paint.muted;
@@ -219,5 +231,5 @@ function draw_scene(canvas, paint, now, x_touch, probe) {
   }
   const size = small ? 50 : 60;
   from_above(ink, size + 8, size + 8, size, paint, now.current, now.u);
-  if (!small) label(ink, `wall`, (face + width) / 2, height - 20, paint, paint.text, "center");
+  if (!small) label(ink, `wall`, (face + width) / 2, height - 52, paint, paint.text, "center");
 }
