@@ -52,7 +52,7 @@ def test_the_base_class_of_every_table_of_a_stage_is_public():
 
 def test_a_missing_extra_is_one_line_that_names_it():
     extras = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    assert set(extras) == {*EXTRAS, "dev"}
+    assert set(extras) == {*EXTRAS, "dev", "docs"}
     for extra, packages in EXTRAS.items():
         assert extras[extra][0].startswith(packages.split(",")[0])
         with pytest.raises(InputError) as raised, needs_extra(extra):

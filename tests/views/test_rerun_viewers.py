@@ -2,13 +2,10 @@
 
 import base64
 import contextlib
-import fcntl
 import http.client
 import io
-import json
 import os
 import re
-import select
 import shutil
 import signal as signals
 import subprocess
@@ -23,17 +20,16 @@ import pytest
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from chromium import Chromium, needs_chromium
 from uvms_mj import InputError, Scenario, Status, simulate
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import process, viewer
 from uvms_mj.views.rerun.process import environment, free_port, start, stop
 from uvms_mj.views.rerun.run import CONTACT, GREEN, ORANGE, SKY
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VULKAN = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
 ENOUGH = 20
 """Least number of pixels of a colour that shows that a line is drawn."""
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 needs_vulkan = pytest.mark.skipif(not VULKAN, reason="mesa-vulkan-drivers and libvulkan1 are not installed")
 
 
@@ -256,59 +252,6 @@ def test_a_taken_port_is_named(server, recording):
 
     with pytest.raises(InputError, match=f"port {server.port}"), web_viewer(recording, server.port):
         pass
-
-
-class Chromium:
-    """A headless Chromium, controlled by the DevTools protocol over a pipe."""
-
-    def __init__(self, folder: Path) -> None:
-        to_browser, from_browser = os.pipe(), os.pipe()
-        read, write = (fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in (to_browser[0], from_browser[1]))
-        run = f"import os, sys; os.dup2({read}, 3); os.dup2({write}, 4); os.execvp(sys.argv[1], sys.argv[1:])"
-        flags = (
-            "--headless --no-sandbox --remote-debugging-pipe --no-first-run --disable-quic --disable-sync "
-            "--disable-background-networking --disable-component-update --use-angle=swiftshader "
-            f"--enable-unsafe-swiftshader --window-size=1280,900 --user-data-dir={folder} about:blank"
-        )
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", run, str(CHROMIUM), *flags.split()],
-            pass_fds=(read, write),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for fd in (to_browser[0], from_browser[1], read, write):
-            os.close(fd)
-        self.to, self.back = to_browser[1], from_browser[0]
-        self.events: list[dict] = []
-        self._calls, self._buffer, self._session = 0, b"", {}
-        page = next(t for t in self("Target.getTargets")["targetInfos"] if t["type"] == "page")
-        attached = self("Target.attachToTarget", targetId=page["targetId"], flatten=True)
-        self._session = {"sessionId": attached["sessionId"]}
-
-    def __call__(self, method: str, **params) -> dict:
-        self._calls += 1
-        message = {"id": self._calls, "method": method, "params": params, **self._session}
-        os.write(self.to, json.dumps(message).encode() + b"\0")
-        while True:
-            while b"\0" not in self._buffer:
-                assert select.select([self.back], [], [], 120.0)[0], f"no answer to {method}"
-                data = os.read(self.back, 2**20)
-                assert data, "chromium ended"
-                self._buffer += data
-            one, _, self._buffer = self._buffer.partition(b"\0")
-            answer = json.loads(one)
-            if answer.get("id") == self._calls:
-                return answer.get("result", {})
-            self.events.append(answer)
-
-    def close(self) -> None:
-        os.close(self.to)
-        try:
-            self.process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait(10.0)
-        os.close(self.back)
 
 
 @pytest.mark.slow
