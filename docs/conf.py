@@ -5,14 +5,17 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent / "scripts")]
 
 import gallery  # noqa: E402
 import reference_pages  # noqa: E402
 from source_pages import linkcode_resolve as linkcode_resolve  # noqa: E402
 
+import build_pool  # noqa: E402
+
 reference_pages.write(HERE / "reference")
 gallery.copy_sources(HERE)
+build_pool.write(HERE / "_build" / "pool")
 
 project = "uvms-mj"
 author = "The uvms-mj authors"
@@ -33,6 +36,7 @@ extensions = [
 ]
 exclude_patterns = [
     "_build",
+    "pool",
     "results",
     "gallery/**.ipynb",
     "gallery/**.py",
@@ -82,7 +86,7 @@ toc_object_entries_show_parents = "hide"
 # Looks. Nothing is loaded from another address.
 html_theme = "pydata_sphinx_theme"
 html_title = "uvms-mj"
-html_static_path = ["_static"]
+html_static_path = ["_static", "_build/pool"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_theme_options = {
