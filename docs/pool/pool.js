@@ -113,7 +113,7 @@ class Pool {
     };
     new IntersectionObserver(([{ isIntersecting }]) => {
       this.seen = isIntersecting;
-      if (this.track) this.move();
+      this.move();
     }).observe(root);
     new ResizeObserver(() => this.draw_soon()).observe(root);
     const dark = matchMedia("(prefers-color-scheme: dark)"), page = document.documentElement;

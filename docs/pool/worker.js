@@ -131,9 +131,10 @@ async function obey(said) {
     [owed, run] = [0, said.start.run];
     show(1);
   }
-  if (said.set) set(said.set);
   if (said.pace) pace = said.pace;
-  if ("running" in said) move(said.running);
+  if (said.set && law) set(said.set); // before the start the page keeps them
+  if ("running" in said && law) move(said.running);
 }
 
-onmessage = ({ data: said }) => obey(said).catch((error) => postMessage({ failed: String(error) }));
+let before = Promise.resolve(); // messages are obeyed one after the other, and the first one takes a while
+onmessage = ({ data: said }) => (before = before.then(() => obey(said)).catch((error) => postMessage({ failed: String(error) })));
