@@ -267,7 +267,7 @@ def data() -> dict[str, Any]:
         "fields": fields,
         "keys": keys,
         "lists": {name: list(_default(scenario, name)) for name in sorted(lists)},
-        "timestep": scenario.simulation.timestep,
+        "sample_s": SAMPLE_S,
         "sample_steps": round(SAMPLE_S / scenario.simulation.timestep),
         **{name: _diagonal(getattr(setup.vehicle, name)) for name in ("M_A", "D_linear", "D_quadratic")},
         "M_d_inv": setup.design.M_d_inv.tolist(),

@@ -43,14 +43,17 @@ def loops():
 
 @pytest.fixture(scope="module")
 def browser(site, tmp_path_factory):
-    """The page, from its file."""
+    """The page, from its file. At the end of the tests it has reported no error."""
     browser = Chromium(tmp_path_factory.mktemp("browser"))
-    for domain in ("Page", "Network", "Runtime"):
+    for domain in ("Page", "Network", "Runtime", "Log"):
         browser(f"{domain}.enable")
     browser("Page.navigate", url=(site / "pool.html").as_uri())
     browser.evaluate("new Promise((done) => (document.readyState === 'complete' ? done() : (onload = done)))")
     yield browser
+    browser.evaluate("0")  # collects the events up to now
     browser.close()
+    wrong = [e["params"] for e in browser.events if e["method"] in ("Runtime.exceptionThrown", "Log.entryAdded")]
+    assert wrong == []
 
 
 def run_of_the_page(browser, law, values, seconds, during=()):

@@ -7,7 +7,7 @@ class Track {
   constructor(law) {
     this.law = law;
     this.n = 0;
-    this.most = 2 * Math.ceil(WINDOW_S / (DATA.sample_steps * DATA.timestep));
+    this.most = 2 * Math.ceil(WINDOW_S / DATA.sample_s);
     this.columns = ["t", "F", "x", "s"];
     for (const name of this.columns) this[name] = new Float64Array(this.most);
   }
@@ -25,7 +25,7 @@ class Track {
 
   // The mean push of the last so many seconds.
   mean(seconds) {
-    const first = Math.max(0, this.n - Math.round(seconds / (DATA.sample_steps * DATA.timestep)));
+    const first = Math.max(0, this.n - Math.round(seconds / DATA.sample_s));
     return this.F.subarray(first, this.n).reduce((sum, F) => sum + F, 0) / Math.max(1, this.n - first);
   }
 

@@ -10,10 +10,10 @@ function computer() {
 // A whole run at once, without the clock: {rows, start, wall_s}; see whole_run in worker.js.
 function simulate(law, values, seconds, during) {
   const worker = computer();
-  return new Promise((resolve) => {
+  return new Promise((resolve, reject) => {
     worker.onmessage = ({ data }) => {
       if (data.loaded) worker.postMessage({ whole: { law, values, seconds, during } });
-      else resolve(data.whole), worker.terminate();
+      else worker.terminate(), data.failed ? reject(new Error(data.failed)) : resolve(data.whole);
     };
   });
 }
@@ -106,8 +106,11 @@ class Pool {
     this.seen = true;
     this.build();
     this.worker = computer();
-    this.worker.onmessage = ({ data }) => (data.loaded ? this.begin() : this.take(data));
-    this.worker.onerror = (event) => this.say(`The computation failed: ${event.message}`);
+    this.worker.onmessage = ({ data }) => {
+      if (data.failed) this.say(`The computation failed in this browser: ${data.failed}`);
+      else if (data.loaded) this.begin();
+      else this.take(data);
+    };
     new IntersectionObserver(([{ isIntersecting }]) => {
       this.seen = isIntersecting;
       this.move();
@@ -131,7 +134,7 @@ class Pool {
       element("label", { style: `--law: ${DATA.colours[law]}` },
         element("input", { type: "radio", name: "pool-law", value: law, checked: law === this.law, onchange: () => this.choose(law) }),
         element("span", {}, name)));
-    this.play = element("button", { type: "button", onclick: () => ((this.wants = !this.wants), this.move()) });
+    this.play = element("button", { type: "button", onclick: () => ((this.wants = !this.wants), this.move()) }, this.wants ? "Pause" : "Play");
     const again = element("button", { type: "button", onclick: () => this.begin() }, "Start again");
     const pace = element("select", { "aria-label": "speed of the run", onchange: () => this.worker.postMessage({ pace: Number(pace.value) }) },
       ...[0.25, 1, 4].map((times) => element("option", { value: times, selected: times === 1 }, `${times}×`)));
@@ -277,6 +280,7 @@ class Pool {
     this.move();
   }
 
+  // Let the run go on, or hold it.
   move() {
     const goes = this.wants && this.seen && !this.stopped;
     this.worker.postMessage({ running: goes });

@@ -3,7 +3,7 @@
 
 let data, steps, damping, bytes, numbers, integers, base; // base: place of the record in the numbers of the memory
 const images = {};
-let law, values, run;
+let law, values, begun, run; // begun: whether the run has a sample; run: its number
 
 async function inflated(text) {
   const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -51,11 +51,14 @@ function set(changes) {
 // Return to the start, with the numbers of a scenario.
 function reset(chosen, changes) {
   law = chosen;
+  begun = false;
   values = Object.fromEntries(data.keys.map(({ key, value }) => [key, value]));
   bytes.set(images[law], 8 * base);
   integers[base + data.fields.address[0]] = BigInt(8 * base);
   set(changes);
 }
+
+const WIDTH = 15;
 
 // Go on to the next sample, which has the instant t_k of the step that was taken last: [t, F, p_WB, quat_WB, s].
 function sample(into, at) {
@@ -70,16 +73,12 @@ function sample(into, at) {
   into.set(read("s"), at + 9);
   return taken === wanted;
 }
-const WIDTH = 15;
-let begun = false;
 
-// A whole run at once: its samples and the record at its end. `during` has changes of numbers: [[time, {key: value}], ...].
+// A whole run at once: its samples, the record at its start, and how long it took. `during` has changes of numbers: [[time, {key: value}], ...].
 function whole_run({ law: chosen, values: changes, seconds, during = [] }) {
   reset(chosen, changes);
-  begun = false;
   const start = bytes.slice(8 * base, 8 * base + images[law].length);
-  const every = data.sample_steps * data.timestep;
-  const n = Math.round(seconds / every) + 1;
+  const every = data.sample_s, n = Math.round(seconds / every) + 1;
   const rows = new Float64Array(n * WIDTH), begin = performance.now();
   let k = 0;
   while (k < n && sample(rows, k * WIDTH)) {
@@ -94,7 +93,7 @@ let pace = 1, running = false, owed = 0, last = 0, busy_ms = 0, done_s = 0, time
 const LONGEST_S = 0.1; // a browser that sleeps does not catch up
 
 function tick() {
-  const now = performance.now(), every = data.sample_steps * data.timestep;
+  const now = performance.now(), every = data.sample_s;
   owed += pace * Math.min(LONGEST_S, (now - last) / 1000);
   last = now;
   const n = Math.floor(owed / every);
@@ -103,7 +102,7 @@ function tick() {
 }
 
 function show(n) {
-  const every = data.sample_steps * data.timestep, rows = new Float64Array(n * WIDTH), begin = performance.now();
+  const every = data.sample_s, rows = new Float64Array(n * WIDTH), begin = performance.now();
   let k = 0, goes_on = true;
   while (k < n && goes_on) goes_on = sample(rows, WIDTH * k++);
   owed -= n * every;
@@ -121,15 +120,21 @@ function move(goes) {
   if (running) tick();
 }
 
-onmessage = async ({ data: said }) => {
-  if (said.load) await load(said.load), postMessage({ loaded: true });
+async function obey(said) {
+  if (said.load) {
+    await load(said.load);
+    postMessage({ loaded: true });
+  }
   if (said.whole) postMessage({ whole: whole_run(said.whole) });
   if (said.start) {
     reset(said.start.law, said.start.values);
-    [begun, owed, run] = [false, 0, said.start.run];
+    [owed, run] = [0, said.start.run];
     show(1);
   }
-  if (said.set) set(said.set);
   if (said.pace) pace = said.pace;
-  if ("running" in said) move(said.running);
-};
+  if (said.set && law) set(said.set); // before the start the page keeps them
+  if ("running" in said && law) move(said.running);
+}
+
+let before = Promise.resolve(); // messages are obeyed one after the other, and the first one takes a while
+onmessage = ({ data: said }) => (before = before.then(() => obey(said)).catch((error) => postMessage({ failed: String(error) })));
