@@ -11,7 +11,6 @@ else.
 
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +25,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.files import shipped
-from uvms_mj.plant.shapes import Shape
 from uvms_mj.records.scene import FORCES, Colour, scene_of
+from uvms_mj.views.video.underwater import FLOOR, model_of
 
 OUT = Path(__file__).parents[1] / "docs" / "push_wall.png"
 DURATION_S = 8.0
@@ -36,81 +34,8 @@ FINER = 2
 """Factor of supersampling, for smooth edges."""
 FORCE_SCALE = 0.15
 """Length of the force's arrow in this close view [m/N]."""
-FLOOR = -0.42
 
 Point = tuple[float, float, float]
-
-
-def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
-    """Periodic noise (n, n) of unit variance; a steeper slope of the spectrum makes it smoother."""
-    frequency = n * np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
-    white = np.random.default_rng(seed).standard_normal((n, n))
-    field = np.real(np.fft.ifft2(np.fft.fft2(white) / np.maximum(frequency, 2.0) ** slope))
-    return (field - field.mean()) / field.std()
-
-
-def concrete() -> np.ndarray:
-    """Pixels (n, n, 3) of cast concrete in panels."""
-    grey = 0.61 + 0.03 * noise(1, 1.6)
-    n = len(grey)
-    to_joint = np.abs((np.arange(n) + n // 4) % (n // 2) - n // 4)
-    grey *= 1.0 - 0.35 * np.exp(-((np.minimum.outer(to_joint, to_joint) / 2.5) ** 2))
-    return to_pixels(grey, (0.97, 1.0, 0.98))
-
-
-def sand() -> np.ndarray:
-    """Pixels (n, n, 3) of rippled sand with caustics."""
-    warp = noise(2, 1.75)
-    n = len(warp)
-    ripples = np.sin(2 * np.pi * 20 * np.add.outer(0.2 * np.arange(n), np.arange(n)) / n + 1.2 * warp)
-    caustics = np.exp(-8.0 * np.abs(noise(3, 2.25)))
-    return to_pixels(0.52 + 0.03 * ripples + 0.03 * noise(4, 1.7) + 0.16 * caustics, (0.86, 0.84, 0.70))
-
-
-def to_pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.ndarray:
-    return (255 * np.clip(brightness[..., None] * np.array(rgb), 0, 1)).astype(np.uint8)
-
-
-def picture(scenario: Scenario, walls: Sequence[Shape], bodies: Sequence[Shape] = ()) -> mujoco.MjModel:
-    """The vehicle with its contact bodies under water, between a floor and the walls: a model for rendering only."""
-    spec = mujoco.MjSpec.from_file(str(shipped("models")[scenario.vehicle.model]))
-    spec.add_texture(
-        name="water",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.30, 0.80, 0.90],
-        rgb2=[0.00, 0.04, 0.12],
-        width=512,
-        height=3072,
-    )
-    for name, pixels in (("concrete", concrete()), ("sand", sand())):
-        height, width, _ = pixels.shape
-        kind = mujoco.mjtTexture.mjTEXTURE_2D
-        spec.add_texture(name=name, type=kind, width=width, height=height, nchannel=3).data = pixels.tobytes()
-        material = spec.add_material(name=name, texuniform=True, specular=0.05)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
-    if (acrylic := spec.material("acrylic")) is not None:
-        acrylic.rgba = [0.75, 0.93, 1.0, 0.36]
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand")
-    for wall in walls:
-        kind, size, quat = getattr(mujoco.mjtGeom, f"mjGEOM_{wall.kind.upper()}"), wall.size, wall.quat
-        if wall.kind == "box":  # the texture is mapped to x and y, which must be the axes of the wall's face
-            size, quat = tuple(np.roll(wall.size, -1)), (0.5, 0.5, -0.5, -0.5)
-        spec.worldbody.add_geom(type=kind, size=size, pos=wall.position, quat=quat, material="concrete")
-    for each in bodies:
-        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{each.kind.upper()}")
-        place = {"size": each.size, "pos": each.position, "quat": each.quat}
-        spec.body(scenario.vehicle.model).add_geom(type=kind, rgba=each.rgba, mass=0.0, **place)
-    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    sun = spec.light("sun") or spec.worldbody.add_light(name="sun", type=directional, pos=[0, 0, 2])
-    sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
-    visual = spec.visual
-    visual.headlight.ambient, visual.headlight.diffuse = [0.34, 0.42, 0.46], [0.25, 0.27, 0.28]
-    visual.quality.shadowsize, visual.quality.offsamples = 8192, 8
-    visual.rgba.fog = [0.10, 0.42, 0.55, 1.0]
-    visual.map.fogstart, visual.map.fogend, visual.map.shadowclip, visual.map.znear = 0.9, 4.0, 6.0, 0.02
-    spec.stat.extent, spec.stat.center = 1.0, [scenario.wall.position, 0, 0]
-    return spec.compile()
 
 
 def add_arrow(scene: mujoco.MjvScene, start: np.ndarray, tip: np.ndarray, width: float, colour: Colour) -> None:
@@ -160,13 +85,13 @@ class View:
 
 def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
     """The picture of the last instant of a trace, with labels."""
-    scenario, drawn = trace.scenario, scene_of(trace.header)
+    drawn = scene_of(trace.header)
     contact, (current,) = FORCES[0], drawn.arrows
     last = {name: trace[name][-1:] for name in trace}
     start_W, tip_W = (ends[0] for ends in contact.ends(trace.header, last, view.scale))
     streams_W = np.array(view.streams)
 
-    model = picture(scenario, drawn.walls, drawn.vehicles[0].shapes[len(trace.header.geometry.shapes) :])
+    model = model_of(trace.header, [trace.scenario.wall.position, 0.0, 0.0], floor=FLOOR)
     model.vis.global_.offwidth, model.vis.global_.offheight = FINER * width, FINER * height
     data = mujoco.MjData(model)
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1], *(trace.q[-1] if "q" in trace.arrays else ())

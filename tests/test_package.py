@@ -2,6 +2,7 @@
 
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 import zipfile
@@ -12,6 +13,7 @@ import pytest
 
 from command import run
 from uvms_mj import Trace
+from uvms_mj.cli import main
 from uvms_mj.cli.new import KINDS
 from uvms_mj.files import shipped
 
@@ -76,7 +78,7 @@ CALLS = {
     "controllers": ("control.BUILT_IN",),
     "stages": ("scenario.STAGES",),
     "vehicles": ("Mjcf.find", "files.shipped"),
-    "new": ("cli.new.written",),
+    "new": ("cli.new.write_new",),
     "keys": ("scenario.keys",),
     "signals": ("stages.signals.RECORDED",),
     "metrics": ("studies.plan.metrics.MEANINGS",),

@@ -31,6 +31,7 @@ _NAMES = {
     "studies.study": "Study",
     "studies.tune": "Tuning",
     "views.figures": "plot",
+    "views.video": "still video",
 }
 """The modules with their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -79,6 +80,8 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .studies.study import Study as Study
     from .studies.tune import Tuning as Tuning
     from .views.figures import plot as plot
+    from .views.video import still as still
+    from .views.video import video as video
 
 
 def __getattr__(name: str) -> object:

@@ -50,6 +50,7 @@ EXTRAS: Mapping[str, str] = {
     "dm": "dm-control, for Python up to 3.12",
     "gym": "gymnasium",
     "tune": "optuna",
+    "video": "imageio-ffmpeg",
 }
 """Packages that only some users need, by the extra that installs them."""
 

@@ -23,6 +23,7 @@ from .study import study
 from .tune import tune
 from .validate import validate
 from .vehicles import vehicles
+from .video import video
 
 
 class _Commands(click.Group):
@@ -59,6 +60,7 @@ def main() -> None:
     uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
     uvms-mj validate pool --data DIR      runs against a real pool: a floating vehicle whose arm moves
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
+    uvms-mj video runs/.../run.mcap       a video of a log: the scene, its forces, growing plots
     uvms-mj plot runs/.../run.mcap        plot one or several logs
     uvms-mj compare a.mcap b.mcap         one HTML page that compares logs
     uvms-mj info runs/.../run.mcap        contents of a log
@@ -82,7 +84,7 @@ def main() -> None:
 
 for command in (
     *(run, study, tune, paper, practicality, validate, converge, certify),
-    *(replay, plot, compare, info, export),
+    *(replay, video, plot, compare, info, export),
     *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):
     main.add_command(command)

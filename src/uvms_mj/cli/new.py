@@ -51,33 +51,46 @@ def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: st
     min_N max_N            limits of the thrust, or min_kgf; may be left out or empty
     """
     with bad_input():
-        from ..errors import InputError
-        from ..files import atomic_write
+        for line in write_new(kind, name, out, origin, thrusters, force):
+            click.echo(line)
 
-        if kind == EXAMPLE and not (origin or thrusters):
-            _examples(name, out, force)
-            return
-        kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
-        cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
-        if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
-            hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
-            raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
-        if kind != "vehicle" and (origin or thrusters):
-            raise InputError(f"{'--from' if origin else '--thrusters'}: is for a vehicle, not for a {kind}")
-        template, use = KINDS[kind]
-        path = Path(out or ".", f"{name}{Path(template).suffix}")
-        refuse_existing("NAME", path, force)
-        source = Path(__file__).parent / "templates" / f"{template}.txt"
-        text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
-        copies = {path.name: text.encode()}
-        if origin or thrusters:
-            copies = _vehicle(name, origin, thrusters, text)
-        for each in copies:
-            refuse_existing("NAME", path.with_name(each), force)
-        for each, data in copies.items():
-            with atomic_write(path.with_name(each)) as part:
-                part.write_bytes(data)
-    click.echo(f"{path}: {use.format(file=path, cls=cls)}")
+
+def write_new(
+    kind: str,
+    name: str,
+    out: str | None = None,
+    origin: str | None = None,
+    thrusters: str | None = None,
+    force: bool = False,
+) -> list[str]:
+    """Write the files of the command, whose arguments these are. Returns a line for each: its path and its use. Raises
+    InputError."""
+    from ..errors import InputError
+    from ..files import atomic_write
+
+    if kind == EXAMPLE and not (origin or thrusters):
+        return _examples(name, out, force)
+    kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
+    cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+    if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
+        hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
+        raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
+    if kind != "vehicle" and (origin or thrusters):
+        raise InputError(f"{'--from' if origin else '--thrusters'}: is for a vehicle, not for a {kind}")
+    template, use = KINDS[kind]
+    path = Path(out or ".", f"{name}{Path(template).suffix}")
+    refuse_existing("NAME", path, force)
+    source = Path(__file__).parent / "templates" / f"{template}.txt"
+    text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
+    copies = {path.name: text.encode()}
+    if origin or thrusters:
+        copies = _vehicle(name, origin, thrusters, text)
+    for each in copies:
+        refuse_existing("NAME", path.with_name(each), force)
+    for each, data in copies.items():
+        with atomic_write(path.with_name(each)) as part:
+            part.write_bytes(data)
+    return [f"{path}: {use.format(file=path, cls=cls)}"]
 
 
 def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dict[str, bytes]:
@@ -119,8 +132,8 @@ def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dic
     return copies
 
 
-def _examples(name: str, out: str | None, force: bool) -> None:
-    """Write an example, or all of them. Raises InputError if there is none of this name."""
+def _examples(name: str, out: str | None, force: bool) -> list[str]:
+    """Write an example, or all of them, and return the paths. Raises InputError if there is none of this name."""
     from ..errors import InputError, suggestion
     from ..files import atomic_write, shipped
 
@@ -136,7 +149,7 @@ def _examples(name: str, out: str | None, force: bool) -> None:
     for source in chosen:
         with atomic_write(folder / source.name) as part:
             part.write_bytes(source.read_bytes())
-        click.echo(str(folder / source.name))
+    return [str(folder / source.name) for source in chosen]
 
 
 def _kind_of(word: str) -> str:

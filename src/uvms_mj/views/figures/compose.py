@@ -77,18 +77,18 @@ def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | 
     whats = ["force" if each == "push" else each for each in ([what] if isinstance(what, str) else what)]
     _drawable(traces)
     for each in whats:
-        _refuse_unknown(each, traces)
+        check_quantity(each, traces)
     with styled():
         named = _named(traces)
         if len(named) == 1:
             ((name, trace),) = named.items()
-            rows = [row for each in whats for row in _of_one(name, trace, each)]
+            rows = [row for each in whats for row in of_one(name, trace, each)]
             return _grid(rows, width or (COLUMN_IN if "summary" not in whats else PAGE_IN), name)
         runs = Overlay(named)
         return _grid([row for each in whats for row in _of_several(runs, each)], width or PAGE_IN, "")
 
 
-def _refuse_unknown(what: str, traces: Mapping[str, Trace]) -> None:
+def check_quantity(what: str, traces: Mapping[str, Trace]) -> None:
     """Raise InputError for a quantity that is none of :data:`WHATS`, and no signal or component of any trace."""
     name, errors = what.partition(".")[0], list[InputError]()
     for header in (trace.header for trace in traces.values() if name in trace.arrays):
@@ -161,7 +161,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
     for ax, i in zip(axes, order, strict=True):
         ax.set_title(f"{i}  {numbered[i][0]}")
     cells = [(ax, numbered[i][1]) for ax, i in zip(axes, order, strict=True)]
-    _fill(cells)
+    fill(cells)
     for ax in axes[:-3]:
         ax.set_xlabel("")
     _finish(figure, cells, panels.pair_handles()[3:])
@@ -171,7 +171,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
 # Any log
 
 
-def _of_one(label: str, trace: Trace, what: str) -> Rows:
+def of_one(label: str, trace: Trace, what: str) -> Rows:
     """Linear and angular components in one column; side by side in a summary."""
     every_step = trace.header.row_steps == 1 and trace.t[0] == 0.0
     fine = trace if every_step and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
@@ -256,7 +256,7 @@ def _grid(rows: Rows, width: float, title: str, more: Sequence[Line2D] = ()) -> 
         drawn += [(figure.add_subplot(grid[i, wide * j : wide * (j + 1)]), panel) for j, panel in enumerate(row)]
     if title:
         _entitle(drawn[0][0], title)
-    _fill(drawn)
+    fill(drawn)
     for ax, _ in drawn[: -len(rows[-1])]:
         ax.set_xlabel("")
     _finish(figure, drawn, more)
@@ -287,7 +287,7 @@ def _entitle(ax: Axes, text: str) -> None:
 # All figures
 
 
-def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
+def fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
     """Draw panels, each with its own range and prefix. All panels of a figure share range and prefix of time."""
     end = 0.0
     for ax, panel in cells:

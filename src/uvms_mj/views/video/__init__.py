@@ -1,0 +1,262 @@
+"""Videos and stills of a run: the scene under water, with arrows of the contact force and of the current, and plots
+that grow beside it."""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+
+from ...errors import InputError, needs_extra
+from ...progress import following
+from ...records.scene import FORCES, SKY
+from ...records.trace import Trace
+from .camera import VIEWS, Camera, View, view_of
+from .encoding import CODERS, encoded
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+PLOTS = ("force", "position", "sliding")
+"""The plots that are drawn if none is chosen, as far as the run has them."""
+SIZES = {"gif": (800, 450)}
+SIZE = (1280, 720)
+FPS = {"gif": 15.0}
+"""Sizes in pixels and pictures per second that are not the default, by ending."""
+_SHARE = 0.6
+"""Share of the width, or of the height of an upright picture, that the scene takes."""
+_NEEDED = ("t", "p_WB", "quat_WB", "f_contact_W")
+_FINER = 3
+"""Factor by which arrows and letters are drawn larger, for smooth edges."""
+_ARROW_N = 0.9
+"""Length of the arrow of the largest force of a run [m]."""
+_LEAST_PX = 24.0
+"""Length of the arrow of a small force, in a picture of a height of 450 pixels."""
+_STREAMS = np.array([[0.14, 0.30, 0.36], [0.50, 0.05, 0.56], [0.56, 0.40, 0.32]])
+"""Starts of the arrows of the current, from the start of the way [m]."""
+
+
+def video(
+    trace: Trace,
+    path: str | os.PathLike,
+    *,
+    speed: float = 1.0,
+    view: str | View = "overview",
+    plots: Sequence[str] | None = None,
+    size: tuple[int, int] | None = None,
+    fps: float | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
+) -> None:
+    """Write a video of a run, by the ending of the file .mp4 or .gif. An existing file is replaced.
+
+    Args:
+        trace: the run; ``trace.between(4.0, 8.0)`` for a part of it.
+        path: the file.
+        speed: simulated seconds per second of the video.
+        view: overview, side, top, behind, close or follow; "azimuth,elevation,distance" [deg, deg, m]; or a View.
+        plots: quantities or signals as in ``trace.plot``, one plot for each; default: force, position and the sliding
+            variable; empty for the scene alone.
+        size: width and height in pixels, even numbers; default: 1280 x 720, of a GIF 800 x 450.
+        fps: pictures per second; default: 30, of a GIF 15.
+        progress: True for a progress bar, or a function of the pictures done and their total.
+
+    Raises InputError for an unknown ending, a run that can't be drawn, without the extra ``video``, and without a
+    driver that draws without a window.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in CODERS:
+        raise InputError(f"{path}: the name must end in one of .{', .'.join(CODERS)}; still() makes a picture")
+    fps = fps or FPS.get(kind, 30.0)
+    if not (math.isfinite(speed) and speed > 0.0 and math.isfinite(fps) and fps > 0.0):
+        raise InputError(f"speed {speed:g} and fps {fps:g}: must be positive")
+    size = size or SIZES.get(kind, SIZE)
+    frames = _Frames(trace, view, plots, size, samples=4)
+    with needs_extra("video"):
+        import imageio_ffmpeg  # noqa: F401  before the first picture is drawn
+    times = _times(trace, speed / fps)
+    with (
+        frames,
+        following(progress, path.name, "{done} of {total} pictures", lambda i, n: {"done": i, "total": n}) as told,
+        encoded(path, *size, fps) as add,
+    ):
+        for i, (since, now) in enumerate(times):
+            add(frames.at(since, now))
+            told(i + 1, len(times))
+
+
+def still(
+    trace: Trace,
+    t: float | None = None,
+    *,
+    view: str | View = "overview",
+    plots: Sequence[str] | None = None,
+    size: tuple[int, int] = SIZE,
+) -> "Image":
+    """One picture of a video at a time [s], by default the last; a Pillow image, which a notebook shows. The arguments
+    and the errors are those of :func:`video`."""
+    from PIL import Image
+
+    with _Frames(trace, view, plots, size, samples=8) as frames:
+        last = len(trace) - 1
+        now = last if t is None else int(np.clip(np.searchsorted(trace.t, t - 1e-9), 0, last))
+        return Image.fromarray(frames.at(now, now))
+
+
+def _times(trace: Trace, step: float) -> list[tuple[int, int]]:
+    """The rows (from, to) of each picture, the last row of the one before and its own."""
+    n = max(2, round((float(trace.t[-1]) - float(trace.t[0])) / step) + 1)
+    rows = np.searchsorted(trace.t, float(trace.t[0]) + step * np.arange(n) - 1e-9).clip(0, len(trace) - 1)
+    return list(zip([rows[0], *rows[:-1]], rows.tolist(), strict=True))
+
+
+class _Frames:
+    """The pictures of a run."""
+
+    def __init__(
+        self, trace: Trace, view: str | View, plots: Sequence[str] | None, size: tuple[int, int], samples: int
+    ) -> None:
+        missing = [name for name in _NEEDED if name not in trace.arrays]
+        if missing or len(trace) < 2:
+            why = f"no {', '.join(missing)}" if missing else "fewer than two samples"
+            raise InputError(f"the run has {why}, and can't be drawn")
+        width, height = size
+        if not (160 <= width <= 7680 and 90 <= height <= 4320) or width % 2 or height % 2:
+            raise InputError(f"size {width}x{height}: give even numbers of pixels, from 160x90 to 7680x4320")
+        from . import underwater
+
+        self.trace, header = trace, trace.header
+        chosen = [each for each in PLOTS if each != "sliding" or "s" in trace.arrays] if plots is None else [*plots]
+        beside = width >= height
+        scene_w = width if not (chosen and beside) else 2 * round(0.5 * _SHARE * width)
+        scene_h = height if not chosen or beside else 2 * round(0.5 * _SHARE * height)
+        self._scene, self._beside = (scene_w, scene_h), beside
+        self._scale = min(scene_h, scene_w / 1.2) / 450.0
+        self._plots = None
+        if chosen:
+            from .plots import Plots
+
+            rest = (width - scene_w, height) if beside else (width, height - scene_h)
+            self._plots = Plots(trace, chosen, *rest, dpi=max(60.0, 110.0 * min(rest[0] / 330.0, rest[1] / 330.0)))
+        self._camera = Camera(trace, view_of(view), scene_w / scene_h)
+        extent = max(1.0, 0.8 * float(self._camera.view.distance or 1.0))
+        model = underwater.model_of(header, self._camera.point, extent, self._camera.lowest + underwater.FLOOR, samples)
+        self._put = underwater.pose_setter(model, header.mjcf)
+        self._renderer = underwater.Offscreen(model, scene_w, scene_h)
+        self._data = _data(model)
+        peak = float(np.linalg.norm(trace.f_contact_W, axis=1).max())
+        self._force_scale = _ARROW_N / peak if peak > 0.0 else 0.0
+
+    def __enter__(self) -> "_Frames":
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._renderer.close()
+
+    def at(self, since: int, now: int) -> np.ndarray:
+        """The picture (height, width, 3) of a row. Its force is the largest since another row."""
+        trace = self.trace
+        q = trace.q[now] if "q" in trace.arrays else ()
+        self._put(self._data, trace.p_WB[now], trace.quat_WB[now], q)
+        scene = self._renderer.draw(self._data, self._camera.at(trace.p_WB[now]))
+        forces = np.linalg.norm(trace.f_contact_W[since : now + 1], axis=1)
+        drawn = self._annotated(scene, since + int(forces.argmax()), now)
+        if self._plots is None:
+            return drawn
+        plots = self._plots.at(float(trace.t[now]))
+        return np.concatenate([drawn, plots], axis=1 if self._beside else 0)
+
+    def _annotated(self, scene: np.ndarray, at_force: int, now: int) -> np.ndarray:
+        from PIL import Image, ImageDraw
+
+        trace, s = self.trace, self._scale
+        big = (_FINER * self._scene[0], _FINER * self._scene[1])
+        layer = Image.new("RGBA", big, (255, 255, 255, 0))
+        pen = ImageDraw.Draw(layer)
+        lines: list[tuple[str, tuple[int, int, int] | None]] = [
+            (f"{trace.scenario.name} · {trace.scenario.controller.label()}", None),
+            (f"t = {trace.t[now]:.2f} s", None),
+        ]
+        force = FORCES[0]
+        newtons = float(np.linalg.norm(trace.f_contact_W[at_force]))
+        if trace.touches[-1] > 0 if "touches" in trace.arrays else newtons > 0.0:
+            lines.append((f"contact force {newtons:.1f} N", force.colour))
+        if newtons > 0.0:
+            row = {name: trace[name][at_force : at_force + 1] for name in trace}
+            start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
+            _arrow(pen, self._renderer.place(start), self._renderer.place(tip), 9.0 * s, force.colour, _LEAST_PX * s)
+        current = self._current(now)
+        speed = float(np.linalg.norm(current))
+        if speed > 0.0:
+            lines.append((f"current {speed:.2f} m/s", SKY))
+            lead = trace.p_WB[0] if self._camera.view.lookat == "way" else trace.p_WB[now] + [-0.35, 0.0, 0.0]
+            for start in lead + _STREAMS:
+                ends = self._renderer.place(np.array([start, start + 0.5 * current]))
+                _arrow(pen, ends[0], ends[1], 4.5 * s, SKY, 0.0)
+        _write(pen, lines, s)
+        layer = layer.resize(self._scene, Image.Resampling.BOX)
+        return np.asarray(Image.alpha_composite(Image.fromarray(scene).convert("RGBA"), layer).convert("RGB"))
+
+    def _current(self, now: int) -> np.ndarray:
+        """The current at the vehicle (3,) in W [m/s]."""
+        recorded = self.trace.arrays.get("nu_c_W")
+        return np.array(self.trace.scenario.current.velocity_W) if recorded is None else recorded[now][:3]
+
+
+def _data(model: Any) -> Any:
+    import mujoco
+
+    return mujoco.MjData(model)
+
+
+def _arrow(
+    pen: Any, start: np.ndarray, tip: np.ndarray, width: float, colour: tuple[int, int, int], least: float
+) -> None:
+    """A flat arrow between two places [pixels], at least so long, with a dark edge."""
+    way = tip - start
+    length = float(np.hypot(*way))
+    if length < 1e-6:
+        return
+    ahead = way / length
+    if length < least:
+        start, length = tip - least * ahead, least
+    aside = np.array([-ahead[1], ahead[0]])
+    head = min(2.2 * width, 0.6 * length)
+    neck, half, wing = tip - head * ahead, 0.32 * width, 0.5 * head
+    outline = [
+        start + half * aside,
+        neck + half * aside,
+        neck + wing * aside,
+        tip,
+        neck - wing * aside,
+        neck - half * aside,
+        start - half * aside,
+    ]
+    points = [tuple(_FINER * each) for each in outline]
+    pen.line([*points, points[0], points[1]], fill=(10, 25, 35, 150), width=round(_FINER * 0.22 * width) + 2)
+    pen.polygon(points, fill=(*colour, 255))
+
+
+def _write(pen: Any, lines: Sequence[tuple[str, tuple[int, int, int] | None]], scale: float) -> None:
+    """Lines of text in the upper left corner, each with the colour of its arrow."""
+    from PIL import ImageFont
+
+    font = ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")), _FINER * 15.0 * scale)
+    size = _FINER * scale
+    longest = max(pen.textlength(text, font=font) for text, _ in lines)
+    high = (14.0 + 22.0 * len(lines)) * size
+    box = [10.0 * size, 10.0 * size, 10.0 * size + longest + 44.0 * size, 10.0 * size + high]
+    pen.rounded_rectangle(box, radius=6.0 * size, fill=(4, 24, 38, 130))
+    for i, (text, colour) in enumerate(lines):
+        y = (17.0 + 22.0 * i) * size
+        if colour is not None:
+            pen.rounded_rectangle(
+                [20.0 * size, y + 6.0 * size, 32.0 * size, y + 13.0 * size], radius=2.0 * size, fill=(*colour, 255)
+            )
+        pen.text(((40.0 if colour else 20.0) * size, y), text, font=font, fill=(255, 255, 255, 255))
+
+
+__all__ = ["CODERS", "PLOTS", "VIEWS", "View", "still", "video"]

@@ -1,0 +1,206 @@
+"""The scene of a run under water, as MuJoCo draws it: the vehicle of the log, its walls, a floor of sand, and fog."""
+
+import contextlib
+import functools
+import importlib
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ...errors import InputError
+from ...plant.contacts import surfaces_of
+from ...plant.geometry import Geometry
+from ...plant.looks import drawn_vehicle, drawn_wall
+from ...plant.mjcf import Mjcf
+from ...plant.shapes import Shape
+from ...plant.vehicle import free_body_id, free_joint_addresses
+from ...records.header import Header
+
+FLOOR = -0.42
+"""Height of the floor below the lowest position of a run [m]."""
+_PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6", "glfw": "libglfw3 and a display"}
+"""Debian's packages for each way to draw without a window."""
+
+
+def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
+    """Periodic noise (n, n) of unit variance; a steeper slope of the spectrum makes it smoother."""
+    frequency = n * np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
+    white = np.random.default_rng(seed).standard_normal((n, n))
+    field = np.real(np.fft.ifft2(np.fft.fft2(white) / np.maximum(frequency, 2.0) ** slope))
+    return (field - field.mean()) / field.std()
+
+
+@functools.cache
+def concrete() -> np.ndarray:
+    """Pixels (n, n, 3) of cast concrete in panels."""
+    grey = 0.61 + 0.03 * noise(1, 1.6)
+    n = len(grey)
+    to_joint = np.abs((np.arange(n) + n // 4) % (n // 2) - n // 4)
+    grey *= 1.0 - 0.35 * np.exp(-((np.minimum.outer(to_joint, to_joint) / 2.5) ** 2))
+    return _pixels(grey, (0.97, 1.0, 0.98))
+
+
+@functools.cache
+def sand() -> np.ndarray:
+    """Pixels (n, n, 3) of rippled sand with caustics."""
+    warp = noise(2, 1.75)
+    n = len(warp)
+    ripples = np.sin(2 * np.pi * 20 * np.add.outer(0.2 * np.arange(n), np.arange(n)) / n + 1.2 * warp)
+    caustics = np.exp(-8.0 * np.abs(noise(3, 2.25)))
+    return _pixels(0.52 + 0.03 * ripples + 0.03 * noise(4, 1.7) + 0.16 * caustics, (0.86, 0.84, 0.70))
+
+
+def _pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.ndarray:
+    return (255 * np.clip(brightness[..., None] * np.array(rgb), 0, 1)).astype(np.uint8)
+
+
+def model_of(
+    header: Header, centre: Sequence[float], extent: float = 1.0, floor: float = FLOOR, samples: int = 8
+) -> mujoco.MjModel:
+    """A model of the run's vehicle and walls for drawing only.
+
+    Args:
+        header: of the run.
+        centre: the point that the light and the fog refer to, in W [m].
+        extent: distance from the camera at which the fog begins to hide [m].
+        floor: height of the floor in W [m].
+        samples: samples of a pixel; they also decide how finely shadows are drawn, which takes most of the time.
+    """
+    scenario, spec = header.scenario, header.mjcf.spec()
+    spec.add_texture(
+        name="water",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.30, 0.80, 0.90],
+        rgb2=[0.00, 0.04, 0.12],
+        width=512,
+        height=3072,
+    )
+    for name, pixels in (("concrete", concrete()), ("sand", sand())):
+        height, width, _ = pixels.shape
+        kind = mujoco.mjtTexture.mjTEXTURE_2D
+        spec.add_texture(name=name, type=kind, width=width, height=height, nchannel=3).data = pixels.tobytes()
+        material = spec.add_material(name=name, texuniform=True, specular=0.05)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    if (acrylic := spec.material("acrylic")) is not None:
+        acrylic.rgba = [0.75, 0.93, 1.0, 0.36]
+    plane, size = mujoco.mjtGeom.mjGEOM_PLANE, [20.0 * extent, 20.0 * extent, 1.0]
+    spec.worldbody.add_geom(type=plane, size=size, pos=[0, 0, floor], material="sand")
+    for wall in surfaces_of(scenario, header.probe_radius):
+        shape = drawn_wall(wall)
+        sizes, quat = np.array(shape.size), np.array(shape.quat)
+        if shape.kind == "box":  # the texture is mapped to x and y, which must be the axes of the wall's face
+            sizes, given = np.roll(sizes, -1), quat.copy()
+            mujoco.mju_mulQuat(quat, given, np.array([0.5, 0.5, -0.5, -0.5]))
+        spec.worldbody.add_geom(type=_kind(shape), size=sizes, pos=shape.position, quat=quat, material="concrete")
+    for body, each in _contact_bodies(header):
+        place = {"size": each.size, "pos": each.position, "quat": each.quat}
+        spec.body(body).add_geom(type=_kind(each), rgba=each.rgba, mass=0.0, **place)
+    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    sun = spec.light("sun") or spec.worldbody.add_light(name="sun", type=directional, pos=[0, 0, 2])
+    sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
+    visual = spec.visual
+    visual.headlight.ambient, visual.headlight.diffuse = [0.34, 0.42, 0.46], [0.25, 0.27, 0.28]
+    visual.quality.shadowsize, visual.quality.offsamples = 1024 * samples, samples
+    visual.rgba.fog = [0.10, 0.42, 0.55, 1.0]
+    visual.map.fogstart, visual.map.fogend, visual.map.shadowclip, visual.map.znear = 0.9, 4.0, 6.0, 0.02
+    spec.stat.extent, spec.stat.center = extent, [*centre]
+    return header.mjcf.compiled(spec)
+
+
+def _kind(shape: Shape) -> Any:
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
+
+
+def _contact_bodies(header: Header) -> Iterator[tuple[str, Shape]]:
+    """The contact bodies of a scenario as shapes, with the bodies that carry them."""
+    geometry: Geometry = header.geometry
+    drawn = drawn_vehicle(geometry, header.scenario.vehicle.contact_bodies)
+    for shape in drawn.shapes[len(geometry.shapes) :]:
+        yield header.mjcf.vehicle.body, shape
+    for link, with_bodies in zip(geometry.links, drawn.links, strict=True):
+        for shape in with_bodies.shapes[len(link.shapes) :]:
+            yield link.name, shape
+
+
+def pose_setter(model: mujoco.MjModel, mjcf: Mjcf) -> Any:
+    """A function that puts the vehicle of mjData to a position (3,), an attitude (4,) and joint positions (n,)."""
+    first, _ = free_joint_addresses(model, free_body_id(model, mjcf.vehicle.body))
+    joints = [int(model.joint(link.joint).qposadr[0]) for link in mjcf.geometry.links]
+
+    def put(data: mujoco.MjData, p: np.ndarray, quat: np.ndarray, q: Sequence[float]) -> None:
+        data.qpos[first : first + 7] = *p, *quat
+        data.qpos[joints] = q
+        mujoco.mj_forward(model, data)
+
+    return put
+
+
+class Offscreen:
+    """Draws a model without a window.
+
+    mujoco.Renderer takes the way that MUJOCO_GL names when MuJoCo is imported, which is too late here. This class takes
+    the first that works: MUJOCO_GL's if it names one, then EGL, then OSMesa, then a display.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        """Raises InputError, which names the system's packages, if there is no way."""
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self.model, self.width, self.height = model, width, height
+        self._gl = _gl_context(width, height)
+        self.scene = mujoco.MjvScene(model, maxgeom=2000)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
+        self._options, self._perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+
+    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> np.ndarray:
+        """The picture (height, width, 3)."""
+        every, rect = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjv_updateScene(self.model, data, self._options, self._perturb, camera, every, self.scene)
+        pixels = np.empty((self.height, self.width, 3), np.uint8)
+        self._gl.make_current()
+        mujoco.mjr_render(rect, self.scene, self._context)
+        mujoco.mjr_readPixels(pixels, None, rect, self._context)
+        return np.flipud(pixels)
+
+    def place(self, points_W: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of points (..., 3) in W in the last picture, from the upper left corner [pixels]."""
+        left, right = self.scene.camera
+        ray = points_W - (left.pos + right.pos) / 2
+        scale = self.height / 2 * left.frustum_near / left.frustum_top / np.maximum(ray @ left.forward, 1e-6)
+        x, y = scale * (ray @ np.cross(left.forward, left.up)), scale * (ray @ left.up)
+        return np.stack([self.width / 2 + x, self.height / 2 - y], axis=-1)
+
+    def close(self) -> None:
+        self._context.free()
+        self._gl.free()
+
+    def __enter__(self) -> "Offscreen":
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
+
+
+def _gl_context(width: int, height: int) -> Any:
+    ways = ["cgl"] if sys.platform == "darwin" else ["egl", "osmesa", "glfw"]
+    chosen = os.environ.get("MUJOCO_GL", "").lower()
+    tried: Mapping[str, str] = {}
+    for way in [chosen] if chosen in ways else ways:
+        with contextlib.suppress(KeyError):
+            if os.environ["PYOPENGL_PLATFORM"] in ways:  # of the way that was tried before
+                del os.environ["PYOPENGL_PLATFORM"]
+        try:
+            context = importlib.import_module(f"mujoco.{way}").GLContext(width, height)
+            context.make_current()
+            return context
+        except Exception as error:  # of PyOpenGL, ctypes or the driver
+            tried = {**tried, way: " ".join(str(error).split())[:100] or type(error).__name__}
+    said = "; ".join(f"{way}: {why}" for way, why in tried.items())
+    hint = "on Debian or Ubuntu, as root: apt install " + _PACKAGES[next(iter(tried))] if "cgl" not in tried else ""
+    raise InputError(f"no driver draws without a window ({said}); {hint}".rstrip("; "))
