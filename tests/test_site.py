@@ -1,4 +1,4 @@
-"""The site: it is built without a warning, loads nothing from elsewhere, and its links into the repository lead to lines."""
+"""The site: it is built without a warning, loads nothing from elsewhere, and its links lead to lines of the source."""
 
 import re
 import subprocess
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """The site as ``make docs`` builds it. Its own sources are copied, so that a build of the checkout is left alone."""
+    """The site as ``make docs`` builds it, from a copy, so that a build of the checkout is left alone."""
     work = tmp_path_factory.mktemp("site")
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
