@@ -36,8 +36,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from arm import tool_at_wall
 from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
+from five_joints import tool_at_wall
 from numpy_arm_loop import NumpyArmLoop
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Simulation, Trace, attach, simulate
