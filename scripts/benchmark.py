@@ -21,6 +21,7 @@ import functools
 import inspect
 import json
 import os
+import re
 import statistics
 import subprocess
 import sys
@@ -28,6 +29,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import resolve_name
 from pathlib import Path
 
 import click
@@ -36,8 +38,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from arm import tool_at_wall
 from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
+from five_joints import tool_at_wall
 from numpy_arm_loop import NumpyArmLoop
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Simulation, Trace, attach, simulate
@@ -131,11 +133,10 @@ class BareArm(BareModel):
 
 
 def own_law() -> str:
-    """GSTA as a user's law: the same source in a separate file, so that it runs in an arena, with checks."""
-    path = Path(tempfile.mkdtemp(), "own.py")
+    """GSTA as a user's law: the same source in a separate file, so that it runs on copies, with checks."""
+    path, package = Path(tempfile.mkdtemp(), "own.py"), Gsta.__module__.rpartition(".")[0]
     text = inspect.getsource(inspect.getmodule(Gsta) or Gsta)
-    for relative, absolute in (("from ..", "from uvms_mj."), ("from .", "from uvms_mj.control.")):
-        text = text.replace(relative, absolute)
+    text = re.sub(r"\bfrom (\.+\w*)", lambda found: f"from {resolve_name(found[1], package)}", text)
     path.write_text(text.replace('name = "gsta"', ""))
     return f"{path}:Gsta"
 

@@ -1,20 +1,16 @@
-"""docs/physics/arms.md: a tool that presses on a wall at the end of the run, and its force over time.
+"""docs/physics/arms.md: the water of a link; and the picture of docs/how_to/arm.md, a tool that presses on a wall at
+the end of the run, and its force over time.
 
 The picture needs an EGL driver.
 """
 
-import functools
-import re
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from page_look import DOCS, written
-from page_numbers import page
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.base import SteadyState
@@ -53,38 +49,17 @@ def force(ax: Axes, trace: Trace) -> None:
     ax.legend(loc="lower right")
 
 
-@functools.cache
-def run(name: str) -> Trace:
-    return simulate(Scenario.load(name))
-
-
-def pressed() -> Trace:
-    """The scenario of the page in which the tool pushes."""
-    _, scenario = re.findall(r"```toml\n(.*?)```", page("arms").read_text(), re.DOTALL)
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "my_rov.xml").write_text(FILE.read_text())
-        Path(folder, "tool.toml").write_text(scenario)
-        return simulate(Scenario.load(f"{folder}/tool.toml", {"simulation.duration": 14.0}), log_rate=100)
-
-
 def numbers() -> Iterator[tuple]:
     vehicle = Mjcf.find(str(FILE)).vehicle
-    link, links = vehicle.arm.links[0], vehicle.arm.links
+    link = vehicle.arm.links[0]
     yield "pi r^2 (l + 4 r/3) = {} kg", link.displaced_mass
     yield "| {} kg, {} kg m^2 |", link.M_A[2, 2], link.M_A[4, 4]
     yield "| {} N s^2/m^2, {} N m s^2 |", link.D_quadratic[2, 2], link.D_quadratic[4, 4]
-    heavy = sum(each.mass - each.displaced_mass for each in (vehicle, *links))
-    yield "is {} kg heavier than its water, {} N", heavy, 9.81 * heavy
-    yield "The tool rests on the wall with {} N", pressed().push[-1]
-    slide = run("tool_slide")
-    sliding = np.linalg.norm(slide.f_contact_W[:, 1:], axis=1)[slide.t > 0.5 * slide.t[-1]].max()
-    along = slide.f_contact_W[-1, 0]
-    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (along, 0.05), (sliding, 0.1)
 
 
 def main() -> None:
     """Simulate, render and draw."""
-    trace = run("tool_push")
+    trace = simulate(Scenario.load("tool_push"))
     picture = render(trace, *PIXELS, view_of(trace))
     with styled():
         figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_IN, 3.0), width_ratios=[1.4, 1.0])

@@ -1,5 +1,5 @@
-"""docs/how_to/studies.md, from the folders of the shipped studies, mc of ``monte_carlo`` and gm of ``gain_map``: their
-figures and what they found."""
+"""docs/evidence/studies.md, from the folders of the shipped studies, mc of ``monte_carlo`` and gm of ``gain_map``:
+their figures and what they found."""
 
 import functools
 from collections.abc import Iterator

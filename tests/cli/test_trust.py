@@ -1,6 +1,6 @@
 """A folder of a study, and a log, made to harm: the commands that may run a file of theirs, and all others do not.
 
-Every file of Python there leaves a trace when it is imported. docs/how_to/studies.md has the same table.
+Every file of Python there leaves a trace when it is imported. docs/reference/study_folder.md has the same table.
 """
 
 import shutil

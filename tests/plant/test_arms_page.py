@@ -1,4 +1,4 @@
-"""docs/physics/arms.md: its file is complete and runs, its errors are those that come."""
+"""docs/how_to/arm.md: its file is complete and runs. docs/physics/arms.md: its errors are those that come."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from uvms_mj.files import shipped
 from uvms_mj.plant.mjcf import Mjcf
 
 ROOT = Path(__file__).parents[2]
-PAGE = page("arms").read_text()
+PAGE = page("arm").read_text()
 FILE = ROOT / "examples" / "bluerov1_two_joints.xml"
 ROV = FILE.read_text()
 LINKS, WATER, MOTORS = re.findall(r"```xml\n(.*?)```", PAGE, re.DOTALL)
@@ -29,7 +29,7 @@ def test_the_file_is_the_vehicle_with_the_three_parts_of_the_page():
 
 
 def scenario(tmp_path, *parts: str) -> Scenario:
-    (tmp_path / "my_rov.xml").write_text(ROV)
+    (tmp_path / FILE.name).write_text(ROV)
     (tmp_path / "mine.toml").write_text("".join(parts))
     return Scenario.load(str(tmp_path / "mine.toml"), {"simulation.duration": 6.0})
 
@@ -52,7 +52,7 @@ def test_the_tool_rests_with_the_force_of_the_page(tmp_path):
 
 def test_gears_that_stick_keep_the_tool_from_resting(tmp_path):
     (tmp_path / "sticky.xml").write_text(ROV.replace('damping="0.5"', 'damping="0.5" frictionloss="0.1"'))
-    sticky = scenario(tmp_path, PUSHES.replace("my_rov", "sticky"))
+    sticky = scenario(tmp_path, PUSHES.replace(FILE.stem, "sticky"))
     assert simulate(sticky.updated({"simulation.duration": 10.0})).touches[-1] > 10
 
 
@@ -73,7 +73,7 @@ ERRORS = {
     "shoulder: its wrench": ('<motor name="shoulder" joint="shoulder" gear="1"', '<motor name="shoulder" site="tool"'),
 }
 """Beginning of each message of the page, and an edit of the file that gives it."""
-MESSAGES = re.findall(r"^\| `(.*?)` \|", PAGE[PAGE.index("## Errors") :], re.MULTILINE)
+MESSAGES = re.findall(r"^\| `(.*?)` \|", page("arms").read_text().partition("## Errors")[2], re.MULTILINE)
 
 
 @pytest.mark.parametrize("message", [each for each in MESSAGES if "joints.target" not in each])
@@ -95,6 +95,6 @@ def test_an_error_of_the_page_comes(message, tmp_path):
 
 def test_every_message_of_the_page_is_tried(tmp_path):
     assert len(MESSAGES) == len(ERRORS) + 1
-    joints = '[vehicle]\nmodel = "my_rov.xml"\n[joints]\nname = "position"\ntarget = [0.0, 1.0, 2.0]\n'
+    joints = f'[vehicle]\nmodel = "{FILE.name}"\n[joints]\nname = "position"\ntarget = [0.0, 1.0, 2.0]\n'
     with pytest.raises(InputError, match="has 3 values; the vehicle has 2 joints: shoulder, elbow"):
         simulate(scenario(tmp_path, joints))
