@@ -1,6 +1,7 @@
 """The site: ``make docs`` builds it, with warnings as errors."""
 
 import importlib.metadata
+import shutil
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from source_pages import linkcode_resolve as linkcode_resolve  # noqa: E402
 
 import build_pool  # noqa: E402
 
+shutil.rmtree(HERE / "reference" / "api", ignore_errors=True)  # pages of names that are gone
 reference_pages.write(HERE / "reference")
 gallery.copy_sources(HERE)
 build_pool.write(HERE / "_build" / "pool")

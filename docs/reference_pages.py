@@ -31,7 +31,7 @@ from uvms_mj.stages import signals
 from uvms_mj.studies.plan import study_file
 from uvms_mj.studies.tune import tables as tune_tables
 
-NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "commands", "topics")
+NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "environment", "commands", "topics")
 """The pages, without suffix. None of them is in the repository."""
 
 
@@ -160,6 +160,19 @@ def _study_keys() -> str:
         rows = [(field.name, _default(field), field.metadata.get("meaning", "")) for field in fields]
         parts += [f"## {heading.get(name, f'[{name}]')}", _table(("key", "default", "meaning"), rows)]
     return _page(parts)
+
+
+def _environment() -> str:
+    """The task as an environment, from the docstrings of its module and of its class."""
+    return _page(
+        [
+            "# The environment",
+            'Keyword arguments of `gymnasium.make("uvms_mj/PushWall-v0", ...)` and of '
+            '`uvms_mj.envs.load("push_wall", ...)`. [](../how_to/learn.md) shows both at work.',
+            "```{eval-rst}\n.. automodule:: uvms_mj.envs.push\n   :no-members:",
+            ".. autoclass:: uvms_mj.envs.push.Push\n```",
+        ]
+    )
 
 
 def _default(field: dataclasses.Field) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import uvms_mj
 from chromium import Chromium, needs_chromium
 
 pytest.importorskip("sphinx", reason="the site needs the extra docs")
@@ -27,6 +28,11 @@ def site(tmp_path_factory) -> Path:
     done = subprocess.run(build, cwd=work, capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stderr[-3000:]
     return work / "docs" / "_build" / "html"
+
+
+def test_the_api_has_every_public_name():
+    listed = re.findall(r"^   ([A-Za-z]\w*)$", (ROOT / "docs" / "reference" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(uvms_mj.__all__)
 
 
 @pytest.mark.slow
