@@ -1,12 +1,16 @@
 """The gallery: programs in docs/results and the examples, each with the figures that it leaves in its variables."""
 
+import logging
 import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from PIL.Image import Image
 from sphinx_gallery.scrapers import figure_rst
+
+from uvms_mj import InputError, Scenario, simulate, still
 
 ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts")
 """Programs that come first; the others follow by name."""
@@ -19,7 +23,10 @@ Stages of your own, loops of your own, environments. `uvms-mj new example all` w
 
 
 def copy_sources(docs: Path) -> None:
-    """Put the programs of both folders below one, as Sphinx-Gallery wants them, where they are no part of the site."""
+    """Put the programs of both folders below one, as Sphinx-Gallery wants them, where they are no part of the site.
+
+    Without a driver that renders, their pictures of the scene are left out.
+    """
     target = docs / "_build" / "gallery"
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(docs / "results", target)
@@ -28,6 +35,19 @@ def copy_sources(docs: Path) -> None:
     (examples / "GALLERY_HEADER.rst").write_text(HEADING)
     for path in sorted((docs.parent / "examples").glob("*.py")):
         (examples / path.name).write_text(_titled(path.read_text()))
+    if why_not := _undrawable():
+        logging.getLogger(__name__).info("the gallery has no pictures of the scene: %s", why_not)
+        for path in target.glob("*.py"):
+            kept = [line for line in path.read_text().splitlines() if " = still(" not in line]
+            path.write_text("\n".join(kept).replace(", still", "") + "\n")
+
+
+def _undrawable() -> str:
+    try:
+        still(simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})), plots=())
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def _titled(program: str) -> str:
@@ -42,15 +62,15 @@ def _titled(program: str) -> str:
 
 
 def figures(block: Any, variables: dict[str, Any], settings: dict[str, Any]) -> str:
-    """Save the new figures among the variables of a program; pyplot knows none of them."""
-    found = [value for value in variables["example_globals"].values() if isinstance(value, Figure)]
+    """Save the new figures and pictures of the scene among the variables of a program; pyplot knows none of them."""
+    found = [value for value in variables["example_globals"].values() if isinstance(value, Figure | Image)]
     saved = variables.setdefault("saved_figures", [])
     paths = []
     for figure in found:
         if not any(figure is each for each in saved):
             saved.append(figure)
             paths.append(next(variables["image_path_iterator"]))
-            figure.savefig(paths[-1], dpi=150)
+            figure.savefig(paths[-1], dpi=150) if isinstance(figure, Figure) else figure.save(paths[-1])
     return figure_rst(paths, settings["src_dir"])
 
 
