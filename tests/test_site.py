@@ -8,26 +8,9 @@ from pathlib import Path
 import pytest
 
 import uvms_mj
-from chromium import Chromium, needs_chromium
-
-pytest.importorskip("sphinx", reason="the site needs the extra docs")
+from chromium import CHROMIUM, Chromium
 
 ROOT = Path(__file__).parents[1]
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory) -> Path:
-    """The site as ``make docs`` builds it, from a copy, so that a build of the checkout is left alone."""
-    work = tmp_path_factory.mktemp("site")
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
-    for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
-        if (ROOT / name).is_file():
-            (work / name).parent.mkdir(parents=True, exist_ok=True)
-            (work / name).write_bytes((ROOT / name).read_bytes())
-    build = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build/html"]
-    done = subprocess.run(build, cwd=work, capture_output=True, text=True, timeout=1200)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return work / "docs" / "_build" / "html"
 
 
 def test_the_api_has_every_public_name():
@@ -36,21 +19,48 @@ def test_the_api_has_every_public_name():
 
 
 @pytest.mark.slow
-def test_no_page_loads_anything_from_another_address(site):
-    loads = re.compile(r"""<(?:script|img|link|iframe|source|video)\b[^>]*?\s(?:src|href|data)=["'](?:https?:)?//""")
-    pages = list(site.rglob("*.html"))
-    assert len(pages) > 100
-    assert [page.name for page in pages if loads.search(page.read_text())] == []
-    assert [
-        style.name for style in site.rglob("*.css") if re.search(r"url\(['\"]?(?:https?:)?//", style.read_text())
-    ] == []
+def test_the_site(tmp_path, subtests):
+    """One test, because the build takes a minute and more. Notebooks and the programs of the gallery run in it."""
+    pytest.importorskip("sphinx", reason="the site needs the extra docs")
+    site = built(tmp_path)
+    with subtests.test("no page loads anything from another address"):
+        loads = re.compile(r"""<(?:script|img|link|iframe|source|video)\b[^>]*?\s(?:src|href)=["'](?:https?:)?//""")
+        imports = re.compile(r"""(?:url\(|@import\s)["']?(?:https?:)?//""")
+        pages = list(site.rglob("*.html"))
+        assert len(pages) > 100
+        assert [page.name for page in pages if loads.search(page.read_text())] == []
+        assert [style.name for style in site.rglob("*.css") if imports.search(style.read_text())] == []
+    with subtests.test("three clicks lead from the equation of added mass to its line and to its test"):
+        assert 'href="physics/index.html"' in (site / "index.html").read_text()
+        assert 'href="equations.html"' in (site / "physics" / "index.html").read_text()
+        equations = (site / "physics" / "equations.html").read_text()
+        for name in ("added_inertia", "test_acceleration_is_the_matrix_equations"):
+            links = re.findall(r'href="\.\./(source/[^"#]+\.html)#L(\d+)"', equations)
+            lines = [re.search(rf'id="L{line}".*', (site / page).read_text()) for page, line in links]
+            assert any(each and name in each.group() for each in lines), name
+    for width in (1280, 390):
+        with subtests.test("pages ask for nothing outside and fit the screen", width=width):
+            if CHROMIUM is None:
+                pytest.skip("chromium is not installed")
+            look(site, width, tmp_path / f"chromium-{width}")
 
 
-@pytest.mark.slow
-@needs_chromium
-@pytest.mark.parametrize("width", [1280, 390])
-def test_pages_ask_for_nothing_outside_and_fit_the_screen(site, width, tmp_path):
-    browser = Chromium(tmp_path)
+def built(work: Path) -> Path:
+    """The site as ``make docs`` builds it, from a copy of the checkout's files."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
+        if (ROOT / name).is_file():
+            (work / name).parent.mkdir(parents=True, exist_ok=True)
+            (work / name).write_bytes((ROOT / name).read_bytes())
+    build = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build/html"]
+    done = subprocess.run(build, cwd=work, capture_output=True, text=True, timeout=560)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return work / "docs" / "_build" / "html"
+
+
+def look(site: Path, width: int, folder: Path) -> None:
+    """Open some pages in a browser of a width."""
+    browser = Chromium(folder)
     try:
         browser("Network.enable")
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
@@ -63,17 +73,3 @@ def test_pages_ask_for_nothing_outside_and_fit_the_screen(site, width, tmp_path)
         assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
     finally:
         browser.close()
-
-
-@pytest.mark.slow
-def test_three_clicks_lead_from_the_equation_of_added_mass_to_its_line_and_its_test(site):
-    """Physics, the page of the equations, the line; and the line is that of the definition."""
-    first = (site / "index.html").read_text()
-    assert 'href="physics/index.html"' in first
-    assert 'href="equations.html"' in (site / "physics" / "index.html").read_text()
-    equations = (site / "physics" / "equations.html").read_text()
-    for name in ("added_inertia", "test_acceleration_is_the_matrix_equations"):
-        links = re.findall(r'href="\.\./(source/[^"]+\.html)#L(\d+)"', equations)
-        found = [(site / page, line) for page, line in links]
-        lines = [re.search(rf'id="L{line}".*', page.read_text()) for page, line in found]
-        assert any(each and name in each.group() for each in lines), name
