@@ -1,6 +1,6 @@
 """
-A hundred vehicles that the law does not know
-=============================================
+Many vehicles that the law does not know
+========================================
 
 Added mass, damping and current vary. Each dot is a run of 20 s in the engine free_body; a study is the same, bit for
 bit, for any number of worker processes.
@@ -16,7 +16,7 @@ study = Study.from_dict(
             {"key": "vehicle.added_mass", "distribution": "uniform", "low": 0.5, "high": 1.5},
             {"key": "current.speed", "distribution": "uniform", "low": 0.0, "high": 0.6},
         ],
-        "design": {"runs": 40},
+        "design": {"runs": 24},
         "success": {"contact.final_N": [1.35, 1.65]},
     }
 )
