@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import logging
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -108,7 +109,7 @@ class Figure(_Figure):
             options["backend"] = "pgf"
         latex = _in_latex(self) if by_latex else contextlib.nullcontext()
         bands = [area for area in self.findobj(PolyCollection) if by_latex and kind == "pdf"]
-        with styled(self._set_in), mpl.rc_context(rc), latex, _rasterized(bands):
+        with styled(self._set_in), mpl.rc_context(rc), latex, _rasterized(bands), _without_words_of_fonts():
             super().savefig(fname, format=kind, **(_METADATA.get(kind, {}) | options))
 
     def _repr_png_(self) -> bytes:
@@ -289,6 +290,18 @@ _MATHS = {
     "#": r"\#",
 }
 """LaTeX of the characters in texts of figures that its fonts may lack."""
+
+
+@contextlib.contextmanager
+def _without_words_of_fonts() -> Iterator[None]:
+    """A context in which fontTools says nothing about the dates in matplotlib's own fonts."""
+    logger = logging.getLogger("fontTools")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 @contextlib.contextmanager
