@@ -12,7 +12,7 @@ Those of long runs take a folder:
     studies          of `uvms-mj study monte_carlo --out FOLDER/mc` and `uvms-mj study gain_map --out FOLDER/gm`
     validation       of the records of the pool, which are not in the repository
 
-replay.png needs a Vulkan driver, push_wall.png, vehicles.png, arms.png and walls.png an EGL driver.
+replay.png needs a Vulkan driver, push_wall.png, push.gif, vehicles.png, arms.png and walls.png an EGL driver.
 """
 
 import subprocess
@@ -26,7 +26,7 @@ import matplotlib as mpl
 from page_numbers import PAGES, corrected, faults, needs_folder, page, script
 
 SCRIPTS = Path(__file__).parent
-DRAWINGS = ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py")
+DRAWINGS = ("draw_frames.py", "draw_rooms.py", "render.py", "film.py", "picture_viewer.py")
 
 
 def redraw(name: str, folder: Path | None) -> None:

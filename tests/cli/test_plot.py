@@ -2,6 +2,8 @@
 
 import re
 import shutil
+import subprocess
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +82,11 @@ def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
         ),
         (["LOG", "--out", "y.png", "--from", "2"], "gsta: has 0 samples from 2 to 1 s; its samples are from 0 to 1 s"),
         (["LOG", "--out", "y.png", "--width", "2"], "--width 2: must be from 4 to 100 cm"),
+        (["LOG", "--out", "y.png", "--width", "20mm"], "--width 20: must be from 40 to 1000 mm"),
+        (["LOG", "--out", "y.png", "--width", "3 feet"], "--width '3 feet': is not a finite number"),
+        (["LOG", "--format", "tiff"], "--format tiff: choose from png, svg, pdf, pgf"),
+        (["LOG", "--format", "pdf", "--out", "y.png"], "does not fit --format pdf; the name must end in .pdf"),
+        (["LOG", "--fonts", "times", "--out", "y.png"], "fonts 'times'"),
         ([], "Missing argument"),
     ],
 )
@@ -125,9 +132,9 @@ def test_signals_and_components_are_drawn_by_their_names(log, tmp_path):
 def test_a_window_of_time_is_drawn_from_its_first_to_its_last_sample(log, tmp_path, monkeypatch):
     seen = {}
 
-    def spy(traces, whats, width):
+    def spy(traces, whats, width, fonts):
         seen.update(traces=traces, whats=whats, width=width)
-        return real(traces, whats, width)
+        return real(traces, whats, width, fonts)
 
     real = figures.plot
     monkeypatch.setattr(figures, "plot", spy)
@@ -158,5 +165,43 @@ def test_a_pgf_has_the_texts_for_latex_or_one_message_without_it(log, tmp_path, 
     monkeypatch.setenv("PATH", str(tmp_path))
     done = command(log, "--what", "tau", "--out", tmp_path / "y.pgf")
     assert done.exit_code == 2
-    assert done.stderr == "error: a .pgf needs pdflatex, xelatex or lualatex to measure its texts; .pdf needs none\n"
+    assert "a .pgf need pdflatex, xelatex or lualatex" in done.stderr
+    assert "apt install texlive" in done.stderr
     assert not (tmp_path / "y.pgf").exists()
+    done = command(log, "--what", "tau", "--fonts", "latex", "--out", tmp_path / "y.pdf")
+    assert done.exit_code == 2
+    assert "need pdflatex" in done.stderr
+    assert not list(tmp_path.glob("y.*"))
+
+
+def test_formats_widths_and_fonts_for_a_paper(log, tmp_path):
+    """The width of a PDF is in its page, its fonts by their names in it."""
+    out = tmp_path / "force.pdf"
+    for width, inches in (("page", 7.16), ("88mm", 88 / 25.4), ("5in", 5.0)):
+        done = command(log, "--what", "nu", "--format", "pdf,svg", "--width", width, "--out", out, "--force")
+        assert done.exit_code == 0, done.output
+        assert done.stdout.split() == [str(out), str(out.with_suffix(".svg"))]
+        (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", out.read_bytes())
+        assert float(box) == pytest.approx(72.0 * inches, abs=0.01)
+    for fonts, name in (("sans", b"DejaVuSans"), ("serif", b"STIX"), ("cm", b"Cmr10")):
+        assert command(log, "--what", "nu", "--fonts", fonts, "--out", out, "--force").exit_code == 0
+        assert name in out.read_bytes()
+    done = command(log, "--what", "nu", "--format", "png,pgf", "--fonts", "latex", "--out", tmp_path / "x.png")
+    assert done.exit_code == 2
+    assert "a .png can't have the fonts 'latex'" in done.stderr
+
+
+@pytest.mark.skipif(not shutil.which("pdflatex"), reason="needs pdflatex")
+def test_latex_sets_a_pdf_and_a_pgf_goes_into_a_document(log, tmp_path):
+    for out, fonts in (("x.pdf", "latex"), ("x.pgf", "cm")):
+        done = command(log, "--what", "nu", "--fonts", fonts, "--width", "column", "--out", tmp_path / out)
+        assert done.exit_code == 0, done.output
+    data = (tmp_path / "x.pdf").read_bytes()
+    parts = b"".join(zlib.decompressobj().decompress(part) for part in data.split(b"stream\n")[1::2])
+    assert re.search(rb"/FontName */\w+\+(CMR|SFRM|LMRoman)", parts)  # Computer Modern, by LaTeX
+    (tmp_path / "paper.tex").write_text(
+        r"\documentclass{article}\usepackage{pgf}\begin{document}\input{x.pgf}\end{document}"
+    )
+    tex = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    done = subprocess.run(tex, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-1000:]

@@ -259,7 +259,7 @@ def test_linear_and_angular_components_have_axes_of_their_own(drawn):
 def test_axes_have_labels_with_units_and_nothing_is_wider_than_its_column(drawn):
     for name in PAPER:
         figure = drawn[name]
-        assert figure.get_figwidth() == (7.1 if name == "overview" else 3.4)
+        assert figure.get_figwidth() == (7.16 if name == "overview" else 3.5)
         for ax in figure.axes:
             assert ax.get_ylabel().endswith("]"), name
         assert figure.axes[-1].get_xlabel() == "time [s]"

@@ -1,7 +1,8 @@
 """``uvms-mj plot`` and ``uvms-mj compare``: plots of logs, and one HTML page for any logs."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,8 +16,70 @@ if TYPE_CHECKING:
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf", "pgf")
-WIDTHS = {"column": 3.4, "page": 7.1}
+WIDTHS = {"column": 3.5, "page": 7.16}
 """Widths of a figure by name [in]."""
+FONTS = ("sans", "serif", "cm", "latex")
+_CM = {"": 1.0, "cm": 1.0, "mm": 0.1, "in": 2.54}
+"""Units of a width [cm]."""
+
+
+def figure_options(function: Any) -> Any:
+    """Options of the commands that draw figures: formats, width, fonts, file."""
+    for option in (
+        force_option,
+        path_option("-o", "--out", metavar="FILE", help=f"Output file, .{', .'.join(FORMATS)}."),
+        click.option(
+            "--fonts",
+            default="sans",
+            show_default=True,
+            metavar="NAME",
+            help="sans, serif (Times), cm (Computer Modern), or latex: LaTeX sets the texts of a pdf or pgf.",
+        ),
+        click.option(
+            "--width", metavar="WIDTH", help="column (3.5in) or page (7.16in) of a paper, or 12cm, 88mm, 5in; 12 is cm."
+        ),
+        click.option(
+            "--format",
+            "kinds",
+            multiple=True,
+            metavar="NAME[,NAME]",
+            help=f"{', '.join(FORMATS)}; several write a file each [default: by FILE's ending, or png].",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def figure_files(kinds: Sequence[str], out: str | None, default: Path, force: bool) -> tuple[Path, list[str]]:
+    """The path without ending and the formats of a figure. Raises InputError if they do not fit, or a file exists."""
+    from ..errors import InputError
+
+    names = names_in("--format", kinds)
+    for each in names:
+        if each not in FORMATS:
+            raise InputError(f"--format {each}: choose from {', '.join(FORMATS)}")
+    path = Path(out) if out is not None else default
+    ending = path.suffix.removeprefix(".")
+    if out is not None and ending not in FORMATS:
+        raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
+    if out is not None and names and ending not in names:
+        raise InputError(f"--out {path}: does not fit --format {','.join(names)}; the name must end in .{names[0]}")
+    stem = path.with_name(path.stem) if out is not None else default
+    chosen = list(dict.fromkeys(names)) or [ending if out is not None else "png"]
+    for each in chosen:
+        refuse_existing("--out", stem.with_name(f"{stem.name}.{each}"), force)
+    return stem, chosen
+
+
+def inches(width: str | None) -> float | None:
+    """A width of the command line [in]. Raises InputError if it is none."""
+    if width is None or width in WIDTHS:
+        return None if width is None else WIDTHS[width]
+    unit = width.lstrip("0123456789.+-eE ")
+    if unit not in _CM:
+        return number("--width", width, "cm", 4.0, 100.0)  # which refuses it
+    cm = number("--width", width.removesuffix(unit).strip(), unit or "cm", 4.0 / _CM[unit], 100.0 / _CM[unit])
+    return cm * _CM[unit] / 2.54
 
 
 @command()
@@ -31,49 +94,43 @@ WIDTHS = {"column": 3.4, "page": 7.1}
 )
 @click.option("--from", "start", metavar="SECONDS", help="Plot from this time on [default: the start].")
 @click.option("--to", "end", metavar="SECONDS", help="Plot up to this time [default: the end].")
-@click.option("--width", metavar="CM", help="Width in cm, or column (8.6) or page (18).")
-@path_option(
-    "-o",
-    "--out",
-    metavar="FILE",
-    help="Output file, .png, .svg, .pdf or .pgf [default: NAME.png beside the first LOG].",
-)
-@force_option
+@figure_options
 def plot(
     logs: tuple[str, ...],
     whats: tuple[str, ...],
     start: str | None,
     end: str | None,
+    kinds: tuple[str, ...],
     width: str | None,
+    fonts: str,
     out: str | None,
     force: bool,
 ) -> None:
-    """Plot a log, or several logs on the same axes, each in the colour of its law.
+    """Plot a log, or several logs on the same axes, each in the colour of its law. Without --out the file is NAME.png
+    beside the first LOG.
 
     In a plot of the force, "expected" is K_x (x_d - x_c), for a rigid wall, and "analytic" the law's closed form of the
-    force at rest at this wall. A .pgf needs a LaTeX to measure its texts. uvms-mj info LOG lists the recorded signals.
+    force at rest at this wall. A .pgf, and a .pdf with --fonts latex, need a LaTeX. uvms-mj info LOG lists the recorded
+    signals.
 
     \b
     uvms-mj plot results/run.mcap
     uvms-mj plot results/run.mcap --what force --out force.svg
     uvms-mj plot results/run.mcap --what tau.x,p_WB --from 5 --to 6 --width 12
     uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
+    uvms-mj plot results/run.mcap --what force --format pdf,pgf --width column --fonts cm
     """
     draw_to_files()
     with bad_input():
-        from ..errors import InputError
         from ..views import figures
 
         names = names_in("--what", whats) or ["summary"]
-        path = Path(out) if out is not None else Path(logs[0]).parent / f"{'_'.join(names)[:60]}.png"
-        kind = path.suffix.removeprefix(".")
-        if kind not in FORMATS:
-            raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
-        refuse_existing("--out", path, force)
-        inches = None if width is None else WIDTHS.get(width) or number("--width", width, "cm", 4.0, 100.0) / 2.54
+        default = Path(logs[0]).parent / "_".join(names)[:60]
+        stem, formats = figure_files(kinds, out, default, force)
+        wide = inches(width)
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
-        (written,) = figures.save(figures.plot(traces, names, inches), path.with_name(path.stem), (kind,))
-        click.echo(str(written))
+        for written in figures.save(figures.plot(traces, names, wide, fonts), stem, formats):
+            click.echo(str(written))
 
 
 def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> "Trace":

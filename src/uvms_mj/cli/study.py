@@ -19,11 +19,13 @@ from .options import (
     command,
     force_option,
     json_option,
+    names_in,
     output_options,
     path_argument,
     path_option,
     workers_option,
 )
+from .plot import figure_files, figure_options, inches
 from .stop import Stop
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class _Commands(click.Group):
-    """``study report DIR`` and ``study list``; every other first word is the study to run."""
+    """``study report DIR``, ``plot``, ``table`` and ``list``; every other first word is the study to run."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
         if args and args[0] in self.commands:
@@ -78,6 +80,8 @@ def run_study(
     uvms-mj study monte_carlo --out mc design.runs=100 simulation.duration=5
     uvms-mj study mine.toml --out results --scheduler tcp://10.0.0.1:8786
     uvms-mj study report results         one page: rates, distributions, maps, sensitivity, worst runs
+    uvms-mj study plot results           one figure of it, for a paper
+    uvms-mj study table results          a table by law, as LaTeX or CSV
     uvms-mj study list                   the studies that ship
 
     DIR/rows has one row a run as Parquet. After any interruption the same command goes on where it was, and the rows
@@ -188,6 +192,88 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
         if not Path(folder).is_dir():
             raise InputError(f"{folder}: is not a folder with the results of a study")
         click.echo(Study.load(folder).report(out))
+
+
+@study.command("plot")
+@path_argument("folder", metavar="DIR")
+@click.option(
+    "--what", default="overview", show_default=True, metavar="NAME", help="overview, distributions, map, sensitivity."
+)
+@click.option("--over", metavar="KEY[,KEY]", help="Of a map: one or two varied keys [default: those that matter most].")
+@figure_options
+def study_plot(
+    folder: str,
+    what: str,
+    over: str | None,
+    kinds: tuple[str, ...],
+    width: str | None,
+    fonts: str,
+    out: str | None,
+    force: bool,
+) -> None:
+    """Draw one figure of a study's report. Without --out the file is NAME.png in DIR.
+
+    \b
+    uvms-mj study plot results --what distributions
+    uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page --fonts serif
+    """
+    draw_to_files()
+    with bad_input():
+        from ..errors import InputError
+        from ..studies.study import Study
+        from ..views import figures
+
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: is not a folder with the results of a study")
+        stem, formats = figure_files(kinds, out, Path(folder, what), force)
+        wide = inches(width)
+        drawn: Any = Study.load(folder).plot(
+            what, over=names_in("--over", [over] if over else []), width=wide, fonts=fonts
+        )
+        for written in figures.save(drawn, stem, formats):
+            click.echo(str(written))
+
+
+@study.command("table")
+@path_argument("folder", metavar="DIR")
+@click.option(
+    "--metrics",
+    multiple=True,
+    metavar="NAME[,NAME]",
+    help="Kept metrics, as in uvms-mj metrics; may be repeated [default: the first three that vary].",
+)
+@path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
+@force_option
+def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: bool) -> None:
+    """Print or write a table of a study for a paper: of each law its runs, its rate of success, and of each metric the
+    median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
+
+    \b
+    uvms-mj study table results
+    uvms-mj study table results --metrics contact.peak_N,contact.final_N --out table.tex
+    uvms-mj study table results --out table.csv
+    """
+    with bad_input():
+        from ..errors import InputError
+        from ..studies.study import Study
+
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: is not a folder with the results of a study")
+        study = Study.load(folder)
+        names = names_in("--metrics", metrics)
+        if out is not None:
+            refuse_existing("--out", Path(out), force)
+            study.save_table(out, names)
+            click.echo(out)
+            return
+        found = study.statistics(names)
+    table = table_of(study.plan_of_results.name, "", *map(printable, found.index), min_width=60)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for heads, values in found.items():
+        name = " ".join(filter(None, heads))
+        table.add_row(printable(name), *("-" if value != value else f"{value:.4g}" for value in values))
+    print_table(table)
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
@@ -316,4 +402,5 @@ def _table(study: "Study") -> None:
     click.echo(f"{in_words(study.plan.success, 'contact.settled' in study.frame)}")
 
 
-study.add_command(study_report)
+for each in (study_report, study_plot, study_table):
+    study.add_command(each)

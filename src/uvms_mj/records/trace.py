@@ -145,20 +145,29 @@ class Trace:
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self.arrays]
 
-    def plot(self, what: str | Sequence[str] = "summary", *, width: float | None = None) -> "Figure":
+    def plot(
+        self,
+        what: str | Sequence[str] = "summary",
+        *,
+        width: str | float | None = None,
+        fonts: str | None = None,
+    ) -> "Figure":
         """Draw the run as a matplotlib Figure, which a notebook shows. pyplot does not know it and keeps it not open.
 
         Args:
             what: one or several of position, attitude, velocity, force, sliding, tau, thrusters, integral, joints and
                 summary, of the names of recorded signals, or of their components, ``tau.x``.
-            width: of the figure [in]; default: 7.1 for the summary, otherwise 3.4.
+            width: of the figure: "column" (3.5 in), "page" (7.16 in) or a number [in]; default: page for the summary,
+                otherwise column.
+            fonts: "sans" (default), "serif" (Times), "cm" (Computer Modern), or "latex": LaTeX sets the texts when the
+                figure is written as .pdf or .pgf.
 
         :func:`uvms_mj.plot` draws several runs on the same axes. Raises InputError if the run has no such quantity, or
         fewer than two samples.
         """
         from ..views import figures
 
-        return figures.plot({self.scenario.controller.label(): self}, what, width)
+        return figures.plot({self.scenario.controller.label(): self}, what, width, fonts)
 
     def between(self, start: float | None = None, end: float | None = None) -> "Trace":
         """The rows from a time to a time [s]; default: the first and the last one. Raises InputError unless there are

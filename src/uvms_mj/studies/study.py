@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from .pages import Table
 
+NARROW_IN = 5.0
+"""Least width of a figure with panels that must stay side by side [in]."""
 PAGE = "report.html"
 """Name of the page about the results, in their folder."""
 
@@ -156,18 +158,49 @@ class Study:
             found.append((law.label, str(len(own)), *ended, str(success[mine].sum())))
         return found
 
-    def plot(self, what: str = "overview", *, over: Sequence[str] = ()) -> "Figure":
+    def plot(
+        self,
+        what: str = "overview",
+        *,
+        over: Sequence[str] = (),
+        width: str | float | None = None,
+        fonts: str = "sans",
+    ) -> "Figure":
         """Draw one figure of the report as a matplotlib Figure, which a notebook shows; pyplot does not know it.
 
         Args:
             what: overview (success rates, the first distributions), distributions, map, or sensitivity.
             over: of a map, one or two varied keys; default: those with the greatest effect.
+            width, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
 
         Raises InputError if the study has not run, or has no such figure.
         """
+        from ..views.figures.style import PAGE_IN, typeset, width_of
         from .report import figure
 
-        return figure(self.plan_of_results, self.frame, what, over)
+        wide = width_of(width, PAGE_IN)
+        if what in ("overview", "map") and wide < NARROW_IN:
+            raise InputError(f"width: a figure of {what} needs at least {NARROW_IN:g} inches")
+        with typeset(fonts, wide):
+            drawn = figure(self.plan_of_results, self.frame, what, over)
+        drawn.set_figwidth(wide)
+        return drawn
+
+    def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
+        """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and
+        95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
+        Raises InputError if the study has not run, or lacks a metric."""
+        from .report import numbers
+
+        return numbers.statistics(self.plan_of_results, self.frame, metrics)
+
+    def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = ()) -> None:
+        """Write :meth:`statistics` as LaTeX, .tex, or .csv. An existing file is replaced. Raises InputError for another
+        ending."""
+        from .report import numbers
+
+        plan = self.plan_of_results
+        numbers.write(self.statistics(metrics), Path(path), f"study {plan.name}: {plan.runs} runs")
 
     def report(self, path: str | os.PathLike | None = None) -> Path:
         """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:

@@ -16,7 +16,7 @@ import numpy as np
 from ...files import atomic_write
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from ...views.figures.style import Figure
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,8 @@ class Picture:
     @property
     def src(self) -> str:
         """The figure as a data URI."""
-        import matplotlib as mpl
-
         file = io.BytesIO()
-        with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": self.name}):
-            self.figure.savefig(file, format="svg", metadata={"Date": None})
+        self.figure.savefig(file, format="svg", rc={"svg.fonttype": "path", "svg.hashsalt": self.name})
         return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 

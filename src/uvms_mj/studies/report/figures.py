@@ -67,10 +67,15 @@ def distributions(data: StudyRows) -> Figure | None:
         return None
     with styled():
         figure, axes = panels(len(metrics), _COLUMNS, 0.35, 1.55)
-        for i, (ax, metric) in enumerate(zip(axes, metrics, strict=True)):
-            distribution(ax, data, metric, first=i % _COLUMNS == 0)
+        for ax, metric in zip(axes, metrics, strict=True):
+            distribution(ax, data, metric, first=_leftmost(ax))
         _name_laws(figure, data, striped=True)
     return figure
+
+
+def _leftmost(ax: Axes) -> bool:
+    place = ax.get_subplotspec()
+    return place is None or place.is_first_col()
 
 
 def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None:
@@ -153,7 +158,7 @@ def sensitivity(found: Sensitivities, data: StudyRows) -> Figure:
     with styled():
         height = max(1.0, 0.6 + (0.12 + 0.09 * len(data.laws)) * len(factors))
         figure, axes = panels(len(found.of), _COLUMNS, 0.35, height)
-        for k, (ax, (metric, laws)) in enumerate(zip(axes, found.of.items(), strict=True)):
+        for ax, (metric, laws) in zip(axes, found.of.items(), strict=True):
             for i, law in enumerate(data.laws):
                 if law in laws:
                     offset = 0.6 * ((i + 0.5) / len(data.laws) - 0.5)
@@ -162,7 +167,7 @@ def sensitivity(found: Sensitivities, data: StudyRows) -> Figure:
                     _dots(ax, [each.main[f] for f in at], offset, data.colours[law], filled=True)
                     if each.first:
                         _dots(ax, [each.first[f] for f in at], offset, data.colours[law], filled=False)
-            names = [factor.name if k % _COLUMNS == 0 else "" for factor in factors]
+            names = [factor.name if _leftmost(ax) else "" for factor in factors]
             ax.set_yticks(range(len(factors)), names, parse_math=False)
             ax.set_ylim(len(factors) - 0.5, -0.5)
             if found.sobol:

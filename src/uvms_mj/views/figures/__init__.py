@@ -6,6 +6,6 @@ References and expected values are black.
 
 from .compose import RUNS, WHATS, paper, plot
 from .panels import SWITCHING_S
-from .style import FORMATS, save
+from .style import FONTS, FORMATS, WIDTHS, save, typeset
 
-__all__ = ["FORMATS", "RUNS", "SWITCHING_S", "WHATS", "paper", "plot", "save"]
+__all__ = ["FONTS", "FORMATS", "RUNS", "SWITCHING_S", "WHATS", "WIDTHS", "paper", "plot", "save", "typeset"]

@@ -1,5 +1,6 @@
 """Composes panels into figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
+import contextlib
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Never
@@ -18,7 +19,7 @@ from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, Figure, band_handles, size_in, styled, ticks
+from .style import COLUMN_IN, PAGE_IN, Figure, band_handles, size_in, styled, ticks, typeset, width_of
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw, besides each signal by its name."""
@@ -61,14 +62,20 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
     return figures
 
 
-def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | None = None) -> Figure:
+def plot(
+    traces: Mapping[str, Trace],
+    what: str | Sequence[str] = "summary",
+    width: str | float | None = None,
+    fonts: str | None = None,
+) -> Figure:
     """Draw one figure of a run, or of several runs on the same axes, by their names in it.
 
     Args:
         traces: the runs.
         what: one or several of :data:`WHATS`, of the names of recorded signals, or of their components, ``tau.x``.
-        width: of the figure [in]; default: that of a column for one run, that of a page for several runs, components
-            side by side and the summary.
+        width: of the figure: "column", "page" or a number [in]; default: that of a column for one run, that of a page
+            for several runs, components side by side and the summary.
+        fonts: "sans", "serif", "cm", or "latex", whose texts LaTeX sets when a .pdf or .pgf is written; default: sans.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
     has the colour of its law. The size of the figure does not depend on the number of runs. Raises InputError if a
@@ -78,14 +85,14 @@ def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | 
     _drawable(traces)
     for each in whats:
         check_quantity(each, traces)
-    with styled():
+    with typeset(fonts) if fonts else contextlib.nullcontext(), styled():
         named = _named(traces)
         if len(named) == 1:
             ((name, trace),) = named.items()
             rows = [row for each in whats for row in of_one(name, trace, each)]
-            return _grid(rows, width or (COLUMN_IN if "summary" not in whats else PAGE_IN), name)
+            return _grid(rows, width_of(width, COLUMN_IN if "summary" not in whats else PAGE_IN), name)
         runs = Overlay(named)
-        return _grid([row for each in whats for row in _of_several(runs, each)], width or PAGE_IN, "")
+        return _grid([row for each in whats for row in _of_several(runs, each)], width_of(width, PAGE_IN), "")
 
 
 def check_quantity(what: str, traces: Mapping[str, Trace]) -> None:

@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import logging
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -13,20 +15,39 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as _Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from ...errors import InputError
+from ...errors import InputError, suggestion
 from ...files import atomic_write
 from ...stages.signals import AXES
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
 """Style file with fonts, widths and colours."""
-COLUMN_IN, PAGE_IN = 3.4, 7.1
-"""Width of a column and of a page [in]."""
+COLUMN_IN, PAGE_IN = 3.5, 7.16
+"""Width of one column and of two columns of a paper [in]."""
+WIDTHS = {"column": COLUMN_IN, "page": PAGE_IN}
+"""Widths by name [in]."""
+FONTS: dict[str, Any] = {
+    "sans": {},
+    "serif": {"font.family": ["STIXGeneral", "DejaVu Sans"], "mathtext.fontset": "stix"},
+    "cm": {
+        "font.family": ["cmr10", "DejaVu Serif"],
+        "mathtext.fontset": "cm",
+        "axes.formatter.use_mathtext": True,  # cmr10 has no minus sign
+    },
+}
+"""Fonts by name: those of the style file, Times as STIX has it, Computer Modern."""
+FONTS["latex"] = FONTS["cm"]  # to lay the figure out; LaTeX sets its texts when it is written
+_fonts: ContextVar[str] = ContextVar("fonts", default="sans")
+_width: ContextVar[float] = ContextVar("width", default=PAGE_IN)
+_PANEL_IN = 1.7
+"""Least width of a panel beside others [in]."""
 SMALL = 6.0
 """Size of the text in an inset [pt]."""
 BLACK, GREY = "#000000", "#777777"
@@ -63,11 +84,41 @@ FORMATS = tuple(_METADATA)
 
 
 class Figure(_Figure):
-    """matplotlib's figure, which a notebook shows even if nothing has imported pyplot. pyplot does not keep it open."""
+    """matplotlib's figure, which a notebook shows even if nothing has imported pyplot. pyplot does not keep it open.
+
+    It is written in the style and the fonts in which it was drawn, whatever the user's settings are.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._set_in = _fonts.get()
+
+    def savefig(self, fname: Any, *, format: str | None = None, rc: Any = None, **options: Any) -> None:
+        """Write the figure, as matplotlib does, with further settings ``rc`` of matplotlib. LaTeX sets the texts of a
+        .pgf, and of a .pdf with the fonts "latex".
+
+        Raises InputError without a LaTeX where one is needed, and for a picture of pixels or an SVG with the fonts
+        "latex".
+        """
+        name = os.fspath(fname) if isinstance(fname, str | os.PathLike) else ""
+        kind = format or Path(str(name)).suffix.lower().removeprefix(".") or "png"
+        by_latex = kind == "pgf" or self._set_in == "latex"
+        if by_latex and kind not in ("pgf", "pdf"):
+            raise InputError(f"a .{kind} can't have the fonts 'latex'; write a .pdf or .pgf, or choose 'cm' or 'serif'")
+        if by_latex:
+            options["backend"] = "pgf"
+        latex = _in_latex(self) if by_latex else contextlib.nullcontext()
+        bands = [area for area in self.findobj(PolyCollection) if by_latex and kind == "pdf"]
+        with styled(self._set_in), mpl.rc_context(rc), latex, _rasterized(bands), _without_words_of_fonts():
+            super().savefig(fname, format=kind, **(_METADATA.get(kind, {}) | options))
 
     def _repr_png_(self) -> bytes:
-        file = io.BytesIO()
-        self.savefig(file, format="png", dpi=self.dpi)
+        file, kept = io.BytesIO(), self._set_in
+        try:
+            self._set_in = "cm" if kept == "latex" else kept
+            self.savefig(file, format="png", dpi=self.dpi)
+        finally:
+            self._set_in = kept
         return file.getvalue()
 
 
@@ -126,11 +177,13 @@ def thin_band(
 
 
 def panels(n: int, columns: int, top: float, height: float, **how: Any) -> tuple[Figure, list[Axes]]:
-    """A figure as wide as a page with n panels in rows of at most ``columns``, and its panels. A row has this height
-    [in], the space above the rows is ``top`` [in], and ``how`` is as for ``Figure.subplots``."""
-    columns = min(n, columns)
+    """A figure as wide as a page, or as :func:`typeset` says, with n panels in rows of at most ``columns``, fewer in a
+    narrow figure, and its panels. A row has this height [in], the space above the rows is ``top`` [in], and ``how`` is
+    as for ``Figure.subplots``."""
+    width = _width.get()
+    columns = max(1, min(n, columns, int(width / _PANEL_IN)))
     rows = -(-n // columns)
-    figure = Figure(figsize=(PAGE_IN, top + height * rows))
+    figure = Figure(figsize=(width, top + height * rows))
     axes = list(figure.subplots(rows, columns, squeeze=False, **how).flat)
     for ax in axes[n:]:
         ax.remove()
@@ -192,14 +245,76 @@ def ticks(ax: Axes, most: int) -> None:
 
 
 @contextlib.contextmanager
-def styled() -> Iterator[None]:
-    """A context with the settings of the style file and matplotlib's defaults, independent of the user's settings."""
-    with mpl.rc_context(fname=STYLE):
+def styled(fonts: str | None = None) -> Iterator[None]:
+    """A context with the settings of the style file and matplotlib's defaults, independent of the user's settings, and
+    with fonts of :data:`FONTS`; default: those of :func:`typeset`."""
+    with mpl.rc_context(fname=STYLE), mpl.rc_context(FONTS[fonts or _fonts.get()]):
         yield
 
 
-_MATHS = {"τ": r"$\tau$", "²": "$^2$", "³": "$^3$", "·": r"$\cdot$", "±": r"$\pm$", "µ": r"$\mu$"}
+@contextlib.contextmanager
+def typeset(fonts: str, width: float = PAGE_IN) -> Iterator[None]:
+    """A context in which figures are drawn in these fonts, one of :data:`FONTS`, and those of :func:`panels` in a width
+    [in]. Raises InputError for other fonts."""
+    if fonts not in FONTS:
+        raise InputError(f"fonts {fonts!r}: {suggestion(fonts, FONTS)}")
+    tokens = _fonts.set(fonts), _width.set(width)
+    try:
+        yield
+    finally:
+        _fonts.reset(tokens[0])
+        _width.reset(tokens[1])
+
+
+def width_of(given: str | float | None, default: float) -> float:
+    """A width in inches: a number, or a name of :data:`WIDTHS`. Raises InputError for others."""
+    if given is None:
+        return default
+    if isinstance(given, str):
+        if given not in WIDTHS:
+            raise InputError(f"width {given!r}: {suggestion(given, WIDTHS)}, or give a number of inches")
+        return WIDTHS[given]
+    if not 1.0 <= given <= 40.0:
+        raise InputError(f"width {given:g}: must be from 1 to 40 inches")
+    return float(given)
+
+
+_MATHS = {
+    "τ": r"$\tau$",
+    "²": "$^2$",
+    "³": "$^3$",
+    "·": r"$\cdot$",
+    "±": r"$\pm$",
+    "µ": r"$\mu$",
+    "&": r"\&",
+    "#": r"\#",
+}
 """LaTeX of the characters in texts of figures that its fonts may lack."""
+
+
+@contextlib.contextmanager
+def _without_words_of_fonts() -> Iterator[None]:
+    """A context in which fontTools says nothing about the dates in matplotlib's own fonts."""
+    logger = logging.getLogger("fontTools")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def _rasterized(areas: Sequence[Artist]) -> Iterator[None]:
+    """A context in which areas are pixels: LaTeX would take half a minute for the edges of a band."""
+    kept = [area.get_rasterized() for area in areas]
+    try:
+        for area in areas:
+            area.set_rasterized(True)
+        yield
+    finally:
+        for area, each in zip(areas, kept, strict=True):
+            area.set_rasterized(each)
 
 
 @contextlib.contextmanager
@@ -208,10 +323,17 @@ def _in_latex(figure: Figure) -> Iterator[None]:
     which measures them."""
     system = next((name for name in ("pdflatex", "xelatex", "lualatex") if shutil.which(name)), None)
     if system is None:
-        raise InputError("a .pgf needs pdflatex, xelatex or lualatex to measure its texts; .pdf needs none")
+        raise InputError(
+            "LaTeX's fonts and a .pgf need pdflatex, xelatex or lualatex, to measure the texts; a .pdf in other fonts "
+            "needs none. On Debian or Ubuntu, as root: apt install texlive-latex-recommended texlive-pictures"
+        )
     texts = [(text, text.get_text()) for text in figure.findobj(Text)]
+    axes = [axis.get_major_formatter() for axis in figure.findobj(Axis)]
+    numbers = [each for each in axes if isinstance(each, ScalarFormatter) and each.get_useMathText()]
     with mpl.rc_context({"pgf.texsystem": system, "pgf.rcfonts": False}):
         try:
+            for each in numbers:  # as mathtext they have a macro of matplotlib's
+                each.set_useMathText(False)
             for text, written in texts:
                 text.set_text("".join(_MATHS.get(letter, letter) for letter in written))
             yield
@@ -220,6 +342,8 @@ def _in_latex(figure: Figure) -> Iterator[None]:
         finally:
             for text, written in texts:
                 text.set_text(written)
+            for each in numbers:
+                each.set_useMathText(True)
 
 
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
@@ -230,8 +354,7 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
     files = [stem.with_name(f"{stem.name}.{kind}") for kind in formats]
     for file, kind in zip(files, formats, strict=True):
         drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
-        with styled(), _in_latex(figure) if kind == "pgf" else contextlib.nullcontext():
-            figure.savefig(drawn, format=kind, **_METADATA[kind])
+        figure.savefig(drawn, format=kind)
         with atomic_write(file) as part:
             part.write_bytes(drawn.getvalue())
     return files

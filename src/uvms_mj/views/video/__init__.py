@@ -35,7 +35,7 @@ _ARROW_N = 0.9
 """Length of the arrow of the largest force of a run [m]."""
 _LEAST_PX = 24.0
 """Length of the arrow of a small force, in a picture of a height of 450 pixels."""
-_STREAMS = np.array([[0.14, 0.30, 0.36], [0.50, 0.05, 0.56], [0.56, 0.40, 0.32]])
+_STREAMS = np.array([[0.14, 0.30, 0.36], [0.66, 0.10, 0.43], [0.60, 0.45, 0.24]])
 """Starts of the arrows of the current, from the start of the way [m]."""
 
 
