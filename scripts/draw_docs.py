@@ -8,6 +8,7 @@ The folder pages has a script for each page: ``main`` draws its picture, ``numbe
 Those of long runs take a folder:
 
     paper            of `uvms-mj paper --out FOLDER`; without it, the certificate alone
+    benchmarks       of `scripts/benchmark.py --json FOLDER/benchmark.json`
     practicality     of `uvms-mj practicality --out FOLDER`
     studies          of `uvms-mj study monte_carlo --out FOLDER/mc` and `uvms-mj study gain_map --out FOLDER/gm`
     validation       of the records of the pool, which are not in the repository
