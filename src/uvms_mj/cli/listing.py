@@ -26,7 +26,7 @@ class Listed:
 
     title: str
     columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
     notes: tuple[str, ...] = ()
 
     def show(self, names: Iterable[str] | None = None, **looks: Any) -> None:
