@@ -9,6 +9,7 @@ difference.
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -18,7 +19,7 @@ from uvms_mj.control import BUILT_IN
 from uvms_mj.files import shipped
 
 SOFT = {"wall.stiffness": 2e3, "simulation.duration": 8.0}
-RUNS = (
+RUNS: dict[str, tuple[str, dict[str, Any], str]] = (
     {name: (name, {"simulation.duration": 8.0}, "mujoco") for name in sorted(shipped("scenarios"))}
     | {
         f"{law}, mujoco": ("push_wall", {"controller.name": law, "simulation.duration": 8.0}, "mujoco")
@@ -52,7 +53,7 @@ def save(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in RUNS:
         trace = run(name)
-        np.savez(folder / f"{name}.npz", **{signal: trace[signal] for signal in trace})
+        np.savez(folder / f"{name}.npz", allow_pickle=False, **{signal: trace[signal] for signal in trace})
         click.echo(f"{name}: {len(trace)} rows")
 
 

@@ -137,7 +137,7 @@ def stage_list(cls: "type[Stage]") -> Listed:
     for field in fields:
         default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
         rows.append((field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", "")))
-    notes = (f"all other settings as in {preset_of}",) if preset_of else ()
+    notes: tuple[str, ...] = (f"all other settings as in {preset_of}",) if preset_of else ()
     if cls.states:
         notes += ("states: " + ", ".join(f"{name} ({size})" for name, size in cls.states.items()),)
     return Listed(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes)
