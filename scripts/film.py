@@ -1,7 +1,7 @@
 """Make the moving picture of the README, docs/push.gif, as a reader would:
 
-    uvms-mj run --out results
-    uvms-mj video results/run.mcap --out docs/push.gif --from 0.5 --to 10 --fps 20 --plots force,position
+uvms-mj run --out results
+uvms-mj video results/run.mcap --out docs/push.gif --from 0.5 --to 10 --fps 20 --plots force,position
 """
 
 import tempfile

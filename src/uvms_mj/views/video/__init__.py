@@ -11,9 +11,9 @@ import matplotlib as mpl
 import numpy as np
 
 from ...errors import InputError, needs_extra
-from ...progress import following
 from ...records.scene import FORCES, SKY
 from ...records.trace import Trace
+from ..progress import following
 from .camera import VIEWS, Camera, View, view_of
 from .encoding import CODERS, encoded
 
