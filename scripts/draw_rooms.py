@@ -55,7 +55,6 @@ SUBJECTS = {
     "compiler": "Python functions to LLVM",
     "quantities": "units and ranges",
     "files": "reading, writing",
-    "progress": "progress bars",
     "errors": "bad input",
 }
 

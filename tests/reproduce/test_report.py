@@ -4,13 +4,13 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 from pages import HOSTILE, Page, complete_by_itself
 from uvms_mj import Scenario, simulate
 from uvms_mj.reproduce.paper import report
 from uvms_mj.reproduce.paper.claims import CLAIMS, Measured, Row, Verdict
 from uvms_mj.studies.pages import number
+from uvms_mj.views.figures.style import Figure
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 

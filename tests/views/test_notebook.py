@@ -107,11 +107,12 @@ def test_texts_are_escaped():
 
 @pytest.mark.parametrize("name", ["bluerov1", "lauv", "planar_arm"])
 def test_a_vehicle_shows_the_numbers_that_the_command_prints_and_itself(name, here):
-    rows = dict(read(Mjcf.find(name)).rows)
+    shown = read(Mjcf.find(name))
+    rows = dict(shown.rows)
     printed = " ".join(here("vehicles", name).stdout.replace("│", " ").split())
     for word in ("M_RB", "M_A", "D_linear", "centre of buoyancy"):
         assert " ".join(rows[word].split("\n")[0].split()) in printed
-    (picture,) = read(Mjcf.find(name)).pictures
+    (picture,) = shown.pictures
     pixels = np.asarray(picture.convert("RGB")).astype(int)
     drawn = np.abs(pixels - pixels[0, 0]).sum(axis=2) > 30
     assert 0.05 < drawn.mean() < 0.9
@@ -172,6 +173,7 @@ def test_a_study_shows_its_plan_and_its_results(study, here):
     assert all(cell in printed for row in study.table() for cell in row)
 
 
+@pytest.mark.slow
 def test_a_study_plots_the_figures_of_its_report(study, tmp_path):
     before = plt.get_fignums()
     for what in ("overview", "distributions", "map"):

@@ -37,11 +37,11 @@ def draw_to_files() -> None:
 def progress_bar(
     what: str, hidden: bool, stop: Stop, text: str = "{share:.0%}", **fields: Any
 ) -> Iterator[Callable[..., None]]:
-    """:func:`.progress.bar`, whose function also checks for signals."""
+    """:func:`..views.progress.bar`, whose function also checks for signals."""
     if hidden:
         yield lambda *counts, **fields: stop.check()
         return
-    from ..progress import bar
+    from ..views.progress import bar
 
     with bar(what, text, **fields) as update:
 

@@ -81,11 +81,11 @@ class RunFolder:
 
 
 def _made_from_a_log() -> list[str]:
-    """The names of the files that ``plot`` and ``export`` write beside a log unless they are given others."""
+    """The names of the files that commands write beside a log unless they are given others."""
     from .logs import FORMATS
     from .plot import WHATS
 
-    return [*(f"{what}.png" for what in WHATS), *(str(Path(LOG).with_suffix(f".{kind}")) for kind in FORMATS)]
+    return [*(f"{what}.png" for what in WHATS), *(str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4"))]
 
 
 def output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:

@@ -14,13 +14,13 @@ from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
-from ..progress import following
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..stages.base import is_shipped
+from ..views.progress import following
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario

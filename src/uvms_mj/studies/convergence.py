@@ -34,12 +34,12 @@ from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
-from ..progress import following
 from ..quantities import leaves
 from ..records.header import Status
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..views.notebook import block
+from ..views.progress import following
 
 LEVELS = 3
 ORDERS = (0.5, 2.1)

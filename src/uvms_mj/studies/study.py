@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import is_folder, locked
-from ..progress import following
 from ..views.notebook import block
+from ..views.progress import following
 from .check import largest, load
 from .plan import Plan
 from .plan.metrics import SETTLED, in_words, successes

@@ -34,8 +34,8 @@ def repeat(
     Returns the claims with their verdicts. Raises InputError if a run can't be done, or the folder has logs.
     """
     from ...errors import InputError
-    from ...progress import following
     from ...scenario import Scenario
+    from ...views.progress import following
     from .runs import load, plan, run
 
     logs = Path(out, "logs")

@@ -34,9 +34,9 @@ def repeat(
     Returns the claims with their verdicts. Raises InputError if an override is invalid, or the folder has other
     studies.
     """
-    from ...progress import following
     from ...records.header import versions
     from ...studies import pages
+    from ...views.progress import following
     from .claims import judge
     from .page import page
 

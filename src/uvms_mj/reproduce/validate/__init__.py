@@ -23,10 +23,10 @@ def repeat(
     ``progress`` is True for a progress bar, or a function of the runs done and their total; ``workers`` is the number
     of processes, by default one per core. Returns the numbers. Raises InputError if the records are not valid.
     """
-    from ...progress import following
     from ...records.header import versions
     from ...studies import pages
     from ...studies.study import executor_of
+    from ...views.progress import following
     from .data import records
     from .page import numbers, page
     from .results import compute

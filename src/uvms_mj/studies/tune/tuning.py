@@ -13,7 +13,7 @@ import tomli_w
 
 from ...errors import InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
-from ...progress import following
+from ...views.progress import following
 from ..plan import Plan
 from ..plan.places import unit_of
 from ..pool.bundle import StudyBundle

@@ -11,9 +11,9 @@ import matplotlib as mpl
 import numpy as np
 
 from ...errors import InputError, needs_extra
-from ...progress import following
 from ...records.scene import FORCES, SKY
 from ...records.trace import Trace
+from ..progress import following
 from .camera import VIEWS, Camera, View, view_of
 from .encoding import CODERS, encoded
 
@@ -188,10 +188,11 @@ class _Frames:
             row = {name: trace[name][at_force : at_force + 1] for name in trace}
             start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
             _arrow(pen, self._renderer.place(start), self._renderer.place(tip), 9.0 * s, force.colour, _LEAST_PX * s)
-        current = self._current(now)
+        current = np.array(trace.scenario.current.velocity_W)
         speed = float(np.linalg.norm(current))
         if speed > 0.0:
-            lines.append((f"current {speed:.2f} m/s", SKY))
+            part = "" if trace.scenario.current.constant else "constant part of the "
+            lines.append((f"{part}current {speed:.2f} m/s", SKY))
             lead = trace.p_WB[0] if self._camera.view.lookat == "way" else trace.p_WB[now] + [-0.35, 0.0, 0.0]
             for start in lead + _STREAMS:
                 ends = self._renderer.place(np.array([start, start + 0.5 * current]))
@@ -199,11 +200,6 @@ class _Frames:
         _write(pen, lines, s)
         layer = layer.resize(self._scene, Image.Resampling.BOX)
         return np.asarray(Image.alpha_composite(Image.fromarray(scene).convert("RGBA"), layer).convert("RGB"))
-
-    def _current(self, now: int) -> np.ndarray:
-        """The current at the vehicle (3,) in W [m/s]."""
-        recorded = self.trace.arrays.get("nu_c_W")
-        return np.array(self.trace.scenario.current.velocity_W) if recorded is None else recorded[now][:3]
 
 
 def _data(model: Any) -> Any:

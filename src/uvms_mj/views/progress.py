@@ -85,24 +85,22 @@ class _Notebook:
         self._began = self._last = time.monotonic()
         self._what, self._text, self._fields = what, text, fields
         self._done, self._total = 0.0, 0.0
-        self._handle = display(self._html(), display_id=True)
+        self._handle = display(self._shown(), raw=True, display_id=True)
 
     def update(self, done: float, total: float, *, what: str | None = None, **more: Any) -> None:
         self._done, self._total, self._what = done, total, what or self._what
         self._fields |= more
         if time.monotonic() - self._last > EVERY_S:
             self._last = time.monotonic()
-            self._handle.update(self._html())
+            self._handle.update(self._shown(), raw=True)
 
     def end(self) -> None:
-        self._handle.update(self._html())
+        self._handle.update(self._shown(), raw=True)
 
-    def _html(self) -> Any:
-        from IPython.display import HTML
-
+    def _shown(self) -> dict[str, str]:
+        """The bar as HTML, and as text for what shows no HTML."""
         said = _filled(self._text, self._what, self._done, self._total, self._fields) if self._total else ""
-        seconds = f"{time.monotonic() - self._began:.1f} s"
+        said = f"{said} {time.monotonic() - self._began:.1f} s".lstrip()
         bar = f"<progress max='{self._total or 1:g}' value='{self._done:g}' style='vertical-align: middle;'></progress>"
-        return HTML(
-            f"<div>{escape(self._what)} {bar} {escape(said)} <span style='opacity: 0.6;'>{seconds}</span></div>"
-        )
+        html = f"<div>{escape(self._what)} {bar} {escape(said)}</div>"
+        return {"text/html": html, "text/plain": f"{self._what}: {said}"}
