@@ -22,9 +22,9 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def test_the_top_of_the_package_has_at_most_22_entries():
+def test_the_top_of_the_package_has_at_most_21_entries():
     code = {path.parent for path in HOUSE.glob("*/*.py")} | set(HOUSE.glob("*.py"))
-    assert len([path for path in code if not path.name.startswith("__")]) <= 22
+    assert len([path for path in code if not path.name.startswith("__")]) <= 21
 
 
 def test_the_import_contract_is_short():
@@ -35,6 +35,7 @@ def test_the_import_contract_is_short():
     assert {line.partition(" -> ")[2].strip('",') for line in upwards.splitlines() if " -> " in line} == {
         "uvms_mj.views.figures",  # an object draws itself
         "uvms_mj.views.notebook",  # and shows itself in a notebook
+        "uvms_mj.views.progress",  # a run has a bar
     }
 
 
