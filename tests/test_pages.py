@@ -45,7 +45,7 @@ def shortened(words: list[str]) -> list[str]:
             more = [f"simulation.duration={6.1 if '--out' in words else 0.02}"]
         case ["converge" | "certify", *_]:
             more = ["simulation.duration=0.02"]
-        case ["study", name, *_] if name not in ("report", "list", "plot"):
+        case ["study", name, *_] if name not in ("report", "list", "plot", "table"):
             more = ["design.runs=4", "simulation.duration=8", "--engine=free_body", "--workers=1"]
         case ["tune", *_]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]

@@ -4,17 +4,16 @@ import re
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from law_files import HEADER, law_file, one_liner
+from page_numbers import page
 from uvms_mj import InputError, LawError, Scenario, simulate
 from uvms_mj.engine.native import compilation
 from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
 
-ROOT = Path(__file__).parents[2]
 SHORT = {"simulation.duration": 0.2}
 COPY_OF_GSTA = '''
 @dataclass(frozen=True)
@@ -49,9 +48,9 @@ def test_a_users_law_is_compiled_and_does_what_ours_does(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_readmes_law_reaches_its_own_closed_form(tmp_path):
+def test_the_law_of_the_first_pages_reaches_its_own_closed_form(tmp_path):
     """Integral action makes K_d eta_e = tau_c exactly, as GSTA does: F = K_x (x_d - x_c)/(1 + K_x/k_c)."""
-    example = re.search(r"```python\n(# my_law\.py\n.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    example = re.search(r"```python\n(# my_law\.py\n.*?)```", page("your_own_law").read_text(), re.DOTALL)
     assert example is not None
     assert len([line for line in example[1].splitlines() if line.strip() and not line.startswith("#")]) <= 20
     path = law_file(tmp_path, example[1], header="")

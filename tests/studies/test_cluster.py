@@ -164,7 +164,7 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 
 def test_the_batch_file_of_the_page_runs_a_study(study_file, tmp_path):
     """With a stand-in for srun that starts two tasks."""
-    page = page_of("studies").read_text()
+    page = page_of("cluster").read_text()
     script = page.split("```bash\n")[1].split("```")[0]
     tools = {
         "srun": '"$@" & "$@" & wait',

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Sequence, Set
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
+from ...records.trace import Trace
 from ...setup.base import Setup
 from ...stages.base import Stage
 from ...stages.signals import (
@@ -41,12 +42,7 @@ from .bodies import recorded_contacts
 from .image import Image
 from .pipeline import Pipeline
 
-_ATTRIBUTES = {
-    *dir(np.recarray),
-    *("arrays", "band", "duration_s", "file", "message", "notes", "push", "save", "scenario", "columns", "load", "of"),
-    *("header", "outcome", "rows", "to_dataframe", "signals", "status", "steps", "wall_time_s", "analytic"),
-    "allow_pickle",
-}
+_ATTRIBUTES = {*dir(np.recarray), *dir(Trace), *(field.name for field in fields(Trace)), "file", "allow_pickle"}
 """Attributes of a trace, and of the formats to which it is exported."""
 _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
