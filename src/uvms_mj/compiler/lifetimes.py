@@ -72,7 +72,9 @@ class Lifetimes(Expressions):
 
     def variable(self, name: str) -> Value:
         its = self.variables[name]
-        numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
+        numbers = its.numbers
+        if numbers is None:
+            numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
         turns = self.turning is not None and name in self.turning.names
         value = Value(its.kind, numbers, False, its.steady and not turns, its.outer and not turns)
         return bundle(items_of(value)) if its.kind.items is not None else value
@@ -91,6 +93,10 @@ class Lifetimes(Expressions):
         if (wanted := self.plan.kinds.get(name)) is not None:
             value = self._adapted_if_it_can(value, wanted)
         kind, its = value.kind.variable, self.variables.get(name)
+        if once and self.turning is None and not self.written_out:
+            numbers = tuple(self.adapted(value, kind))
+            self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, numbers)
+            return
         if its is None or (its.kind != kind and its.block == self.block):
             its = self.variables[name] = Variable(kind, self._slots(kind), self.block)
         if its.kind != kind:
