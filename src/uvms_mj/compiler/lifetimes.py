@@ -8,12 +8,24 @@ for each statement. Otherwise there is one more of them than there are names, an
 """
 
 import ast
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
 from .expressions import A_COPY, Expressions, Variable
 from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
+
+
+def bindings(statements: Iterable[ast.stmt]) -> Iterator[str]:
+    """The names that statements bind, each as often as one of them does."""
+    for statement in statements:
+        targets = getattr(statement, "targets", [getattr(statement, "target", None)])
+        for each in (part for target in targets if target is not None for part in ast.walk(target)):
+            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+                yield each.id
+        for part in ("body", "orelse"):
+            yield from bindings(getattr(statement, part, ()))
 
 
 class Again(Exception):
@@ -66,8 +78,7 @@ class Lifetimes(Expressions):
         """The outermost loop, when a loop begins."""
         if self.turning is not None:
             return self.turning
-        names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
-        self.turnings.append(Turning(names))
+        self.turnings.append(Turning(set(bindings([node]))))
         return self.turnings[-1]
 
     def variable(self, name: str) -> Value:
