@@ -38,8 +38,8 @@ from ...stages.signals import (
     thruster_signal,
 )
 from .bodies import recorded_contacts
-from .image import Image
 from .pipeline import Pipeline
+from .record import Image
 
 _ATTRIBUTES = {
     *dir(np.recarray),
