@@ -400,9 +400,38 @@ def left_early(g, o):
     o.s[21] = last
 
 
+def entries_of_new_arrays(g, o):
+    """A small array has memory only where it is needed: at an index that is known at run time, in a branch or a loop,
+    for a store, for another function."""
+    o.s[0] = (g.v + 1.0)[1]
+    o.s[1] = (g.v + g.k)[g.n % 3]
+    once = g.v * 2.0
+    if g.k > 0.0:
+        o.s[2:5] = (once - g.v if g.flag else once + g.v) * g.k
+        inner = once * once
+        o.s[5] = inner[g.n % 3]
+    for i in range(g.n):
+        o.s[6] += once[i % 3] + (g.v * g.v)[i % 3]
+        kept = once + i
+        o.s[7:10] = kept - once
+    turned = (g.B[:, :3] * 2.0).T
+    o.s[10:13] = turned[:, 1] + turned.T[1]
+    once[1] = 7.0
+    o.s[13:16] = once + (once + 1.0).copy()
+    o.s[20:26] = np.concatenate((g.v + once, np.array([g.k, once[0], 3.0])))
+    o.s[26] = (g.v > 0.0).sum() + np.max(once - g.v)
+    o.s[27:30] = stored_in(once * 3.0)
+
+
+def stored_in(x):
+    x[0] += 1.0
+    return x
+
+
 @pytest.mark.parametrize(
     "function",
     [
+        entries_of_new_arrays,
         views_of_new_arrays,
         left_early,
         arithmetic,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, Simulation
-from uvms_mj.engine.native.image import MOST_ROWS, Field
-from uvms_mj.engine.native.record import Shape, room_for, run_dtype, with_numbers
+from uvms_mj.engine.native.record import MOST_ROWS, Field, Shape, room_for, run_dtype, with_numbers
 
 GUSTY = {"current.deviation": [0.1, 0.1, 0.0], "disturbance.deviation": [0.5] * 6, "wall.stiffness": 2e3}
 

@@ -46,8 +46,13 @@ class Arrays(Scalars):
         shape = self.shape_of(parts[0])
         if any(self.shape_of(part) != shape for part in parts):
             self.mistake(f"the parts have different shapes: {', '.join(shown(self.shape_of(part)) for part in parts)}")
-        axis = axis % (len(shape) + 1)
-        out = self.temporary(self.base_of(parts), (*shape[:axis], len(parts), *shape[axis:]))
+        axis, base = axis % (len(shape) + 1), self.base_of(parts)
+        if not shape:
+            out = self.made(base, (len(parts),))
+            for k, part in enumerate(parts):
+                self.put(self.converted(part, base), out, [WORD(k)])
+            return out
+        out = self.temporary(base, (*shape[:axis], len(parts), *shape[axis:]))
         for k, part in enumerate(parts):
             self.fill(self._along(out, axis, k), part)
         return out
@@ -124,8 +129,8 @@ class Arrays(Scalars):
         def body(indices: list[ir.Value]) -> None:
             result = function(*(self.element(value, indices) for value in values))
             if not out:
-                out.append(self.temporary(result.kind.base, shape))
-            self.store(result.llvm[0], self.pointer(out[0], indices))
+                out.append(self.made(result.kind.base, shape))
+            self.put(result.llvm[0], out[0], indices)
 
         self.each(shape, body)
         return out[0]
@@ -166,8 +171,8 @@ class Arrays(Scalars):
 
     def copied(self, value: Value) -> Value:
         """A new array with the entries of another one."""
-        out = self.temporary(value.kind.base, self.shape_of(value))
-        self.fill(out, value)
+        out = self.made(value.kind.base, self.shape_of(value))
+        self.each(out.kind.sizes, lambda indices: self.put(self.element(value, indices).llvm[0], out, indices))
         return out
 
     def apart(self, value: Value) -> Value:
@@ -205,7 +210,7 @@ class Arrays(Scalars):
 
         if len(left) == 1 and len(right) == 1:
             return scalar(sums([[]], [])[0], base)
-        out = self.temporary(base, (*left[:-1], *right[1:]))
+        out = self.made(base, (*left[:-1], *right[1:]))
         self._fill_product(out, left[:-1], right[1:], sums)
         return out
 
@@ -224,12 +229,12 @@ class Arrays(Scalars):
                 if isinstance(first, ir.Constant):
                     places = [[WORD(first.constant + i)] for i in range(n)]
                 for place, number in zip(places, sums(places, j), strict=True):
-                    self.store(number, self.pointer(out, [*place, *j]))
+                    self.put(number, out, [*place, *j])
 
             self.each(columns, column)
 
         if not rows:
-            self.each(columns, lambda j: self.store(sums([[]], j)[0], self.pointer(out, j)))
+            self.each(columns, lambda j: self.put(sums([[]], j)[0], out, j))
             return
         whole_blocks = rows[0] // ROWS
         if rows[0] <= UNROLLED:
@@ -290,8 +295,8 @@ class Arrays(Scalars):
 
             result = reduce(shape[axis], term, axis != len(shape) - 1)
             if not out:
-                out.append(self.temporary(result.kind.base, rest))
-            self.store(result.llvm[0], self.pointer(out[0], indices))
+                out.append(self.made(result.kind.base, rest))
+            self.put(result.llvm[0], out[0], indices)
 
         self.each(rest, body)
         return out[0]

@@ -10,7 +10,7 @@ from llvmlite import ir
 from .codes import STOPPED, code_of
 from .module import Module
 from .refusals import Lacking, Mistake
-from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Kind, Value, contiguous, scalar, whole
+from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Value, contiguous, scalar, whole
 
 UNROLLED = 16
 """Up to so many elements are written out one by one; more are a loop."""
@@ -56,6 +56,43 @@ class Emission:
         kind = contiguous(base, tuple(shape))
         return Value(kind, (self.reserve(kind.size * base.itemsize),), fresh=True)
 
+    def made(self, base: np.dtype, shape: Sequence[int]) -> Value:
+        """A new array whose entries are :meth:`put`, one after the other on the way that the code takes. A small one
+        needs no memory if only its entries are asked for."""
+        kind = contiguous(base, tuple(shape))
+        if kind.size > UNROLLED:
+            return self.temporary(base, shape)
+        return Value(kind, Entries(kind.size, lambda entries: self._written(entries, base)), fresh=True)
+
+    def _written(self, entries: Entries, base: np.dtype) -> ir.Value:
+        """Memory with the entries of a small array, written where the last one was made."""
+        memory, here = self.reserve(len(entries.numbers) * base.itemsize), self.at
+        if entries.end is not None:
+            block, last = entries.end
+            self.at = ir.IRBuilder(block)
+            self.at.position_at_start(block) if last is None else self.at.position_after(last)
+            for k, number in enumerate(entries.numbers):
+                if number is not None:
+                    self.store(number, self.shifted(memory, WORD(k * base.itemsize)))
+            self.at = here
+            here.position_at_end(here.block)
+        return memory
+
+    def put(self, number: ir.Value, array: Value, indices: Sequence[ir.Value]) -> None:
+        """Set an entry of an array that is being made."""
+        entries = array.llvm
+        if not isinstance(entries, Entries) or entries.memory is not None:
+            self.store(number, self.pointer(array, indices))
+            return
+        entries.numbers[self._number_of(array, indices)] = number
+        block = self.at.block
+        entries.end = block, block.instructions[-1] if block.instructions else None
+
+    def _number_of(self, array: Value, indices: Sequence[ir.Value]) -> int:
+        """The place of an entry among those of a small array, by constant indices."""
+        at = sum(i.constant * stride for i, stride in zip(indices, array.kind.strides, strict=True))
+        return at // array.kind.base.itemsize
+
     def shifted(self, pointer: ir.Value, distance: ir.Value) -> ir.Value:
         if isinstance(distance, ir.Constant) and distance.constant == 0:
             return pointer
@@ -84,16 +121,27 @@ class Emission:
             return WORD(known)
         return self.at.add(total, WORD(known)) if known else total
 
-    def pointer(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
-        """Of an entry. The last axes are indexed where an array has fewer of them; a size of 1 is repeated."""
+    def _own(self, array: Value, indices: Sequence[ir.Value]) -> list[ir.Value]:
+        """The indices of an entry. The last axes are indexed where an array has fewer of them; a size of 1 is
+        repeated."""
         n = len(array.kind.strides)
         of_these = zip(array.kind.shape or (), indices[len(indices) - n :], strict=True)
-        own = [WORD(0) if size == 1 else index for size, index in of_these]
-        return self.shifted(array.llvm[0], self.distance(own, array.kind.strides))
+        return [WORD(0) if size == 1 else index for size, index in of_these]
+
+    def pointer(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
+        """Of an entry."""
+        return self.shifted(array.llvm[0], self.distance(self._own(array, indices), array.kind.strides))
 
     def element(self, value: Value, indices: Sequence[ir.Value]) -> Value:
-        """An entry of an array, as :meth:`pointer`; a number is itself."""
-        return self.load(self.pointer(value, indices), value.kind.base) if value.kind.is_array else value
+        """An entry of an array; a number is itself."""
+        if not value.kind.is_array:
+            return value
+        entries, own = value.llvm, self._own(value, indices)
+        if isinstance(entries, Entries) and entries.memory is None and all(isinstance(i, ir.Constant) for i in own):
+            number = entries.numbers[self._number_of(value, own)]
+            if number is not None:
+                return scalar(number, value.kind.base)
+        return self.load(self.pointer(value, indices), value.kind.base)
 
     # loops
 

@@ -25,13 +25,16 @@ A_COPY = "lacks: it may be a copy here, and be another array itself in Python; w
 
 @dataclass
 class Variable:
-    """A name's present kind, and where its LLVM values are. ``block`` is the list of statements that has set it."""
+    """A name's present kind, and where its LLVM values are. ``block`` is the list of statements that has set it.
+    ``numbers`` are the values themselves, of a name that is bound once and not in a loop, so that the binding is on
+    every way to each use."""
 
     kind: Kind
     slots: list[ir.Value]
     block: int
     steady: bool = True
     outer: bool = True
+    numbers: tuple[ir.Value, ...] | None = None
 
 
 class Expressions(Indexing):
@@ -307,7 +310,7 @@ class Expressions(Indexing):
             return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
         return self.mistake(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
 
-    def adapted(self, value: Value, kind: Kind) -> tuple[ir.Value, ...]:
+    def adapted(self, value: Value, kind: Kind) -> Sequence[ir.Value]:
         """The LLVM values of a value as one of another kind."""
         if kind.is_number:
             return (self.converted(value, kind.base),)

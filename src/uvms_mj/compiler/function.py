@@ -2,13 +2,14 @@
 
 import ast
 import types
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from llvmlite import ir
 
 from .codes import RAISED
-from .lifetimes import Again, Lifetimes, Plan
+from .lifetimes import Again, Lifetimes, Plan, bindings
 from .module import Module
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
@@ -57,9 +58,9 @@ class Function(Lifetimes):
         self.loops: list[Loop] = []
         self.blocks = 0
         self.returns: list[tuple[ir.Block, Value]] = []
-        stored = [each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+        stored = Counter(bindings(tree.body))
         parameters = [each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)]
-        self.bound_once = {name for name in stored if stored.count(name) == 1} - set(parameters)
+        self.bound_once = {name for name, times in stored.items() if times == 1} - set(parameters)
         self.unbound = set(parameters) - set(stored)
 
     def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
@@ -353,13 +354,13 @@ class Function(Lifetimes):
         if not isinstance(turns.n, ir.Constant) or turns.n.constant > MOST_TURNS:
             self.lack(f"this loop has to be written out, and has more than {MOST_TURNS} turns")
         end, ways = self.at.append_basic_block(), []
-        inside, self.written_out = _stored(node.body), self.written_out + 1
+        inside, self.written_out = set(bindings(node.body)), self.written_out + 1
         for k in range(turns.n.constant):
             following = self.at.append_basic_block()
             loop = Loop(following, end)
             self._assign_known(node.target, turns.item(WORD(k)), inside)
             self._turn(loop, node.body)
-            for name in inside | _stored([node.target]):  # known in its own turn only
+            for name in set(bindings([node])):  # known in its own turn only
                 self.constants.pop(name, None)
             ways += loop.at_break
             if not self.at.block.is_terminated:
@@ -445,12 +446,6 @@ class Function(Lifetimes):
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
         return self.read(Value(part, (place,), array.fresh, array.steady, array.outer))
-
-
-def _stored(nodes: Sequence[ast.AST]) -> set[str]:
-    """The names that these statements bind."""
-    each = (part for node in nodes for part in ast.walk(node))
-    return {part.id for part in each if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
 
 
 _LACKS = "lacks: "

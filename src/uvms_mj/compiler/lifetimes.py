@@ -8,12 +8,24 @@ for each statement. Otherwise there is one more of them than there are names, an
 """
 
 import ast
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
 from .expressions import A_COPY, Expressions, Variable
 from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
+
+
+def bindings(statements: Iterable[ast.stmt]) -> Iterator[str]:
+    """The names that statements bind, each as often as one of them does."""
+    for statement in statements:
+        targets = getattr(statement, "targets", [getattr(statement, "target", None)])
+        for each in (part for target in targets if target is not None for part in ast.walk(target)):
+            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+                yield each.id
+        for part in ("body", "orelse"):
+            yield from bindings(getattr(statement, part, ()))
 
 
 class Again(Exception):
@@ -66,13 +78,14 @@ class Lifetimes(Expressions):
         """The outermost loop, when a loop begins."""
         if self.turning is not None:
             return self.turning
-        names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
-        self.turnings.append(Turning(names))
+        self.turnings.append(Turning(set(bindings([node]))))
         return self.turnings[-1]
 
     def variable(self, name: str) -> Value:
         its = self.variables[name]
-        numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
+        numbers = its.numbers
+        if numbers is None:
+            numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
         turns = self.turning is not None and name in self.turning.names
         value = Value(its.kind, numbers, False, its.steady and not turns, its.outer and not turns)
         return bundle(items_of(value)) if its.kind.items is not None else value
@@ -91,6 +104,10 @@ class Lifetimes(Expressions):
         if (wanted := self.plan.kinds.get(name)) is not None:
             value = self._adapted_if_it_can(value, wanted)
         kind, its = value.kind.variable, self.variables.get(name)
+        if once and self.turning is None and not self.written_out:
+            numbers = tuple(self.adapted(value, kind))
+            self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, numbers)
+            return
         if its is None or (its.kind != kind and its.block == self.block):
             its = self.variables[name] = Variable(kind, self._slots(kind), self.block)
         if its.kind != kind:

@@ -1,6 +1,7 @@
 """Kinds of values, and the LLVM values that represent them."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -120,7 +121,7 @@ class Value:
     """
 
     kind: Kind
-    llvm: tuple[ir.Value, ...]
+    llvm: Sequence[ir.Value]
     fresh: bool = False
     steady: bool = True
     outer: bool = False
@@ -132,6 +133,31 @@ class Value:
         if self.kind.is_number and isinstance(self.llvm[0], ir.Constant):
             return self.llvm[0].constant
         return None
+
+
+class Entries(Sequence[ir.Value]):
+    """The entries of a small array that a statement makes, in the order of memory. They are written to memory if
+    somebody asks for its address.
+
+    Attributes:
+        numbers: the entries so far.
+        end: where the last one was made: a block, and its last instruction.
+        memory: where they are written.
+    """
+
+    def __init__(self, size: int, write: Callable[["Entries"], ir.Value]) -> None:
+        self.numbers: list[ir.Value | None] = [None] * size
+        self.end: tuple[ir.Block, ir.Instruction | None] | None = None
+        self.memory: ir.Value | None = None
+        self._write = write
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index):
+        if self.memory is None:
+            self.memory = self._write(self)
+        return (self.memory,)[index]
 
 
 def scalar(value: ir.Value, base: np.dtype) -> Value:
@@ -172,7 +198,7 @@ def argument_kind(value: Value) -> Kind:
     return value.kind
 
 
-def unbundled(kind: Kind, llvm: tuple[ir.Value, ...], like: Value) -> Value:
+def unbundled(kind: Kind, llvm: Sequence[ir.Value], like: Value) -> Value:
     """A value from its kind and LLVM values, with the properties of another one; a known number is a constant again."""
     if kind.constant is not None:
         return Value(replace(kind, constant=None), (SCALARS[kind.base](int(kind.constant)),))

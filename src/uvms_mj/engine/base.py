@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..plant.build import put_at
 from ..setup.base import Setup
-from .native.image import Image
+from .native.record import Image
 from .native.water import Water
 
 

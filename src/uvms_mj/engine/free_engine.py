@@ -14,7 +14,7 @@ from ..scenario import STAGES
 from ..setup.base import Setup
 from .base import Engine
 from .native.free_body import free_steps
-from .native.image import Image
+from .native.record import Image
 from .native.water import Water
 
 _KNOWN = {

@@ -13,7 +13,7 @@ from ..setup.base import Setup
 from .base import Engine
 from .native.attachment import Attachment, immerse
 from .native.callback import evaluate
-from .native.image import Image
+from .native.record import Image
 from .native.timers import stopped_clock, timers_stopped
 
 CHUNK_STEPS = 1000

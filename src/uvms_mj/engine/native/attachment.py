@@ -17,9 +17,8 @@ from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_
 from ...plant.water import Current, Disturbance, Tether
 from ...setup.checks import water_faults
 from .callback import evaluation, mjcb_control
-from .image import Image, water_rooms
 from .memory import CAPACITY, registry
-from .record import alone_dtype
+from .record import Image, alone_dtype, water_rooms
 from .water import Water
 
 _lock = threading.RLock()

@@ -14,7 +14,7 @@ from ...plant.contacts import Contacts
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
 from ...stages.signals import Signal, contact_signals
-from .image import Image
+from .record import Image
 
 DAMPING = ("D_linear", "D_quadratic")
 

@@ -9,10 +9,10 @@ from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, plac
 from ...errors import InputError
 from ...stages.base import Stage, is_shipped
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
-from .image import Field, Image
 from .memory import at_address
 from .own_memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault, called
+from .record import Field, Image
 from .user_stage import compile_user_stage, is_check
 
 

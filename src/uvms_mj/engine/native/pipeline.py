@@ -47,8 +47,7 @@ from ...stages.signals import (
     record_dtype,
 )
 from .compiled_stage import CompiledStage
-from .image import Field, Image
-from .record import Shape, run_dtype, with_numbers
+from .record import Field, Image, Shape, run_dtype, with_numbers
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -39,8 +39,8 @@ from ...stages.signals import (
     thruster_signal,
 )
 from .bodies import recorded_contacts
-from .image import Image
 from .pipeline import Pipeline
+from .record import Image
 
 _ATTRIBUTES = {*dir(np.recarray), *dir(Trace), *(field.name for field in fields(Trace)), "file", "allow_pickle"}
 """Attributes of a trace, and of the formats to which it is exported."""

@@ -19,10 +19,9 @@ from .bodies import (
     write_wrist,
 )
 from .callback import entry_points
-from .image import MOST_ROWS, Image, water_rooms
 from .memory import stopped
 from .pipeline import Pipeline
-from .record import STOP_STAGE, Shape, room_for, run_dtype
+from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, run_dtype, water_rooms
 from .rows import banded, recorded, spans
 from .stop_reason import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 

@@ -8,7 +8,7 @@ from ...physics.random import key_of
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
 from .bodies import frame_records, water_links
-from .image import Image
+from .record import Image
 
 Numbers = Sequence[float] | np.ndarray
 
