@@ -41,7 +41,7 @@ def line_of(path: Path, name: str) -> int:
 
 
 def linkcode_resolve(domain: str, info: dict[str, str]) -> str | None:
-    """The page of an object's source, seen from a page of the API, for ``sphinx.ext.linkcode``."""
+    """The line of an object's source, for ``sphinx.ext.linkcode``."""
     if domain != "py" or not info["fullname"]:
         return None
     import uvms_mj  # what the API describes
@@ -56,8 +56,8 @@ def linkcode_resolve(domain: str, info: dict[str, str]) -> str | None:
         return None
     if not path.is_relative_to(ROOT / "src"):
         return None
-    linked.add(where := path.relative_to(ROOT).as_posix())
-    return f"../../{_page(where)}.html#L{line}"
+    where = path.relative_to(ROOT).as_posix()
+    return f"source:{where}#L{line}"
 
 
 linked: set[str] = set()
@@ -86,7 +86,8 @@ def _resolve(app: Sphinx, tree: nodes.document, docname: str) -> None:
             continue
         path, _, name = target.partition("#")
         try:
-            anchor = f"#L{line_of(ROOT / path, name)}" if name else ""
+            line = name.removeprefix("L")
+            anchor = f"#L{line if line.isdigit() else line_of(ROOT / path, name)}" if name else ""
             (ROOT / path).stat()
         except (KeyError, OSError):
             raise ValueError(f"{docname}: the repository has no {target}") from None

@@ -96,7 +96,7 @@ KEYS = (
     Key("controller.K_s", "K_s_", "switching gain", "m/s^2^", 0.0, 60.0, "fosm"),
     Key("controller.epsilon", "ε", "boundary layer", "m/s", 1e-4, 1e-1, "fosm", "log"),
 )
-READ = ("p_WB", "quat_WB", "s", "u", "force_peak")
+READ = ("p_WB", "quat_WB", "s", "u", "force_peak", "D_d")
 """The signals that the page reads."""
 
 
@@ -271,6 +271,8 @@ def data() -> dict[str, Any]:
         "sample_steps": round(SAMPLE_S / scenario.simulation.timestep),
         **{name: _diagonal(getattr(setup.vehicle, name)) for name in ("M_A", "D_linear", "D_quadratic")},
         "M_d_inv": setup.design.M_d_inv.tolist(),
+        "D_d": setup.design.D_d.ravel().tolist(),
+        "timestep": scenario.simulation.timestep,
         "current": dataclasses.replace(scenario.current, speed=1.0).velocity_W,
         "x_c": scenario.wall.position,
         "x_d": target[0],

@@ -3,7 +3,9 @@
 import re
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
@@ -30,6 +32,8 @@ def test_the_site(tmp_path, subtests):
         assert len(pages) > 100
         assert [page.name for page in pages if loads.search(page.read_text())] == []
         assert [style.name for style in site.rglob("*.css") if imports.search(style.read_text())] == []
+    with subtests.test("each link inside the site leads to a page and to a place in it"):
+        assert broken(site) == []
     with subtests.test("three clicks lead from the equation of added mass to its line and to its test"):
         assert 'href="physics/index.html"' in (site / "index.html").read_text()
         assert 'href="equations.html"' in (site / "physics" / "index.html").read_text()
@@ -43,6 +47,25 @@ def test_the_site(tmp_path, subtests):
             if CHROMIUM is None:
                 pytest.skip("chromium is not installed")
             look(site, width, tmp_path / f"chromium-{width}")
+
+
+def broken(site: Path) -> list[str]:
+    """The links of all pages that lead nowhere."""
+    places = {
+        page.resolve(): set(re.findall(r"""\s(?:id|name)=["']([^"']+)["']""", page.read_text()))
+        for page in site.rglob("*.html")
+    }
+    wrong = []
+    for page in places:
+        for link in set(re.findall(r"""<a\b[^>]*?\shref=["']([^"']+)["']""", page.read_text())):
+            if re.match(r"[a-z]+:", link):
+                continue
+            path, _, place = unescape(unquote(link)).partition("#")
+            target = (page.parent / path).resolve() if path else page
+            there = place in places[target] if target in places and place else target.exists()
+            if not there:
+                wrong.append(f"{page.relative_to(site.resolve())}: {link}")
+    return wrong
 
 
 def built(work: Path) -> Path:

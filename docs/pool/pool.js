@@ -135,7 +135,7 @@ class Pool {
         element("input", { type: "radio", name: "pool-law", value: law, checked: law === this.law, onchange: () => this.choose(law) }),
         element("span", {}, name)));
     this.play = element("button", { type: "button", onclick: () => ((this.wants = !this.wants), this.move()) }, this.wants ? "Pause" : "Play");
-    const again = element("button", { type: "button", onclick: () => this.begin() }, "Start again");
+    const again = element("button", { type: "button", onclick: () => ((this.wants = true), this.begin()) }, "Start again");
     const pace = element("select", { "aria-label": "speed of the run", onchange: () => this.worker.postMessage({ pace: Number(pace.value) }) },
       ...[0.25, 1, 4].map((times) => element("option", { value: times, selected: times === 1 }, `${times}×`)));
     this.told = {};
@@ -207,15 +207,18 @@ class Pool {
           ...key.choices.map((choice) => Math.round(1 / choice)).map((rate) => element("option", { value: rate, selected: rate === Math.round(shown) }, String(rate))))
       : element("input", {
           type: "number", step: "any", min: key.least, max: key.most, value: shown, inputmode: "decimal",
-          oninput: () => {
+          onchange: () => {
             const valid = input.value !== "" && input.checkValidity();
             input.setAttribute("aria-invalid", String(!valid));
             if (valid) this.change(key, inwards(key, input.valueAsNumber));
+            wrong.textContent = valid ? "" : `a number from ${plain(short(key.least))} to ${plain(short(key.most))}; still ${plain(short(outwards(key, this.values[key.key])))}`;
+            this.save.disabled = Boolean(this.controls.querySelector("[aria-invalid=true]"));
           },
         });
+    const wrong = element("small", { class: "pool-wrong", role: "alert" });
     const range = key.choices.length ? "" : `, ${short(key.least)} to ${short(key.most)}`;
     return element("label", { title: `${plain(`${key.words}${range} ${key.unit}`)}: ${key.key}` },
-      element("span", { html: `${rich(key.words)} <i>${rich(key.symbol)}</i>` }), input, element("span", { class: "pool-unit", html: rich(key.unit) }));
+      element("span", { html: `${rich(key.words)} <i>${rich(key.symbol)}</i>` }), input, element("span", { class: "pool-unit", html: rich(key.unit) }), wrong);
   }
 
   build_toml() {
@@ -226,7 +229,7 @@ class Pool {
       copy.textContent = "Copied";
       setTimeout(() => (copy.textContent = "Copy"), 1500);
     } }, "Copy");
-    const save = element("button", { type: "button", onclick: () => {
+    const save = this.save = element("button", { type: "button", onclick: () => {
       const address = URL.createObjectURL(new Blob([this.scenario.value], { type: "application/toml" }));
       element("a", { href: address, download: "pool.toml" }).click();
       setTimeout(() => URL.revokeObjectURL(address), 1000);
@@ -236,7 +239,7 @@ class Pool {
   }
 
   tell_scenario() {
-    const { force, reason } = at_rest(this.law, this.values);
+    const { force, reason } = at_rest(this.law, this.values, this.said?.D_d);
     this.rest = force;
     this.told.rest.textContent = reason ? "–" : `${force.toFixed(3)} N`;
     this.told.demanded.textContent = `${demanded(this.values).toFixed(3)} N`;
@@ -255,6 +258,7 @@ class Pool {
     this.values = { ...DEFAULTS };
     this.worker.postMessage({ set: this.chosen() });
     this.build_keys();
+    if (this.save) this.save.disabled = false;
     this.controls.lastChild.focus();
   }
 
@@ -293,7 +297,9 @@ class Pool {
     if (said.run !== this.run) return;
     const before = this.track.end;
     this.track.add(said.rows);
+    const damped = this.said && String(this.said.D_d) !== String(said.D_d);
     this.said = said;
+    if (damped) this.tell_scenario(); // K_d has changed D_d
     this.drift += (this.track.end - before) * said.v_c_W[0];
     if (said.stopped) {
       this.stopped = true;
@@ -354,6 +360,6 @@ function mount() {
   new Pool(root);
 }
 
-window.uvms_mj_pool = { simulate, at_rest: (law, values) => at_rest(law, { ...DEFAULTS, ...values }) };
+window.uvms_mj_pool = { simulate, at_rest: (law, values, D_d) => at_rest(law, { ...DEFAULTS, ...values }, D_d) };
 if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", mount);
 else mount();

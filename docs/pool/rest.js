@@ -22,10 +22,39 @@ function of_current([x, y, z]) {
   return [...drag, p_y * z - p_z * y, p_z * x - p_x * z, p_x * y - p_y * x];
 }
 
+// Why a sampled law does not come to rest on the wall, along its normal; empty if it does. A sliding mode law feeds the force
+// back, whose mean age (T - h)/2 acts as negative damping: it must be below (D_d/K_f + b_c)/k_c. Impedance control with
+// M_d = M_hat feeds none back; its held command must not let the vibration grow from one period to the next.
+function vibrates(law, values, D_d) {
+  const h = DATA.timestep, T = values["controller.period"], k_c = values["wall.stiffness"];
+  const v = DATA.M_d_inv.map((row) => row[0]), compliant = v[0];
+  const along = (wrench) => v.reduce((sum, part, i) => sum + part * wrench[i], 0) / compliant;
+  const damping = along(v.map((_, i) => v.reduce((sum, part, j) => sum + D_d[6 * i + j] * part, 0)));
+  if (law !== "impedance") {
+    const age = (T - h) / 2, limit = (damping / compliant + values["wall.damping"]) / k_c;
+    return age < limit ? "" : `the force is ${short(1e3 * age)} ms old, and at ${short(1e3 * limit)} ms all damping is lost`;
+  }
+  const gains = [along(v.map((part, i) => values[`impedance.K_d[${i}]`] * part)), damping];
+  const stiff = h * k_c * compliant, step = ([x, u], f) => [x - h * stiff * x + h * u + h * h * f, u - stiff * x + h * f];
+  let [first, second, held] = [[1, 0], [0, 1], [0, 0]];
+  for (let i = Math.round(T / h); i > 0; i--) [first, second, held] = [step(first, 0), step(second, 0), step(held, 1)];
+  const a = first[0] - held[0] * gains[0], b = second[0] - held[0] * gains[1];
+  const c = first[1] - held[1] * gains[0], d = second[1] - held[1] * gains[1];
+  const half = (a + d) / 2, square = half * half - (a * d - b * c);
+  const growth = square < 0 ? Math.sqrt(a * d - b * c) : Math.abs(half) + Math.sqrt(square);
+  return growth > 1 ? "the held command does not damp the vibration" : "";
+}
+
 // The push of a law at rest [N], or the reason why there is none: {force, reason}. The laws are the nominal control
 // minus M_hat K s. At rest (1 - K/A) (K_d eta_e - tau_c + F_d) is the wrench of the current at the attitude of the rest,
 // if M_d is M_hat. For GSTA K is infinite.
-function at_rest(law, values) {
+function at_rest(law, values, D_d = DATA.D_d) {
+  const rest = balance(law, values);
+  const reason = rest.force > 0 && vibrates(law, values, D_d);
+  return reason ? { reason: `at this rate and wall ${reason}` } : rest;
+}
+
+function balance(law, values) {
   if (law === "gsta" && !(values["controller.k_1"] && values["controller.k_2"])) return { reason: "GSTA needs k_1 and k_2" };
   if (law === "gsta") return { force: demanded(values) };
   const A = values["task.A"], epsilon = values["controller.epsilon"];

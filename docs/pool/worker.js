@@ -109,7 +109,7 @@ function show(n) {
   busy_ms += performance.now() - begin;
   done_s += n * every;
   if (!goes_on) running = false;
-  const rest = Object.fromEntries(["u", "v_c_W", "force_peak"].map((name) => [name, [...read(name)]]));
+  const rest = Object.fromEntries(["u", "v_c_W", "force_peak", "D_d"].map((name) => [name, [...read(name)]]));
   postMessage({ rows: rows.subarray(0, k * WIDTH), ...rest, stopped: !goes_on, times_real: (1000 * done_s) / busy_ms, run }, [rows.buffer]);
 }
 

@@ -44,6 +44,10 @@ class InputError(ValueError):
             text = "\n".join(lines)
         super().__init__(text)
 
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows: the message, for the place of bad input is in it."""
+        return [f"{type(self).__name__}: {self}"]
+
 
 EXTRAS: Mapping[str, str] = {
     "cluster": "distributed",

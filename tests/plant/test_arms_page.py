@@ -56,7 +56,7 @@ def test_gears_that_stick_keep_the_tool_from_resting(tmp_path):
     assert simulate(sticky.updated({"simulation.duration": 10.0})).touches[-1] > 10
 
 
-WHITE = '<geom type="capsule" size="0.025" fromto="-0.1 0 0 0.1 0 0" mass="0.5" material="white"/>'
+WHITE = '<geom type="capsule" size="0.025" fromto="-0.1 0 0 0.1 0 0" mass="0.5" rgba=".85 .87 .9 1"/>'
 ERRORS = {
     "body 'forearm': moves on": ('<numeric name="forearm.strip_theory" data="1.0 1.1"/>', ""),
     "foream.strip_theory": ('"forearm.strip_theory"', '"foream.strip_theory"'),

@@ -274,3 +274,15 @@ def test_a_law_that_uses_what_has_no_text_is_refused_by_name(tmp_path, monkeypat
     exec(compile(text, file, "exec"), vars(module))
     with pytest.raises(InputError, match="Mine uses THING, which has no text"):
         module_source(module.Mine)
+
+
+def test_bad_input_is_its_message_and_no_traceback():
+    """IPython asks the exception."""
+    from IPython.core.interactiveshell import InteractiveShell
+    from IPython.utils.capture import capture_output
+
+    shell = InteractiveShell()
+    with capture_output() as shown:
+        shell.run_cell('from uvms_mj import Scenario\nScenario.load("push_wall", {"wall.stifness": 1.0})')
+    assert "did you mean 'stiffness'" in shown.stdout + shown.stderr
+    assert "Traceback" not in shown.stdout + shown.stderr
