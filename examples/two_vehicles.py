@@ -39,10 +39,9 @@ if __name__ == "__main__":
 
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
     axes = figure.subplots()
-    times = [0.0, 5.0, 10.0, 15.0, 20.0]
-    places = [drift(t) for t in times]
-    for name in VEHICLES:
-        path = [data.body(f"{name}/{name}").xpos[:2].copy() for data in places]
+    places = [drift(t) for t in (5.0, 10.0, 15.0, 20.0)]
+    for name, y in VEHICLES.items():
+        path = [(0.0, y), *(data.body(f"{name}/{name}").xpos[:2] for data in places)]
         axes.plot(*zip(*path, strict=True), "o-", label=f"{name}, every 5 s")
         print(name, path[-1])
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
