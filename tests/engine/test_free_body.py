@@ -247,7 +247,7 @@ def test_in_parts_after_a_reset_and_beside_others_it_is_the_same_run():
 
 
 def test_stages_in_plain_python_run_in_it_too(monkeypatch):
-    from uvms_mj.engine.native import compiled_stage
+    from uvms_mj.engine.native import pipeline
     from uvms_mj.engine.native.compilation import NotCompiled
 
     plant = {key: value for key, value in AT_WALL.items() if not key.startswith("reference")}
@@ -258,7 +258,7 @@ def test_stages_in_plain_python_run_in_it_too(monkeypatch):
     def refuse(its):
         raise NotCompiled("a test")
 
-    monkeypatch.setattr(compiled_stage.CompiledStage, "_compiled", refuse)
+    monkeypatch.setattr(pipeline.CompiledStage, "_compiled", refuse)
     with pytest.warns(UserWarning, match="plain Python"):
         plain = simulate(scenario, **FREE)
     for name in compiled:

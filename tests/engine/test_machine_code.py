@@ -12,7 +12,7 @@ import pytest
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control import BUILT_IN
-from uvms_mj.engine.native import compilation, objects
+from uvms_mj.engine.native import compilation
 from uvms_mj.physics.kernels import kernels
 
 
@@ -21,11 +21,11 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     (tmp_path / "temporary").mkdir()
     code = """if True:
         import os, warnings
-        from uvms_mj.engine.native import objects
+        from uvms_mj.engine.native import compilation
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            folder = objects._folder()
-            assert objects._folder() == folder
+            folder = compilation._folder()
+            assert compilation._folder() == folder
         assert len(said) == 1, said
         assert folder.is_dir() and os.environ["UVMS_MJ_CACHE_DIR"] == str(folder)
         print(said[0].message)
@@ -102,33 +102,33 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
     simulate(Scenario.load("push_wall", SHORT))
-    for file in objects._folder().glob("*.json"):
+    for file in compilation._folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
-        if facts["externals"] and objects.load(file.stem):
+        if facts["externals"] and compilation.load(file.stem):
             break
-    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
-    assert objects.load(file.stem)
+    assert compilation.load(file.stem)
     (tmp_path / file.name).write_text(json.dumps(change(facts)))
-    assert objects.load(file.stem) is None
+    assert compilation.load(file.stem) is None
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
-    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
+    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
         (tmp_path / name).mkdir()
     (left / "torn.o").write_bytes(b"x")
     os.utime(left, (0.0, 0.0))
-    objects.keep("name", b"code", ["symbol"], [])
+    compilation.keep("name", b"code", ["symbol"], [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
     compilation._native_functions.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
@@ -136,8 +136,8 @@ def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
     not. Errors and validated types of settings aside, which compute nothing in a kernel."""
-    package = Path(objects.__file__).parents[2]
-    covered = {path for room in objects._ROOMS for path in (package / room).rglob("*.py")}
+    package = Path(compilation.__file__).parents[2]
+    covered = {path for room in compilation._ROOMS for path in (package / room).rglob("*.py")}
     found: set[Path] = set()
     todo = [Path(function.__code__.co_filename) for function in kernels]
     todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]

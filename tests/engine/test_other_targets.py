@@ -11,7 +11,7 @@ import pytest
 from symbols import undefined
 from uvms_mj import Scenario, Simulation
 from uvms_mj.compiler.targets import AARCH64, PTX, WASM, Target
-from uvms_mj.engine.native.objects import link
+from uvms_mj.engine.native.compilation import link
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
 
 LAWS = ["gsta", f"{Path(__file__).parents[2] / 'examples' / 'pd.py'}:Pd"]

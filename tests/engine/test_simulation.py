@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, StageFault, simulate
-from uvms_mj.engine.native import compiled_stage
+from uvms_mj.engine.native import pipeline
 from uvms_mj.engine.native.compilation import NotCompiled
 from uvms_mj.engine.run import PlainPythonWarning
 
@@ -309,14 +309,14 @@ def test_the_notes_are_those_of_the_scenario_in_hand(sim):
 @pytest.fixture
 def plain_python(monkeypatch):
     """Users' stages run as plain Python."""
-    compiled = compiled_stage.CompiledStage._compiled
+    compiled = pipeline.CompiledStage._compiled
 
     def refuse(its):
         if its.users:
             raise NotCompiled("for the test")
         return compiled(its)
 
-    monkeypatch.setattr(compiled_stage.CompiledStage, "_compiled", refuse)
+    monkeypatch.setattr(pipeline.CompiledStage, "_compiled", refuse)
 
 
 PERIODS = {"navigation.period": 2e-3, "reference.period": 1e-3, "controller.period": 4e-4, "actuation.period": 5e-4}

@@ -97,7 +97,7 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     def refuse(its):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.compiled_stage.CompiledStage._compiled", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.pipeline.CompiledStage._compiled", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0

@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_mj.compiler.codes import place
 from uvms_mj.compiler.unit import Unit, translate
-from uvms_mj.engine.native.objects import target_machine
+from uvms_mj.engine.native.compilation import target_machine
 
 _engines: list[Any] = []
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..control.design import Design
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
-from ..plant.fit import task_inertias
+from ..plant.build import task_inertias
 from ..records.trace import Trace
 from .metrics import cumulative, grid
 

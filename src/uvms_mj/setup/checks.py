@@ -13,8 +13,8 @@ from ..control.theory.predictions import stage_notes
 from ..control.theory.sampled import delay_faults, zeta_limit
 from ..errors import Fault, InputError
 from ..physics.flow import FINEST
+from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of
-from ..plant.fit import check_fit, task_inertias
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance

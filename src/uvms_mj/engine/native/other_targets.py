@@ -7,9 +7,9 @@ import llvmlite.binding as llvm
 
 from ...compiler.targets import Target
 from ...compiler.values import INT
-from .compiled_stage import CompiledStage
 from .free_body import free_steps
 from .intrinsics import kernel_module, stage_module
+from .pipeline import CompiledStage
 from .record import Shape, run_dtype, with_numbers
 from .user_stage import between_copies
 
