@@ -1,5 +1,4 @@
-"""The plant of a scenario: it fits the vehicle of its file, and one MuJoCo model has the vehicle, the wall and the contact
-sensors.
+"""The plant of a scenario: it fits the vehicle of its file, and one MuJoCo model has vehicle, wall and contact sensors.
 
 The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised. The contact
 is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
