@@ -411,7 +411,7 @@ class Function(Lifetimes):
         name = f"array at {node.lineno}:{node.col_offset}"  # a name, so that its memory is kept while the loop turns
         self.bind(name, value)
         array = self.variable(name)
-        n = array.kind.shape[0]  # type: ignore[index]
+        n = array.kind.shape[0]  # type: ignore[index]  # numbers are refused above
         return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self._at_index(self.variable(name), i))
 
     def _over_items(self, items: list[Value]) -> Iteration:

@@ -85,7 +85,7 @@ class Indexing(Arrays):
                 strides.append(0)
                 continue
             stride = array.kind.strides[axis]
-            size = array.kind.shape[axis]  # type: ignore[index]
+            size = array.kind.shape[axis]  # type: ignore[index]  # an array has a shape
             if isinstance(each, ast.Slice):
                 first, n, step = (0, None, 1) if _is_all(each) else self._bounds(each, size)
                 shape.append(size if _is_all(each) else n)

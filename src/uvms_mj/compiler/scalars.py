@@ -138,7 +138,7 @@ class Scalars(Emission):
         if FLOAT not in (left.kind.base, right.kind.base) and (exponent is None or exponent < 0):
             self.lack("the exponent of an integer must be a constant of at least 0; write float(...) ** n")
         if left.kind.base != FLOAT and right.kind.base != FLOAT:
-            return self._whole_power(left, int(exponent))  # type: ignore[arg-type]
+            return self._whole_power(left, int(exponent))  # type: ignore[arg-type]  # None is refused above
         x = scalar(self.float_of(left), FLOAT)
         if exponent == 2:
             return self.operation("Mult", x, x)

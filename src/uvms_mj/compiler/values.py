@@ -62,7 +62,7 @@ class Kind:
     @property
     def is_open(self) -> bool:
         """Whether it is an array whose length is known only at run time."""
-        return bool(self.shape) and self.shape[0] is None  # type: ignore[index]
+        return bool(self.shape) and self.shape[0] is None  # type: ignore[index]  # bool(None) is False
 
     @property
     def size(self) -> int:
@@ -72,7 +72,7 @@ class Kind:
     @property
     def sizes(self) -> tuple[int, ...]:
         """The shape of an array of known shape, () of a number."""
-        return tuple(int(each) for each in self.shape or ())  # type: ignore[arg-type]
+        return tuple(int(each) for each in self.shape or ())  # type: ignore[arg-type]  # of known shape
 
     @property
     def variable(self) -> "Kind":

@@ -25,7 +25,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
-from ..stages.loader import listed_files
+from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
 from ..stages.written import class_source

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
-from ...stages.loader import field_suggestion
+from ...stages.contract import field_suggestion
 from .own_memory import OwnMemory
 
 

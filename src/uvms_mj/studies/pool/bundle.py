@@ -21,7 +21,8 @@ from ...errors import Fault, InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
 from ...stages.base import Stage
-from ...stages.loader import listed_files, load_file, wrong_files
+from ...stages.contract import listed_files, wrong_files
+from ...stages.loader import load_file
 
 if TYPE_CHECKING:
     from ..plan import Plan
