@@ -56,6 +56,7 @@ SUBJECTS = {
     "quantities": "units and ranges",
     "files": "reading, writing",
     "errors": "bad input",
+    "display": "what an object shows",
 }
 
 

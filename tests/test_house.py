@@ -22,21 +22,16 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def test_the_top_of_the_package_has_at_most_21_entries():
+def test_the_top_of_the_package_has_at_most_22_entries():
     code = {path.parent for path in HOUSE.glob("*/*.py")} | set(HOUSE.glob("*.py"))
-    assert len([path for path in code if not path.name.startswith("__")]) <= 21
+    assert len([path for path in code if not path.name.startswith("__")]) <= 22
 
 
 def test_the_import_contract_is_short():
     _, contract, *_ = PROJECT.read_text(encoding="utf-8").split("[[tool.importlinter.contracts]]\n")
     assert 'type = "layers"' in contract
-    rooms, _, upwards = contract.strip().partition("ignore_imports = [")
-    assert len(rooms.splitlines()) <= 21
-    assert {line.partition(" -> ")[2].strip('",') for line in upwards.splitlines() if " -> " in line} == {
-        "uvms_mj.views.figures",  # an object draws itself
-        "uvms_mj.views.notebook",  # and shows itself in a notebook
-        "uvms_mj.views.progress",  # a run has a bar
-    }
+    assert "ignore_imports" not in contract
+    assert len(contract.strip().splitlines()) <= 22
 
 
 def test_type_checkers_see_every_public_name_where_it_is():

@@ -8,6 +8,8 @@ print(trace.push[-1])
 
 from importlib import import_module
 
+from . import display
+
 _NAMES = {
     "actuation": "Actuation Joints Thrusters",
     "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
@@ -82,6 +84,9 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .views.figures import plot as plot
     from .views.video import still as still
     from .views.video import video as video
+
+
+display.ABOVE.append(lambda: import_module(".views.notebook", __name__))
 
 
 def __getattr__(name: str) -> object:

@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from . import actuation, control, guidance, navigation
+from . import actuation, control, display, guidance, navigation
 from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
@@ -242,9 +242,7 @@ class Scenario:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from .views.notebook import scenario_html
-
-        return scenario_html(self)
+        return display.html(self)
 
 
 _VALIDATOR = TypeAdapter(Scenario)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
-from uvms_mj.records.export import at_rate
 from uvms_mj.stages.signals import BAND, BANDED, band_signals
 
 SPHERE = {"shape": "sphere", "radius": 0.15, "stiffness": 2e4, "position": [0.4, 0.002, 0.0]}
@@ -66,7 +65,7 @@ def test_a_law_that_alternates_has_a_band_where_its_rows_show_one_side():
 def test_an_export_at_a_lower_rate_has_the_bands_of_a_log_at_that_rate():
     scenario = Scenario.load("push_wall", EARLY)
     quick, slow = (simulate(scenario, engine="free_body", log_rate=rate) for rate in (1000, 100))
-    fewer = at_rate(quick, 100.0)
+    fewer = quick.at_rate(100.0)
     for name in slow:
         assert fewer[name].tobytes() == slow[name].tobytes(), name
 

@@ -12,7 +12,6 @@ from recorded import decoded, same
 from traces import TASK, without
 from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.cli import main
-from uvms_mj.records.export import export
 from uvms_mj.stages.signals import BAND, GIVEN, RECORDED, Signal
 
 
@@ -48,9 +47,9 @@ def test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own(logg
     for pose in ([m.transforms[1].transform.rotation for _, m in topics["/tf"]],):
         assert np.array_equal([[q.w, q.x, q.y, q.z] for q in pose], more.quat_d)
     assert np.array_equal([m.pose.orientation.w for _, m in topics["/measured/pose"]], more.quat_WB_m[:, 0])
-    export(loaded, "npz", tmp_path / "run.npz")
+    loaded.export(tmp_path / "run.npz")
     assert np.array_equal(np.load(tmp_path / "run.npz")["J_foot"], more.J_foot)
-    export(loaded, "csv", tmp_path / "run.csv")
+    loaded.export(tmp_path / "run.csv")
     assert "wind_W.y [m/s]" in (tmp_path / "run.csv").read_text().partition("\n")[0]
 
 

@@ -81,7 +81,6 @@ def export(log: str, kind: str | None, out: str | None, chosen: tuple[str, ...],
     """
     with bad_input():
         from ..errors import InputError
-        from ..records.export import at_rate
         from ..records.export import export as write
 
         suffix = Path(out or "").suffix.lower().removeprefix(".")
@@ -94,8 +93,8 @@ def export(log: str, kind: str | None, out: str | None, chosen: tuple[str, ...],
         names = names_in("--signals", chosen)
         (trace,) = loaded((log,)).values()
         if rate is not None:
-            trace = at_rate(trace, number("--rate", rate, "Hz", 1e-9, 1e9))
-        write(trace, kind, path, force, names)
+            trace = trace.at_rate(number("--rate", rate, "Hz", 1e-9, 1e9))
+        write(trace.header, trace.arrays, kind, path, force, names)
         click.echo(str(path))
 
 

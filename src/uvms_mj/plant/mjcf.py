@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from .. import display
 from ..errors import InputError, suggestion
 from ..files import is_file, shipped
 from .geometry import Geometry
@@ -142,9 +143,7 @@ class Mjcf:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from ..views.notebook import mjcf_html
-
-        return mjcf_html(self)
+        return display.html(self)
 
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""

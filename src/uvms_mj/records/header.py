@@ -7,7 +7,7 @@ import importlib.metadata
 import inspect
 import itertools
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -88,6 +88,16 @@ def _source_of(kind: type[Stage]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+class Column:
+    """One component of a signal at all instants: its name, unit, signal and values (n,)."""
+
+    name: str
+    unit: str
+    signal: Signal
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Header:
     """The part of a run's record that is known before the first step.
 
@@ -157,6 +167,13 @@ class Header:
             return signal.units
         hinge, slide = signal.unit.split(" or ")
         return tuple(slide if link.slide else hinge for link in self.geometry.links)
+
+    def columns(self, arrays: Mapping[str, np.ndarray]) -> Iterator[Column]:
+        """Samples (n, ...) component by component: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
+        for signal in self.signals:
+            values = arrays[signal.name].reshape(-1, signal.size)
+            for i, (component, unit) in enumerate(zip(self.components(signal), self.units(signal), strict=True)):
+                yield Column(f"{signal.name}.{component}" if component else signal.name, unit, signal, values[:, i])
 
     def _of_joints(self, signal: Signal) -> bool:
         return signal.name in OF_JOINTS and signal.size == len(self.geometry.links)

@@ -9,27 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import display
 from ..control.base import NoClosedForm, SteadyState
 from ..errors import InputError
 from ..scenario import Scenario
 from ..stages.signals import BAND, Signal
 from ..stages.words import no_signal
-from .header import Header, Outcome, Status
+from .header import Column, Header, Outcome, Status
 from .mcap import McapLog, read
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """One component of a signal at all instants: its name, unit, signal and values (n,)."""
-
-    name: str
-    unit: str
-    signal: Signal
-    values: np.ndarray
 
 
 class UnknownSignal(KeyError):
@@ -107,14 +98,9 @@ class Trace:
         frame.attrs = {"units": units, "frames": frames, "scenario": self.scenario.name}
         return frame
 
-    def columns(self) -> Iterator["Column"]:
+    def columns(self) -> Iterator[Column]:
         """The samples component by component: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
-        for signal in self.signals:
-            values = self[signal.name].reshape(len(self), signal.size)
-            named = zip(self.header.components(signal), self.header.units(signal), strict=True)
-            for i, (component, unit) in enumerate(named):
-                name = f"{signal.name}.{component}" if component else signal.name
-                yield Column(name, unit, signal, values[:, i])
+        return self.header.columns(self.arrays)
 
     def rows(self) -> np.ndarray:
         """The samples side by side (n, width), as :meth:`of` takes them."""
@@ -165,9 +151,7 @@ class Trace:
         :func:`uvms_mj.plot` draws several runs on the same axes. Raises InputError if the run has no such quantity, or
         fewer than two samples.
         """
-        from ..views import figures
-
-        return figures.plot({self.scenario.controller.label(): self}, what, width, fonts)
+        return display.figure(self, what, width, fonts)
 
     def between(self, start: float | None = None, end: float | None = None) -> "Trace":
         """The rows from a time to a time [s]; default: the first and the last one. Raises InputError unless there are
@@ -182,6 +166,27 @@ class Trace:
             found = f"{chosen.sum()} samples from {low:g} to {high:g} s"
             raise InputError(f"has {found}; its samples are from {first:g} to {last:g} s")
         return Trace.of(self.header, self.rows()[chosen], self.outcome)
+
+    def at_rate(self, rate: float) -> "Trace":
+        """The rows at a rate [Hz] that divides the trace's own, from t = 0 on, with the bands over all steps between
+        them. Raises InputError for another rate."""
+        recorded = 1.0 / (self.header.row_steps * self.scenario.simulation.timestep)
+        every = round(recorded / rate) if rate > 0.0 else 0
+        if every < 1 or abs(every * rate - recorded) > 1e-6 * recorded:
+            above = max(1, int(recorded / rate)) if rate > 0.0 else 1
+            near = [f"{recorded / n:.6g}" for n in (above + 1, above)] if 0.0 < rate < recorded else [f"{recorded:.6g}"]
+            raise InputError(
+                f"{rate:g} Hz does not divide the log's {recorded:.6g} Hz; the nearest: {' and '.join(near)}"
+            )
+        steps = np.rint(self.t / self.scenario.simulation.timestep).astype(int)
+        rows, kept = self.rows(), np.flatnonzero(steps % (every * self.header.row_steps) == 0)
+        starts = np.concatenate([[0], kept[:-1] + 1])
+        bands = [edges for edges in BAND.values() if {*edges} <= self.arrays.keys() and len(kept)]
+        for edges in bands:
+            for name, extreme in zip(edges, (np.minimum, np.maximum), strict=True):
+                place = self.header.places[name]
+                rows[kept, place] = extreme.reduceat(rows[: kept[-1] + 1, place], starts)
+        return Trace.of(self.header, rows[kept], self.outcome)
 
     def export(
         self,
@@ -201,18 +206,17 @@ class Trace:
 
         Raises InputError for an unknown ending, signal or rate, and if the file exists.
         """
-        from .export import WRITERS, at_rate, export
+        from .export import WRITERS, export
 
         kind = Path(path).suffix.lower().removeprefix(".")
         if kind not in WRITERS:
             raise InputError(f"{path}: the name must end in one of .{', .'.join(WRITERS)}")
-        export(self if rate is None else at_rate(self, rate), kind, Path(path), replace, signals)
+        kept = self if rate is None else self.at_rate(rate)
+        export(kept.header, kept.arrays, kind, Path(path), replace, signals)
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from ..views.notebook import trace_html
-
-        return trace_html(self)
+        return display.html(self)
 
     @property
     def scenario(self) -> Scenario:

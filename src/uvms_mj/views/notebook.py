@@ -6,25 +6,34 @@ from elsewhere.
 
 import base64
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import display
 from ..errors import InputError
+from ..plant.mjcf import Mjcf
+from ..records.trace import Trace
+from ..scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from ..plant.mjcf import Mjcf
-    from ..records.trace import Trace
-    from ..scenario import Scenario
 
 _CELL = "padding: 1px 10px 1px 0; text-align: left; vertical-align: top; background: none; border: none;"
 _DPI = 140
 
 
-def trace_html(trace: "Trace") -> str:
+@display.figure.register(Trace)
+def trace_figure(trace: Trace, what: str | Sequence[str], width: str | float | None, fonts: str | None) -> "Figure":
+    """A figure of a run."""
+    from . import figures
+
+    return figures.plot(trace, what, width, fonts)
+
+
+@display.html.register(Trace)
+def trace_html(trace: Trace) -> str:
     """A run: the table that ``uvms-mj run`` prints, its warnings, and its force, or without a contact its position."""
     from ..analysis.run_table import heading, rows
     from ..analysis.summary import summary
@@ -40,7 +49,8 @@ def trace_html(trace: "Trace") -> str:
     return block(heading(report), table, drawn)
 
 
-def scenario_html(scenario: "Scenario") -> str:
+@display.html.register(Scenario)
+def scenario_html(scenario: Scenario) -> str:
     """A scenario: each key that differs from its default, beside the default, and a picture of its start. Without the
     vehicle's file there is no picture."""
     from .figures import bodies
@@ -57,7 +67,8 @@ def scenario_html(scenario: "Scenario") -> str:
     return block(f"{scenario.name} · {law} · {scenario.simulation.duration:g} s", rows, drawn, scenario.description)
 
 
-def mjcf_html(mjcf: "Mjcf") -> str:
+@display.html.register(Mjcf)
+def mjcf_html(mjcf: Mjcf) -> str:
     """A vehicle: its table as ``uvms-mj vehicles`` prints it, and a picture. Raises InputError if the file is not one
     physical vehicle."""
     from ..plant.description import described, rows

@@ -63,15 +63,15 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
 
 
 def plot(
-    traces: Mapping[str, Trace],
+    traces: Trace | Mapping[str, Trace],
     what: str | Sequence[str] = "summary",
     width: str | float | None = None,
     fonts: str | None = None,
 ) -> Figure:
-    """Draw one figure of a run, or of several runs on the same axes, by their names in it.
+    """Draw one figure of a run, or of several runs on the same axes.
 
     Args:
-        traces: the runs.
+        traces: a run, or several runs by name.
         what: one or several of :data:`WHATS`, of the names of recorded signals, or of their components, ``tau.x``.
         width: of the figure: "column", "page" or a number [in]; default: that of a column for one run, that of a page
             for several runs, components side by side and the summary.
@@ -81,6 +81,8 @@ def plot(
     has the colour of its law. The size of the figure does not depend on the number of runs. Raises InputError if a
     trace has fewer than two samples, no run has the quantity, or there are too many panels.
     """
+    if isinstance(traces, Trace):
+        traces = {traces.scenario.controller.label(): traces}
     whats = ["force" if each == "push" else each for each in ([what] if isinstance(what, str) else what)]
     _drawable(traces)
     for each in whats:
