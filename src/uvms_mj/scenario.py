@@ -28,7 +28,7 @@ from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
-from .stages.loader import Choice, Placeholder, stage_of, table_of
+from .stages.loader import Choice, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
 
 STAGES: dict[str, Choice] = {
@@ -198,7 +198,7 @@ class Scenario:
         known = {name: type(getattr(self, name)) for name in STAGES}
         for name, kind in list(known.items()):
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
-            if own is not None and issubclass(kind, Placeholder):
+            if own is not None and kind.of_log:
                 del known[name]
                 recorded: Any = kind
                 in_a_log = not Path(recorded.source()).is_absolute()

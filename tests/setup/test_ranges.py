@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.control.design import no_overflow
 from uvms_mj.scenario import keys
 from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import no_overflow
 from uvms_mj.setup.wall import wall_faults
 
 SHORT = {"simulation.duration": 0.005}

@@ -113,11 +113,10 @@ def _from_log(
     from ..records.header import code_file
     from ..records.mcap import read_files
     from ..scenario import STAGES
-    from ..stages.loader import Placeholder
 
     header, _ = read_files(log)
     for name, then in header.sources.items():
-        if not isinstance(getattr(header.scenario, name), Placeholder):
+        if not getattr(header.scenario, name).of_log:
             continue
         if overrides.get(f"{name}.name", controller if name == "controller" else None) is None:
             noun, code = STAGES[name].base.room.noun, code_file(name, then.source)

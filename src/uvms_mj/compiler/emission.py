@@ -94,8 +94,11 @@ class Emission:
         return at // array.kind.base.itemsize
 
     def shifted(self, pointer: ir.Value, distance: ir.Value) -> ir.Value:
-        if isinstance(distance, ir.Constant) and distance.constant == 0:
-            return pointer
+        if isinstance(distance, ir.Constant):
+            if distance.constant == 0:
+                return pointer
+            if isinstance(pointer, ir.GEPInstr) and isinstance(pointer.indices[0], ir.Constant):
+                return self.shifted(pointer.pointer, WORD(pointer.indices[0].constant + distance.constant))
         return self.at.gep(pointer, [distance], source_etype=BYTE)
 
     def load(self, pointer: ir.Value, base: np.dtype) -> Value:

@@ -1,10 +1,9 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
-import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -26,7 +25,6 @@ from ..quantities import (
     Stiffnesses,
     Wrench,
     doc,
-    leaves,
     within,
 )
 from .schedule import Change, in_order
@@ -108,8 +106,6 @@ INNER_TABLES = {"impedance.schedule": Change, "estimates.links": LinkEstimates}
 """The tables within a table, by their key."""
 ATTITUDE_KEYS = tuple(f"reference.{key}" for key in ("attitude_deg", "poses", "turns", "heading", "plane_deg", "speed"))
 """Keys on which the attitude at the end of a run may depend."""
-_SMALL, _LARGE = 1e-6, 1e8
-"""If an equation overflows, the message names the keys with numbers outside this range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,26 +166,6 @@ def ott_damping(M_d: np.ndarray, K_d: np.ndarray, damping_ratio: float) -> np.nd
     """
     L, L_inv, _ = _factor(M_d.tobytes())
     return _damped(*_modes_of(L, L_inv.dot(K_d).dot(L_inv.T)), damping_ratio)
-
-
-@contextlib.contextmanager
-def no_overflow(scenario: Any) -> Iterator[None]:
-    """Name the keys with extreme values if an equation of the design has no finite result.
-
-    Raises:
-        InputError: in place of NumPy's exception.
-    """
-    try:
-        with np.errstate(over="raise", invalid="raise", divide="raise"):
-            yield
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        extreme = [
-            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
-            for key, value in leaves(dataclasses.asdict(scenario))
-            if isinstance(value, int | float) and value and not _SMALL <= abs(value) <= _LARGE
-        ]
-        what = f"an equation of the design has no finite result: {error}"
-        raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
 def wall_normal(quat_d: np.ndarray) -> np.ndarray:

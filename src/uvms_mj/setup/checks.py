@@ -1,13 +1,15 @@
 """Checks of a run before its first step: the setup of a scenario, or of the scenario of a run with overrides, that was
 checked whole; and warnings of a sampled loop that chatters or limit-cycles."""
 
+import contextlib
+import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..control.design import Design, no_overflow
+from ..control.design import Design
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.sampled import delay_faults, zeta_limit
@@ -18,13 +20,16 @@ from ..plant.contacts import contacts_of
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance
-from ..quantities import radians_notes
+from ..quantities import leaves, radians_notes
 from ..scenario import STAGES, Scenario
-from ..stages.loader import check_stage
+from ..stages.contract import check_stage
 from .base import Setup, set_up
 from .free_motion import free_motion_notes
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
+
+_SMALL, _LARGE = 1e-6, 1e8
+"""If an equation overflows, the message names the keys with numbers outside this range."""
 
 
 class SamplingWarning(UserWarning):
@@ -83,6 +88,26 @@ def _refuse_other_code(base: Scenario, scenario: Scenario, place: str) -> None:
     ]
     if faults:
         raise InputError(faults)
+
+
+@contextlib.contextmanager
+def no_overflow(scenario: Scenario) -> Iterator[None]:
+    """Name the keys with extreme values if an equation of the design has no finite result.
+
+    Raises:
+        InputError: in place of NumPy's exception.
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        extreme = [
+            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
+            for key, value in leaves(dataclasses.asdict(scenario))
+            if isinstance(value, int | float) and value and not _SMALL <= abs(value) <= _LARGE
+        ]
+        what = f"an equation of the design has no finite result: {error}"
+        raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
 def refuse(setup: Setup) -> None:

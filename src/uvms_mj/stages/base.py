@@ -107,6 +107,8 @@ class Stage:
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
+    of_log: ClassVar[bool] = False
+    """Whether the class is a placeholder of a log, which has the text of its function alone: it can't run."""
     every_step: ClassVar[bool] = False
     """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False

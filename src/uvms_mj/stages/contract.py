@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import Fault, InputError, shortened, suggestion
 from ..files import function_tree
 from . import signals
-from .base import Stage, base_of, has_own_constants
+from .base import Stage, base_of, has_own_constants, is_shipped
 from .signals import JOINT_SIGNALS
 
 _MOST_STATES = 10_000
@@ -39,6 +39,20 @@ _OVERRIDDEN = (
 )
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""
+
+
+def check_stage(stage: Stage) -> None:
+    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
+    if stage.of_log:
+        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
+        raise InputError(
+            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
+            f'scenario.updated({{"{key}": "{file}"}})'
+        )
+    if not is_shipped(stage):
+        check_contract(type(stage))
+        if getattr(stage, "uses_truth", False):
+            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")], "scenario")
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
-from .base import Stage, is_shipped, setting
+from .base import Stage, setting
 from .contract import check_contract
 from .signals import OWN_UNIT
 
@@ -133,7 +133,7 @@ class Choice(Generic[_Stage]):
         settings = [key for key in table if key != "name"]
         source = str(table.get("name", self.default.name))
         cls = self.shipped.get(source)
-        if known is not None and known.source() == source and not issubclass(known, Placeholder):
+        if known is not None and known.source() == source and not known.of_log:
             cls = known
         if cls is None:
             return settings
@@ -269,15 +269,11 @@ def table_of(stage: Stage) -> dict[str, Any]:
     return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
 
 
-class Placeholder:
-    """Base of the placeholders for a user's stage in a loaded log. They can be shown and compared, not run."""
-
-
 def placeholder_stage(
     base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
 ) -> type[_Stage]:
-    """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name. Raises
-    InputError if a setting has another type, or its name is not a Python identifier."""
+    """Make a class that can be shown and compared, not run: with the settings of a table of a scenario, and the sizes
+    of its states by name. Raises InputError if a setting has another type, or its name is not a Python identifier."""
     room = base.room
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
@@ -293,22 +289,13 @@ def placeholder_stage(
             raise InputError(f"the {room.setting} {room.table}.{name} = {value!r} of {source} {wanted}")
         default = tuple(value) if isinstance(value, list | tuple) else value
         fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
-    namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
+    namespace = {
+        "of_log": True,
+        "states": dict(states),
+        "source": classmethod(lambda cls: source),
+        "__doc__": f"{source}, recorded.",
+    }
     try:
-        return dataclasses.make_dataclass(label, fields, bases=(Placeholder, base), namespace=namespace, frozen=True)
+        return dataclasses.make_dataclass(label, fields, bases=(base,), namespace=namespace, frozen=True)
     except (TypeError, SyntaxError) as error:
         raise InputError(f"the {room.setting}s of {source}: {error}") from None
-
-
-def check_stage(stage: Stage) -> None:
-    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
-    if isinstance(stage, Placeholder):
-        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
-        raise InputError(
-            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
-            f'scenario.updated({{"{key}": "{file}"}})'
-        )
-    if not is_shipped(stage):
-        check_contract(type(stage))
-        if getattr(stage, "uses_truth", False):
-            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")], "scenario")

@@ -11,7 +11,6 @@ from ..errors import InputError
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
-from ..stages.loader import Placeholder
 from ..stages.signals import AXES, FINAL_WINDOW_S
 
 
@@ -31,7 +30,7 @@ def certificate_of(scenario: Scenario, trace: Trace | None = None) -> Certificat
     certificate = set_up(scenario, None if trace is None else trace.header.mjcf).certificate
     if certificate is None:
         hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
-        if isinstance(law, Placeholder):
+        if law.of_log:
             hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate
