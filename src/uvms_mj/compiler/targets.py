@@ -42,8 +42,12 @@ def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str) -
     """Optimize a module for a processor."""
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
+    first = llvm.create_new_module_pass_manager()
+    first.add_always_inliner_pass()
+    first.add_global_dead_code_eliminate_pass()
     # higher levels take twice as long and make no step faster
     tuning = llvm.create_pipeline_tuning_options(speed_level=1)
     tuning.inlining_threshold = 50
     passes = llvm.create_pass_builder(machine, tuning)
+    first.run(module, passes)
     passes.getModulePassManager().run(module, passes)
