@@ -4,7 +4,7 @@ import pytest
 
 from law_files import law_file, one_liner
 from uvms_mj import Controller, Gsta, InputError, Scenario, Trace
-from uvms_mj.engine.native.rows import check_states
+from uvms_mj.engine.native.run_memory import check_states
 
 SHORT = {"simulation.duration": 0.2}
 

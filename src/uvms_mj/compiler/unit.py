@@ -83,7 +83,6 @@ class Unit(Module):
         finally:
             self._underway.pop()
 
-
     def drop(self, draft: ir.Function) -> None:
         """Take a draft back, with its calls."""
         del self.module.globals[draft.name]
