@@ -53,8 +53,8 @@ def run(
         with bad_input(), console.alone():
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             folder, made = output_folder(out, scenario)
-            try:
-                with alone_in(folder):
+            with alone_in(folder):
+                try:
                     status = _simulate(
                         scenario,
                         mjcf,
@@ -66,8 +66,8 @@ def run(
                         console,
                         stop,
                     )
-            finally:
-                remove_if_empty(made)
+                finally:  # within the lock: the folder of another run, which has not written yet, is empty too
+                    remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
             click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))

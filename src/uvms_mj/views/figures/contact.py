@@ -91,7 +91,7 @@ def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
     if not windows:
         return ()
     first, last = min(window[0] for window in windows), max(window[1] for window in windows)
-    if last - first > _MOST_OF_A_RUN * max(float(trace.t[-1]) for trace in traces.values()):
+    if not 0.0 < last - first <= _MOST_OF_A_RUN * max(float(trace.t[-1]) for trace in traces.values()):
         return ()
 
     def draw(ax: Axes, _: float) -> None:
