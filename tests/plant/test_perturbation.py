@@ -9,8 +9,8 @@ from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.control.laws.fosm import Fosm
 from uvms_mj.control.theory.boundary_layer import boundary_layer_limit
 from uvms_mj.control.theory.super_twisting import bouncing_growth
+from uvms_mj.plant.build import perturbed
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.plant.perturbation import perturbed
 from uvms_mj.plant.settings import VehicleChoice
 from uvms_mj.setup.base import set_up
 from vehicles import random_parameters, vehicle_xml

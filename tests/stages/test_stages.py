@@ -308,17 +308,12 @@ def test_a_derived_class_is_shipped_if_it_differs_in_its_settings_only():
         k_1: float = 50.0
 
     @dataclass(frozen=True)
-    class Greedy(Gsta):
-        uses_truth = True
-
-    @dataclass(frozen=True)
     class Other(PseudoInverse):
         @staticmethod
         def step(settings, state, given, state_dot, u):
             u[:] = 0.0
 
     assert is_shipped(Strong())
-    assert not is_shipped(Greedy())
     assert not is_shipped(Other())
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import Fault, InputError
 from ..physics.frames import BODY
 from ..scenario import STAGES
 from ..setup.base import Setup
@@ -60,6 +61,9 @@ class FreeEngine(Engine):
     chunk_steps = 10_000
 
     def __init__(self, setup: Setup) -> None:
+        """Raises InputError for a scenario that it can't run."""
+        if reasons := refusals(setup):
+            raise InputError([Fault("engine", reason) for reason in reasons], "scenario")
         self._closed = False
 
     def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from ..setup.checks import changed, checked, warnings_of
 from ..stages.signals import Signal
 from ..stages.words import no_signal
 from .base import Engine
-from .free_engine import FreeEngine, refusals
+from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine
 from .native.run_memory import RunMemory
 from .native.stop_reason import Diverged, stop_reason
@@ -398,7 +398,4 @@ def engine_of(name: str, setup: Setup) -> Engine:
     """A new engine. Raises InputError if there is none of this name, or it can't run the scenario."""
     if name not in ENGINES:
         raise InputError(f"engine {name!r}: is not an engine; {suggestion(str(name), ENGINES)}")
-    reasons = refusals(setup) if name == FreeEngine.name else []
-    if reasons:
-        raise InputError([Fault("engine", reason) for reason in reasons], "scenario")
     return ENGINES[name](setup)

@@ -24,8 +24,7 @@ from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
-from ..stages.base import Stage
-from ..stages.contract import listed_files
+from ..stages.base import Stage, listed_files
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
 from ..stages.written import class_source

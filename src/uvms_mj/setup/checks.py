@@ -22,7 +22,6 @@ from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance
 from ..quantities import leaves, radians_notes
 from ..scenario import STAGES, Scenario
-from ..stages.contract import check_stage
 from .base import Setup, set_up
 from .free_motion import free_motion_notes
 from .task_frame import task_faults, task_notes
@@ -39,8 +38,6 @@ class SamplingWarning(UserWarning):
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     """Check a scenario and its stages, and build its plant and its design. The arguments are those of
     :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
-    for stage in scenario.stages:
-        check_stage(stage)
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)
         refuse(setup)

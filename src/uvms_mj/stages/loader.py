@@ -11,8 +11,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
-from .base import Stage, setting
-from .contract import check_contract
+from .base import Stage, check_contract, setting
 from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
@@ -289,8 +288,14 @@ def placeholder_stage(
             raise InputError(f"the {room.setting} {room.table}.{name} = {value!r} of {source} {wanted}")
         default = tuple(value) if isinstance(value, list | tuple) else value
         fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
+    key, path = f"{room.table}.name", f"path/to/{source}"
+    wrong = (
+        f"the {room.noun} {source} is in the log as text, which is never run: name its file with "
+        f'scenario.updated({{"{key}": "{path}"}})'
+    )
     namespace = {
         "of_log": True,
+        "faults": lambda self, setup: [Fault("", wrong)],
         "states": dict(states),
         "source": classmethod(lambda cls: source),
         "__doc__": f"{source}, recorded.",

@@ -14,10 +14,10 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import fused, kernel
 from ...physics.tree import along_joint, compose_links, deliverable, joint_column, place_links, whole
-from .compilation import native_function, native_functions
+from .compilation import native_function
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, floats, mj_factorM, registered, triples
-from .record import STOP_NONE, Shape, alone_dtype, run_dtype, with_numbers
+from .record import STOP_NONE, alone_dtype, with_numbers
 
 
 @kernel
@@ -250,13 +250,3 @@ def mjcb_control() -> Any:
 def evaluation(joints: int) -> int:
     """The address of the code of a forward evaluation of a vehicle with so many joints, without a closed loop."""
     return native_function(_evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"], joints > 0).address
-
-
-@functools.cache
-def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
-    """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine, :func:`evaluate` in
-    MuJoCo's callback or :func:`.free_body.free_steps`, and what Python calls between chunks. They share most of their
-    code, and are one module."""
-    run = with_numbers(run_dtype(shape))
-    parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
-    return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}

@@ -15,8 +15,7 @@ import numpy as np
 
 from ...errors import error_text
 from ...physics.kernels import Record
-from ...stages.base import Stage, is_shipped
-from ...stages.contract import field_suggestion
+from ...stages.base import Stage, field_suggestion, is_shipped
 from .own_memory import OwnMemory
 
 

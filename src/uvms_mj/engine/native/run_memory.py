@@ -1,6 +1,7 @@
 """The memory of one run: its record, those of its stages, its tables and its rows, with the numbers of a scenario in
 them; and the signals that a row records, with where each of them lies."""
 
+import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import fields, replace
@@ -54,10 +55,11 @@ from .bodies import (
     write_contacts,
     write_wrist,
 )
-from .callback import entry_points
+from .callback import advance, finish
+from .compilation import native_functions
 from .memory import stopped
 from .pipeline import Pipeline
-from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, run_dtype, water_rooms
+from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, run_dtype, water_rooms, with_numbers
 from .stop_reason import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 
 _ATTRIBUTES = {*dir(np.recarray), *dir(Trace), *(field.name for field in fields(Trace)), "file", "allow_pickle"}
@@ -207,6 +209,16 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     }
     tables |= {motion_room(k): (f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)}
     return {room: (key, np.array(table, float)) for room, (key, table) in tables.items() if table}
+
+
+@functools.cache
+def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
+    """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
+    :func:`.callback.evaluate` in MuJoCo's callback or :func:`.free_body.free_steps`, and what Python calls between
+    chunks. They share most of their code, and are one module."""
+    run = with_numbers(run_dtype(shape))
+    parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
+    return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}
 
 
 class RunMemory:

@@ -20,8 +20,7 @@ from ...engine.native.sources import source_files
 from ...errors import Fault, InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
-from ...stages.base import Stage
-from ...stages.contract import listed_files, wrong_files
+from ...stages.base import Stage, listed_files, wrong_files
 from ...stages.loader import load_file
 
 if TYPE_CHECKING:
