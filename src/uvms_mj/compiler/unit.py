@@ -55,7 +55,8 @@ class Unit(Module):
         words = [w for a, kind in zip(arguments, kinds, strict=True) if kind.constant is None for w in a.llvm]
         result = at.reserve(done.size)
         code = at.at.call(done.code, [*words, result])
-        done.called_by([*done.callers, at.at.function])
+        if not fused:  # where a function stands decides which of its sums are rounded once
+            done.called_by([*done.callers, at.at.function])
         if self.checked:
             failed = at.at.icmp_signed("!=", code, WORD(0))
             with at.at.if_then(failed, likely=False):
