@@ -13,8 +13,8 @@ import click
 
 from uvms_mj import simulate
 from uvms_mj.cli import main as uvms_mj
+from uvms_mj.cli.console import Table
 from uvms_mj.cli.listing import (
-    Listed,
     key_list,
     metric_list,
     recorded_signals,
@@ -244,7 +244,7 @@ def _page(parts: Sequence[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _listed(listed: Listed) -> str:
+def _listed(listed: Table) -> str:
     return _table(listed.columns, listed.rows)
 
 

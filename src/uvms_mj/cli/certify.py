@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import bad_input, end, ended
-from .console import Console, facts, print_table, table_of
+from .console import Console, Table, facts
 from .options import command, output_options, run_options
 from .run import chosen
 from .stop import Stop, exit_interrupted
@@ -91,13 +91,14 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
         certified = {"certified_rate": bound, "certified_state": 2.0 * beta**2 * bound}
         click.echo(json.dumps(asked | {"gains": {"k_1": k_1, "k_2": k_2}} | certified, allow_nan=False))
     elif not console.quiet:
-        table = facts("gains for a rate of disturbance")
-        table.add_row("rate", f"{rate:g} + {state:g} |s| m/s^3, rad/s^3")
-        table.add_row("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the smallest that certifies all of k_2/2")
-        table.add_row("k_2", f"{k_2:.6g} m/s^3, the smallest for this rate plus {MARGIN:.0%}")
-        table.add_row("beta", f"{beta:g} (s/m)^(1/2), as given; not needed for a rate that depends on time alone")
-        table.add_row("certified rate", f"{bound:.6g} + {2.0 * beta**2 * bound:.6g} |s| m/s^3, rad/s^3")
-        print_table(table)
+        rows = (
+            ("rate", f"{rate:g} + {state:g} |s| m/s^3, rad/s^3"),
+            ("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the smallest that certifies all of k_2/2"),
+            ("k_2", f"{k_2:.6g} m/s^3, the smallest for this rate plus {MARGIN:.0%}"),
+            ("beta", f"{beta:g} (s/m)^(1/2), as given; not needed for a rate that depends on time alone"),
+            ("certified rate", f"{bound:.6g} + {2.0 * beta**2 * bound:.6g} |s| m/s^3, rad/s^3"),
+        )
+        facts("gains for a rate of disturbance", rows).show()
 
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
@@ -114,17 +115,16 @@ def _tables(report: dict[str, Any]) -> None:
     from ..analysis.run_table import ROUNDING
 
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
-    table = facts(f"{report['scenario']} · {report['controller']}")
     alone = "" if gains["nominal"] else ", without nominal control"
-    table.add_row("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}")
-    table.add_row("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|")
-    table.add_row("limit", f"k_2/2 = {certified['limit']:.6g}, for any k_1 and beta")
-    table.add_row("verdict", report["verdict"])
-    print_table(table)
+    about = (
+        ("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}"),
+        ("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|"),
+        ("limit", f"k_2/2 = {certified['limit']:.6g}, for any k_1 and beta"),
+        ("verdict", report["verdict"]),
+    )
+    facts(f"{report['scenario']} · {report['controller']}", about).show()
     if found is None:
         return
-    title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
-    table = table_of(title, "axis", fixed=("axis",))
     heads = {
         "varphi": "|varphi| [1/s^2]",
         "rate": "largest rate [1/s^3]",
@@ -134,9 +134,9 @@ def _tables(report: dict[str, Any]) -> None:
         "margin_to_limit": "k_2/2 - rate",
         "time_beyond_s": "above bound [s]",
     }
-    for head in heads.values():
-        table.add_column(head, justify="right", overflow="fold")
+    rows = []
     for i, axis in enumerate(found["axes"]):
         values = (found[name][i] for name in heads)
-        table.add_row(axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values))
-    print_table(table)
+        rows.append((axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values)))
+    title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
+    Table(title, ("axis", *heads.values()), rows, right=[*heads.values()], fixed=("axis",)).show()

@@ -3,7 +3,8 @@
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,8 +13,6 @@ from .common import printable, progress_bar
 from .stop import Stop
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from ..reproduce.paper.claims.base import Row
 
 
@@ -52,49 +51,86 @@ class Console:
             _run_table(trace, report)
 
 
+@dataclass(frozen=True)
+class Table:
+    """A table as data: a command prints it, and a page of the reference has it.
+
+    Attributes:
+        columns: the heads; none for a table of names and values.
+        rows: the cells, as texts or as rich has them.
+        notes: texts below the rows.
+        right, fixed: the columns that are aligned to the right, and those that do not wrap.
+        width: least width in characters.
+        ruled: whether there is a line between two rows.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    notes: Sequence[str] = ()
+    right: Container[str] = ()
+    fixed: Container[str] = ()
+    width: int | None = None
+    ruled: bool = False
+
+    def show(self, names: Container[str] | None = None) -> None:
+        """Print it, as wide as the terminal, or 120 columns without one; only the rows of these names if some are
+        given. Brackets are units, not markup."""
+        import rich.console
+        import rich.table
+
+        heads = [
+            rich.table.Column(
+                head, justify="right" if head in self.right else "left", no_wrap=head in self.fixed, overflow="fold"
+            )
+            for head in self.columns
+        ]
+        table = rich.table.Table(
+            *heads,
+            title=self.title,
+            title_justify="left",
+            show_header=bool(heads),
+            show_lines=self.ruled,
+            min_width=self.width,
+        )
+        rows = self.rows if names is None else [row for row in self.rows if row[0] in names]
+        for row in rows:
+            table.add_row(*row)
+        for note in self.notes:
+            table.add_row(*[""] * (len(heads) - 1), note, style="dim")
+        if rows or names is None:
+            width = None if sys.stdout.isatty() else 120
+            rich.console.Console(width=width, markup=False, highlight=False).print(table)
+
+
+def facts(title: str, rows: Iterable[Sequence[Any]], **looks: Any) -> Table:
+    """A table of names and values."""
+    return Table(title, (), [*rows], width=60, **looks)
+
+
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     """Print the contents of a log: its rows, attachments, law, versions and topics."""
     from ..records.mcap.layout import Format
 
     header = trace.header
-    table = facts("contents of the log")
-    table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
-    table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
+    rows = [
+        ("file", f"{path}, {path.stat().st_size / 1e6:.1f} MB"),
+        ("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0"),
+    ]
     for name, stage in header.sources.items():
         if stage.sha256 or name == "controller":
             digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
-            table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
-    table.add_row("vehicle", printable(header.mjcf.name))
-    table.add_row("engine", printable(header.engine))
-    attached = "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
-    table.add_row("attachments", printable(attached))
-    table.add_row("versions", printable(", ".join(f"{name} {version}" for name, version in header.versions.items())))
-    print_table(table)
-    columns = ("topic", "type", "frame", "unit", "meaning")
-    table = table_of("topics", *columns, fixed=("topic", "type"), min_width=60)
-    for topic in Format(header).topics:
-        table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
-    print_table(table)
-
-
-def table_of(title: str, *columns: str, fixed: Container[str] = (), **look: Any) -> "Table":
-    """An empty table; columns in ``fixed`` do not wrap."""
-    from rich.table import Column, Table
-
-    return Table(*(Column(each, no_wrap=each in fixed) for each in columns), title=title, title_justify="left", **look)
-
-
-def facts(title: str) -> "Table":
-    """An empty table of names and values."""
-    return table_of(title, show_header=False, min_width=60)
-
-
-def print_table(table: Any) -> None:
-    """Print a table as wide as the terminal, or 120 columns without one. Brackets are units, not markup."""
-    import rich.console
-
-    rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+            rows.append(("law" if name == "controller" else name, f"{stage.source}{digest}"))
+    rows += [
+        ("vehicle", header.mjcf.name),
+        ("engine", header.engine),
+        ("attachments", "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items())),
+        ("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items())),
+    ]
+    facts("contents of the log", [(name, printable(value)) for name, value in rows]).show()
+    topics = [(each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics]
+    Table("topics", ("topic", "type", "frame", "unit", "meaning"), topics, fixed=("topic", "type"), width=60).show()
 
 
 def print_verdicts(
@@ -106,21 +142,20 @@ def print_verdicts(
     from ..studies.pages import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = table_of(title, show_lines=True)
-    for head in (*heads, "verdict"):
-        table.add_column(head, no_wrap=head == "verdict", overflow="fold")
+    shown = []
     for row in rows:
         unit, verdict = "" if row.claim.unit == "1" else f" {row.claim.unit}", row.verdict.name
-        table.add_row(*cells(row, number(row.measured.value) + unit), Text(verdict, style=colours[verdict]))
-    print_table(table)
+        shown.append((*cells(row, number(row.measured.value) + unit), Text(verdict, style=colours[verdict])))
+    Table(title, (*heads, "verdict"), shown, fixed=("verdict",), ruled=True).show()
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
+    from rich.text import Text
+
     from ..analysis.run_table import heading, rows
 
-    table = facts(printable(heading(report)))
-    for name, value in rows(trace, report):
-        table.add_row(name, printable(value))
+    table: list[tuple[Any, ...]] = [(name, printable(value)) for name, value in rows(trace, report)]
     if report["status"] == "completed":
-        table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")
-    print_table(table)
+        bars = ("error bars", "uvms-mj converge, with the same scenario and settings")
+        table.append(tuple(Text(each, style="dim") for each in bars))
+    facts(printable(heading(report)), table).show()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, end, progress_bar
-from .console import Console, print_table, table_of, warn
+from .console import Console, Table, warn
 from .options import command, output_options, run_options
 from .run import chosen
 from .stop import Stop
@@ -77,9 +77,5 @@ def _report(found: "Convergence") -> dict[str, object]:
 
 def _table(found: "Convergence") -> None:
     heads, *rows = found.table()
-    table = table_of(found.title, heads[0], fixed=heads[:1], min_width=60)
-    for head in heads[1:]:
-        table.add_column(head, justify="right" if head.startswith(("h =", "order")) else "left", no_wrap="to" in head)
-    for row in rows:
-        table.add_row(*row)
-    print_table(table)
+    right = [head for head in heads if head.startswith(("h =", "order"))]
+    Table(found.title, heads, rows, right=right, fixed=(heads[0], "tends to"), width=60).show()

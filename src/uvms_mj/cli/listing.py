@@ -11,34 +11,13 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from .common import bad_input
-from .console import print_table, table_of
+from .console import Table
 from .options import command
 
 if TYPE_CHECKING:
     from ..stages.base import Stage
     from ..stages.loader import Choice
     from ..stages.signals import Signal
-
-
-@dataclasses.dataclass(frozen=True)
-class Listed:
-    """A list as the terminal and the pages of the reference show it."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-    notes: tuple[str, ...] = ()
-
-    def show(self, names: Iterable[str] | None = None, **looks: Any) -> None:
-        """Print the rows of these names, if there are any; default: all rows."""
-        chosen = self.rows if names is None else [row for row in self.rows if row[0] in {*names}]
-        table = table_of(self.title, *self.columns, **looks)
-        for row in chosen:
-            table.add_row(*row)
-        for note in self.notes:
-            table.add_row(*[""] * (len(self.columns) - 1), note, style="dim")
-        if chosen or names is None:
-            print_table(table)
 
 
 @command()
@@ -123,11 +102,11 @@ def _print_stages(listed: "Sequence[type[Stage]]") -> None:
         if cls.room.table != table:
             click.echo(f"[{cls.room.table}]\n")
         table = cls.room.table
-        stage_list(cls).show(min_width=80)
+        stage_list(cls).show()
         click.echo()
 
 
-def stage_list(cls: "type[Stage]") -> Listed:
+def stage_list(cls: "type[Stage]") -> Table:
     """The settings of a stage, with notes on its states."""
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
     summary_line = (written or "").strip().splitlines()
@@ -140,7 +119,7 @@ def stage_list(cls: "type[Stage]") -> Listed:
     notes: tuple[str, ...] = (f"all other settings as in {preset_of}",) if preset_of else ()
     if cls.states:
         notes += ("states: " + ", ".join(f"{name} ({size})" for name, size in cls.states.items()),)
-    return Listed(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes)
+    return Table(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes, width=80)
 
 
 def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
@@ -192,13 +171,13 @@ def keys(words: tuple[str, ...]) -> None:
         listed.show(_wanted(words, meanings, "key", str.startswith, near, of_a_stage))
 
 
-def key_list() -> Listed:
+def key_list() -> Table:
     """The keys of a scenario. Of a stage, only the keys that all stages of its table have."""
     from ..scenario import keys as scenario_keys
 
     title = "Keys of a scenario; `uvms-mj stages` lists the settings of each stage"
     rows = [(key, toml_value(default), meaning) for key, default, meaning in scenario_keys()]
-    return Listed(title, ("key", "default", "meaning"), rows)
+    return Table(title, ("key", "default", "meaning"), rows)
 
 
 def _wanted(
@@ -250,10 +229,10 @@ def signals(words: tuple[str, ...]) -> None:
         meanings = {name: meaning for listed in groups for name, *_, meaning in listed.rows}
         wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
     for listed in groups:
-        listed.show(wanted, fixed=("name", "shape"), min_width=80)
+        listed.show(wanted)
 
 
-def stage_signals(table: str) -> tuple[Listed, Listed]:
+def stage_signals(table: str) -> tuple[Table, Table]:
     """The signals that a stage of this table of a scenario receives and sets."""
     from ..scenario import STAGES
 
@@ -265,7 +244,7 @@ def stage_signals(table: str) -> tuple[Listed, Listed]:
     )
 
 
-def signal_list(title: str, listed: "Iterable[Signal]") -> Listed:
+def signal_list(title: str, listed: "Iterable[Signal]") -> Table:
     """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints or contacts."""
     from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
 
@@ -276,10 +255,10 @@ def signal_list(title: str, listed: "Iterable[Signal]") -> Listed:
         counted = "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
         shape = " x ".join(str(length) if length else counted for length in signal.shape)
         rows.append((signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning))
-    return Listed(title, ("name", "shape", "unit", "frame", "meaning"), rows)
+    return Table(title, ("name", "shape", "unit", "frame", "meaning"), rows, fixed=("name", "shape"), width=80)
 
 
-def recorded_signals() -> list[Listed]:
+def recorded_signals() -> list[Table]:
     """The signals that a run records, and their bands."""
     from ..stages.signals import (
         BAND,
@@ -321,10 +300,10 @@ def metrics(words: tuple[str, ...]) -> None:
     with bad_input():
         listed = metric_list()
         meanings = {name: said for name, _, said in listed.rows}
-        listed.show(_wanted(words, meanings, "metric", str.__eq__, meanings), fixed=("name",), min_width=80)
+        listed.show(_wanted(words, meanings, "metric", str.__eq__, meanings))
 
 
-def metric_list() -> Listed:
+def metric_list() -> Table:
     """The metrics that a study can keep."""
     from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
 
@@ -333,4 +312,4 @@ def metric_list() -> Listed:
         parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
         columns = "" if parts == [name] else f"; .{', .'.join(parts)}"
         rows.append((name, unit_of_column(name), said + columns))
-    return Listed("Metrics of a run", ("name", "unit", "meaning"), rows)
+    return Table("Metrics of a run", ("name", "unit", "meaning"), rows, fixed=("name",), width=80)

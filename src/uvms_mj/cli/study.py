@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_ENGINES_DIFFER, bad_input, draw_to_files, filling, printable, progress_bar, refuse_existing
-from .console import print_table, table_of
+from .console import Table
 from .folders import folder_for
 from .options import (
     asked_for,
@@ -267,13 +267,12 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
             click.echo(out)
             return
         found = study.statistics(names)
-    table = table_of(study.plan_of_results.name, "", *map(printable, found.index), min_width=60)
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for heads, values in found.items():
-        name = " ".join(filter(None, heads))
-        table.add_row(printable(name), *("-" if value != value else f"{value:.4g}" for value in values))
-    print_table(table)
+    laws = [*map(printable, found.index)]
+    rows = [
+        (printable(" ".join(filter(None, heads))), *("-" if value != value else f"{value:.4g}" for value in values))
+        for heads, values in found.items()
+    ]
+    Table(study.plan_of_results.name, ("", *laws), rows, right=laws, width=60).show()
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
@@ -393,12 +392,7 @@ def _table(study: "Study") -> None:
     from ..studies.plan.metrics import in_words
 
     heads, *rows = study.table()
-    table = table_of(study.plan.name, *heads, fixed=heads, min_width=60)
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for row in rows:
-        table.add_row(*row)
-    print_table(table)
+    Table(study.plan.name, heads, rows, right=heads[1:], fixed=heads, width=60).show()
     click.echo(f"{in_words(study.plan.success, 'contact.settled' in study.frame)}")
 
 

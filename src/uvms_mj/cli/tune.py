@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_ENGINES_DIFFER, bad_input, draw_to_files, filling, printable, progress_bar
-from .console import print_table, table_of
+from .console import Table
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
 from .stop import Stop
@@ -158,7 +158,7 @@ def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
         }
         click.echo(json.dumps(finite(report), allow_nan=False))
     elif not quiet:
-        print_table(_table(tuning, trials[0], best))
+        _table(tuning, trials[0], best).show()
         click.echo(page)
     if best is None:
         worst = trials[-1].outcome.message
@@ -182,13 +182,13 @@ def _numbers(tuning: "Tuning", trial: Any) -> dict[str, Any]:
     }
 
 
-def _table(tuning: "Tuning", baseline: Any, best: Any) -> Any:
+def _table(tuning: "Tuning", baseline: Any, best: Any) -> Table:
     """The baseline beside the best trial."""
-    table = table_of(tuning.name, "", min_width=60)
     shown = [("the file's own", baseline), *([] if best is None else [(f"found, trial {best.number}", best)])]
-    for head, _ in shown:
-        table.add_column(head, justify="right")
-    for name, *values in tuning.compared([trial for _, trial in shown]):
-        table.add_row(name, *("-" if value is None else f"{value:.6g}" for value in values))
-    table.add_row("state", *(trial.outcome.state for _, trial in shown))
-    return table
+    heads, trials = [head for head, _ in shown], [trial for _, trial in shown]
+    rows: list[tuple[str, ...]] = [
+        (name, *("-" if value is None else f"{value:.6g}" for value in values))
+        for name, *values in tuning.compared(trials)
+    ]
+    rows.append(("state", *(trial.outcome.state for trial in trials)))
+    return Table(tuning.name, ("", *heads), rows, right=heads, width=60)

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from .common import draw_to_files, filling, progress_bar
-from .console import print_table, table_of
+from .console import Table
 from .options import command, json_option, path_option, workers_option
 from .stop import Stop
 
@@ -55,12 +55,12 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
 
 def _table(found: dict[str, Any]) -> None:
     heads = ("mean [deg]", "median [deg]", "trials")
-    table = table_of(f"{len(found['trials'])} trials: rms error of the pitch", "model", fixed=heads)
-    for head in heads:
-        table.add_column(head, justify="right")
-    for name, mean in found["mean_rms_pitch_deg"].items():
-        table.add_row(name, f"{mean:.3f}", f"{found['median_rms_pitch_deg'][name]:.3f}", str(found["judged_on"][name]))
-    print_table(table)
+    rows = [
+        (name, f"{mean:.3f}", f"{found['median_rms_pitch_deg'][name]:.3f}", str(found["judged_on"][name]))
+        for name, mean in found["mean_rms_pitch_deg"].items()
+    ]
+    title = f"{len(found['trials'])} trials: rms error of the pitch"
+    Table(title, ("model", *heads), rows, right=heads, fixed=heads).show()
     click.echo(f"height fitted on {', '.join(found['fitted_on'])}, and judged on the others")
     if found["disagreeing"]:
         differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from .common import bad_input, printable
-from .console import facts, print_table, table_of, warn
+from .console import Table, facts, warn
 from .options import command, json_option
 
 
@@ -46,33 +46,31 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
 def _print_list(about: dict[str, dict[str, Any]]) -> None:
     from ..plant.description import REMARKS, remark
 
-    title = "Vehicles: --set vehicle.model=NAME; `uvms-mj vehicles NAME` lists the numbers of one"
-    columns = ("name", "mass, displaced [kg]", "thrusters", "axes", "joints", "source, licence, trust")
-    table = table_of(title, *columns, fixed=("name",), min_width=80)
+    rows = []
     for name, each in about.items():
         parts = [each, *each["links"]]
         masses = ", ".join(f"{sum(part[word] for part in parts):.4g}" for word in ("mass", "displaced_mass"))
         remarks = "\n".join(printable(remark(each, word)) for word in REMARKS[1:])
         numbers = str(len(each["thrusters"])), f"{each['axes']} of 6", str(len(each["links"]))
-        table.add_row(name, masses, *numbers, remarks, end_section=True)
-    print_table(table)
+        rows.append((name, masses, *numbers, remarks))
+    title = "Vehicles: --set vehicle.model=NAME; `uvms-mj vehicles NAME` lists the numbers of one"
+    columns = ("name", "mass, displaced [kg]", "thrusters", "axes", "joints", "source, licence, trust")
+    Table(title, columns, rows, fixed=("name",), width=80, ruled=True).show()
 
 
 def _print_one(name: str, each: dict[str, Any]) -> None:
     from ..plant.description import rows
     from ..plant.vehicle import AXES
 
-    table = facts(printable(f"{name}: {each['description'] or 'a vehicle without a description'}"))
-    for row, value in rows(each):
-        table.add_row(row, printable(value))
-    print_table(table)
-    title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
-    table = table_of(title, "name", *AXES, "limits [N]", fixed=("name", *AXES), min_width=80)
+    about = [(row, printable(value)) for row, value in rows(each)]
+    facts(printable(f"{name}: {each['description'] or 'a vehicle without a description'}"), about).show()
+    thrusters = []
     for thruster, given in each["thrusters"].items():
         least, greatest = ("none" if x is None else f"{x:.4g}" for x in (given["least"], given["greatest"]))
         limits = "none" if least == greatest == "none" else f"{least} .. {greatest}"
-        table.add_row(printable(thruster), *(f"{round(x, 4) + 0.0:.4g}" for x in given["wrench"]), limits)
-    print_table(table)
+        thrusters.append((printable(thruster), *(f"{round(x, 4) + 0.0:.4g}" for x in given["wrench"]), limits))
+    title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
+    Table(title, ("name", *AXES, "limits [N]"), thrusters, fixed=("name", *AXES), width=80).show()
     if each["links"]:
         print_arm(each)
 
@@ -82,30 +80,23 @@ def print_arm(about: dict[str, Any]) -> None:
     from ..plant.description import coefficient_rows, numbers_text
 
     columns = ("joint", "moves", "type", "range", "motor", "speed limit", "gear friction", "armature")
-    table = table_of("Joints, from the base outwards", *columns, fixed=("joint", "moves"), min_width=80)
+    joints = [
+        (printable(link["joint"]), printable(link["name"]), link["type"], *_joint(link)) for link in about["links"]
+    ]
+    Table("Joints, from the base outwards", columns, joints, fixed=("joint", "moves"), width=80).show()
     for link in about["links"]:
-        table.add_row(printable(link["joint"]), printable(link["name"]), link["type"], *_joint(link))
-    print_table(table)
-    for link in about["links"]:
-        table = facts(printable(f"Link {link['name']}, carried by {link['carried_by']}"))
-        for row in coefficient_rows(link):
-            table.add_row(*row)
+        rows = [*coefficient_rows(link)]
         if link["strip_theory"]:
-            table.add_row("by strip theory", f"{', '.join(link['strip_theory'])}: from its capsules and cylinders")
-        print_table(table)
-    if about["sites"]:
+            rows.append(("by strip theory", f"{', '.join(link['strip_theory'])}: from its capsules and cylinders"))
+        facts(printable(f"Link {link['name']}, carried by {link['carried_by']}"), rows).show()
+    sites = []
+    for name, site in about["sites"].items():
+        far = "without limit" if site["reach"] is None else f"at most {site['reach']:.4g}"
+        place = printable(site["carried_by"]), numbers_text(site["position"])
+        sites.append((printable(name), *place, f"{site['radius']:.4g}", far))
+    if sites:
         heads = ("site", "carried by", "position [m]", "radius [m]", "reach from the first joint [m]")
-        table = table_of("Sites that can be the tool: --set task.frame=NAME", *heads, fixed=("site",), min_width=80)
-        for name, site in about["sites"].items():
-            far = "without limit" if site["reach"] is None else f"at most {site['reach']:.4g}"
-            table.add_row(
-                printable(name),
-                printable(site["carried_by"]),
-                numbers_text(site["position"]),
-                f"{site['radius']:.4g}",
-                far,
-            )
-        print_table(table)
+        Table("Sites that can be the tool: --set task.frame=NAME", heads, sites, fixed=("site",), width=80).show()
 
 
 def _joint(link: dict[str, Any]) -> tuple[str, ...]:
