@@ -14,5 +14,6 @@ from .wrist import WRISTS as WRISTS
 from .wrist import NoWrist as NoWrist
 from .wrist import Wrist as Wrist
 
-SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect, Sensors, *PRESETS, Ekf)}
+_STAGES: tuple[type[Navigation], ...] = (Perfect, Sensors, *PRESETS, Ekf)
+SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in _STAGES}
 OBSERVERS: dict[str, type[Observer]] = {cls.name: cls for cls in (NoObserver, MomentumObserver)}
