@@ -46,6 +46,15 @@ class Outcome:
     completed: int
 
 
+@dataclass(frozen=True)
+class Trial:
+    """A trial that is done: its number, its gains by place, and its outcome."""
+
+    number: int
+    gains: Mapping[str, float]
+    outcome: Outcome
+
+
 def with_gains(plan: Plan, values: Mapping[str, float]) -> Plan:
     """A plan of one law with other gains, by place. Raises InputError if they can't be used together."""
     (law,) = plan.laws
