@@ -89,8 +89,8 @@ def _ranges(problem: Problem, units: dict[str, str]) -> list[tuple[str, str]]:
         unit = f" {units[gain.key]}" if units[gain.key] else ""
         rows.append((gain.key, f"{gain.low:g} to {gain.high:g}{unit}{', logarithmic' if gain.log else ''}"))
     for each in plan.variations:
-        unit = plan.units.get(each.keys[0], "")
-        rows.append((", ".join(each.keys), f"{each.range()}{f' {unit}' if unit else ''}"))
+        unit = plan.units.get(each.places[0], "")
+        rows.append((", ".join(each.places), f"{each.range()}{f' {unit}' if unit else ''}"))
     repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
     rows.append(("runs of a trial", f"{plan.runs}: {plan.draws} draws ({plan.design.replace('_', ' ')}){repeats}"))
     rows.append(("base time", f"{plan.base.simulation.duration:g} s in steps of {plan.base.simulation.timestep:g} s"))

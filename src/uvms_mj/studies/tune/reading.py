@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import plain
 from ...quantities import overrides_of
 from ..plan import Plan
+from ..plan.file import DEFAULT_METRICS, absolute, entries, read, valid, words_of
+from ..plan.laws import Law, base_of, laws_of, split_overrides
 from ..plan.metrics import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
 from ..plan.places import missing, overlap, overrides_at, parsed, unit_of, value_at
-from ..plan.reading import Law, base_of, laws_of, split_overrides
-from ..plan.study_file import DEFAULT_METRICS, absolute, read
-from .tables import TABLES, Constraint, Gain, Objective, Search, valid
+from .tables import TABLES, Constraint, Gain, Objective, Search
 from .trial import Trial
 
 _LISTS = ("gain", "constraint")
@@ -137,7 +139,7 @@ def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> di
             continue
         for i, each in enumerate(given if name in _LISTS else [given]):
             place = f"{name}[{i}]" if name in _LISTS else name
-            table = valid(name, each, place, faults)
+            table = valid(TypeAdapter(TABLES[name]), each, place, faults, words_of(TABLES[name]))
             if table is not None and hasattr(table, "metric"):
                 table = dataclasses.replace(table, metric=absolute(table.metric, folder))
             found[name] += [(place, table)] if table is not None else []
@@ -186,18 +188,14 @@ def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> t
     file = read(tables, ignored)
     base = base_of(file.base, folder, of_base, ignored)
     laws = laws_of(file.laws, base, folder, ignored, []) if base is not None else []
-    return laws[0] if laws else None, [key for each in file.vary for key in (*(each.keys or ()), each.key) if key]
+    varied = entries(file.vary, ignored).values()
+    return laws[0] if laws else None, [place for each in varied for place in each.places]
 
 
 def _gain_faults(gains: list[tuple[str, Gain]], law: Law, varied: list[str]) -> list[Fault]:
     """Errors of the keys of the gains and of their ranges."""
     faults: list[Fault] = []
     for i, (place, gain) in enumerate(gains):
-        try:
-            parsed(gain.key)
-        except ValueError as error:
-            faults.append(Fault(f"{place}.key", str(error)))
-            continue
         others = [*varied, *(other.key for _, other in gains[:i])]
         if any(overlap(gain.key, other) for other in others):
             faults.append(Fault(f"{place}.key", f"{gain.key} is varied or tuned already"))
