@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from pebble import ProcessExpired
 
 from ...control import Gsta
 from ...engine.run import SinkError, simulate
@@ -20,8 +19,7 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from ...setup.checks import SamplingWarning
-from ...studies.pool.calls import each_call
-from ...studies.pool.workers import Workers
+from ...studies.pool.executors import WorkerLost, each_call, executor_of
 from .claims import Runs
 from .laws import RUNS
 
@@ -91,7 +89,7 @@ def run(
         InputError: a job can't run. The other jobs are stopped.
     """
     total = sum(scenario.steps for scenario in jobs.values())
-    with tempfile.NamedTemporaryFile() as file, Workers(workers) as pool:
+    with tempfile.NamedTemporaryFile() as file, executor_of(None, workers) as pool:
         steps = np.memmap(file.name, np.int64, "w+", shape=len(jobs) + 1)  # of each job; not zero at the end: stop
         calls = ((name, each.to_dict(), folder, file.name, i) for i, (name, each) in enumerate(jobs.items()))
         try:
@@ -102,8 +100,8 @@ def run(
 
 
 def _ended(call: tuple[Any, ...], answer: Any) -> tuple[()]:
-    if isinstance(answer, ProcessExpired):
-        raise InputError(f"{call[0]}: its worker process ended with status {answer.exitcode}")
+    if isinstance(answer, WorkerLost):
+        raise InputError(f"{call[0]}: its worker process ended: {answer}")
     return ()
 
 

@@ -54,7 +54,8 @@ def _run(
     folder: Path, overrides: Mapping[str, Any], told: Callable[[int, int], None], workers: int | None
 ) -> "Results":
     """Run what the folder lacks of all studies."""
-    from ...studies.study import Study, executor_of
+    from ...studies.pool.executors import executor_of
+    from ...studies.study import Study
     from .plans import plans
     from .results import Results
 

@@ -6,11 +6,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 import numpy as np
-from pebble import ProcessExpired
 
 from ...errors import InputError
-from ...studies.pool.calls import each_call
-from ...studies.pool.workers import gave_up
+from ...studies.pool.executors import WorkerLost, each_call, gave_up
 from .alignment import Error, error, lag
 from .data import Attitude, Motion, Record
 from .fit import FITTED_ON, HEIGHTS, every_choice, fitted_height
@@ -144,7 +142,7 @@ def compute(
     total = len(calls) + 2 * len(trials)
 
     def take(call: tuple[int, Variant, Motion], answer: Attitude) -> list[tuple[int, Variant, Motion]]:
-        if isinstance(answer, ProcessExpired):
+        if isinstance(answer, WorkerLost):
             raise gave_up(answer)
         results.responses[call[:2]] = answer
         return []

@@ -16,8 +16,9 @@ from ...files import atomic_write, is_file, is_folder, locked, shortened, tables
 from ...views.progress import following
 from ..plan import Plan
 from ..pool.bundle import StudyBundle
+from ..pool.executors import executor_of
 from ..results import VERSION, about_of, check_same, put
-from ..study import Study, executor_of
+from ..study import Study
 from .reading import Problem, fields_of
 from .search import Journal, search
 from .trial import Outcome, Trial, outcome, refused, rows, with_gains
