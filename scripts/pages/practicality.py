@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from page_look import written
+from uvms_mj.reproduce.claims import judged
 from uvms_mj.reproduce.practicality import figures
 from uvms_mj.reproduce.practicality.axes import AXES, MAPS, RETUNED
-from uvms_mj.reproduce.practicality.claims import judge
+from uvms_mj.reproduce.practicality.claims import CLAIMS
 from uvms_mj.reproduce.practicality.plans import plans
 from uvms_mj.reproduce.practicality.results import Results
 from uvms_mj.studies.results import frame
@@ -47,7 +48,7 @@ def last(found: Results, name: str, law: str = "gsta") -> float:
 
 def numbers(folder: str) -> Iterator[tuple]:
     found = results(folder)
-    claims = {row.claim.id: row.measured.value or 0.0 for row in judge(found)}
+    claims = {row.claim.id: row.measured.value or 0.0 for row in judged(CLAIMS, found)}
     yield "There are {} runs of 8 s", sum(len(table) for table in found.frames.values())
     yield "does not press with the demanded force | {} N: the current", claims["impedance"]
     yield "| GSTA presses with the demanded force | {} % wrong |", claims["gsta_ideal"]

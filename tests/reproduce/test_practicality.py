@@ -14,8 +14,9 @@ from synthetic_study import frame_of
 from uvms_mj import InputError
 from uvms_mj.cli.practicality import practicality
 from uvms_mj.files import shipped
+from uvms_mj.reproduce.claims import judged
 from uvms_mj.reproduce.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
-from uvms_mj.reproduce.practicality.claims import judge
+from uvms_mj.reproduce.practicality.claims import CLAIMS
 from uvms_mj.reproduce.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans
 from uvms_mj.reproduce.practicality.results import LABELS, Results, why
 from uvms_mj.setup.base import set_up
@@ -138,7 +139,7 @@ def test_the_line_of_a_map_is_inversely_proportional_to_the_stiffness(results):
 
 
 def test_claims_are_finite_json_and_some_of_these_rows_fail(results):
-    table = json.loads(json.dumps([row.as_dict() for row in judge(results)], allow_nan=False))
+    table = json.loads(json.dumps([row.as_dict() for row in judged(CLAIMS, results)], allow_nan=False))
     verdicts = {row["id"]: row["verdict"] for row in table}
     assert {"holds", "fails"} == {*verdicts.values()}
     assert verdicts["impedance"] == "fails"  # it presses with the demanded force here

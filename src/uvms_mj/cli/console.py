@@ -14,7 +14,7 @@ from .stop import Stop
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..reproduce.paper.claims.base import Row
+    from ..reproduce.claims import Row
 
 
 def warn(message: object, *_: Any, **__: Any) -> None:

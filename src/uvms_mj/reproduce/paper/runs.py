@@ -5,6 +5,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,15 +21,43 @@ from ...records.trace import Trace
 from ...scenario import Scenario
 from ...setup.checks import SamplingWarning
 from ...studies.pool.executors import WorkerLost, each_call, executor_of
-from .claims import Runs
-from .laws import RUNS
 
+
+@dataclass(frozen=True)
+class PaperRun:
+    """One run of the paper: the label in figures and tables, the name of the law, and its gains by dotted key."""
+
+    label: str
+    law: str
+    gains: Mapping[str, Any] = field(default_factory=dict)
+
+
+RUNS: Mapping[str, PaperRun] = {
+    "impedance": PaperRun("impedance", "impedance"),
+    "fosm": PaperRun("first-order", "fosm"),
+    "gsta": PaperRun("GSTA", "gsta", {"controller.nominal": True}),
+    "gsta_alone": PaperRun("GSTA alone", "gsta", {"controller.nominal": False}),
+}
+"""The paper's runs by the names of their logs, which are also the arguments of :func:`uvms_mj.views.figures.paper`."""
+LABELS = {name: run.label for name, run in RUNS.items()}
+TUNED = ("fosm", "gsta")
+"""Laws with gains of their own, which can be set for the study."""
 FINE_S = 0.2
 """Length of the beginning of each run that is recorded at every step [s]."""
 SHORT_S = 1.0
 """Duration that shows whether a law chatters, before the reference moves [s]."""
 FINE, SWEEP = "_fine", "sweep_"
 """Suffix and prefix of the names of the other logs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Traces of the study's runs by the names of :func:`plan`; ``fine`` has the beginning
+    of the same runs as ``traces`` at every step, ``sweep`` the variations."""
+
+    traces: Mapping[str, Trace]
+    fine: Mapping[str, Trace]
+    sweep: Mapping[str, Trace]
 
 
 def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...studies.pages import Picture, Table, rendered
-from ..paper.claims.base import Row, Verdict
+from ..claims import Row, counted
 from . import figures
 from .axes import AXES, RETUNED, STEPS
 from .plans import DEMANDED, PART
@@ -30,7 +30,7 @@ def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> 
         demanded=DEMANDED,
         part=PART,
         rows=rows,
-        counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
+        counts=counted(rows),
         boundaries=boundaries(results),
         profiles=Picture("profiles", _PROFILES, figures.profiles(results, AXES)),
         maps=Picture("maps-figure", _MAPS, figures.maps(results)),
