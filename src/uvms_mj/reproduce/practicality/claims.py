@@ -6,16 +6,13 @@ import numpy as np
 
 from ...studies.pages import number
 from ..claims import Measured, claims_in
-from .axes import AXES, MAPS, STEPS
-from .plans import DEMANDED
+from .plans import AXES, DEMANDED, MAPS, STEPS
 from .results import Results
-
-_AXES = {axis.name: axis for axis in AXES}
 
 
 def _ideal(results: Results, law: str) -> tuple[float, float]:
     """Mean push and range of the push with everything ideal [N]."""
-    row = results.along(_AXES["force_delay"], law).iloc[0]
+    row = results.along(AXES["force_delay"], law).iloc[0]
     return float(row["contact.final_N"]), float(row["force_error_N"])
 
 
@@ -32,7 +29,7 @@ def error(results: Results, law: str) -> Measured:
 
 def over_prediction(results: Results, name: str) -> Measured:
     """Value of an axis up to which GSTA works, over the one at which the contact force becomes too old."""
-    axis, found = _AXES[name], results.boundaries[name, "gsta"]
+    axis, found = AXES[name], results.boundaries[name, "gsta"]
     expected = results.predicted(axis, "gsta")
     if found.between is None or expected is None:
         return Measured(None, "no boundary")
@@ -42,7 +39,8 @@ def over_prediction(results: Results, name: str) -> Measured:
 
 def ages_over_stiffness(results: Results) -> Measured:
     """Median over the stiffnesses of the delay up to which GSTA works, over the limit of the force's age."""
-    name, x, y = MAPS[1]
+    name = "force_delay_and_stiffness"
+    x, y = MAPS[name]
     frame = results.frames[name].assign(works=results.works(name))
     limits = {stiffness: delay for delay, stiffness in results.limits(name, "gsta")}
     ratios = []
@@ -67,7 +65,7 @@ def one_over_other(results: Results, one: str, law: str, other: str, other_law: 
 
 def error_at_real(results: Results, name: str, law: str) -> Measured:
     """Force error of a law at the real value of an axis [% of the demanded push]."""
-    axis = _AXES[name]
+    axis = AXES[name]
     rows = results.along(axis, law)
     row = rows.iloc[int(np.argmin(np.abs(rows[axis.key].to_numpy(float) - axis.real)))]
     off, spread = float(row["force_error_N"]), float(row["force_range_N"])

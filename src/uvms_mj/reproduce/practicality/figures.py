@@ -13,8 +13,7 @@ from matplotlib.patches import Rectangle
 from ...studies.report.figures import decades
 from ...views import colours
 from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, Figure, keys, panels, styled
-from .axes import MAPS, Axis
-from .plans import DEMANDED, PART
+from .plans import AXES, DEMANDED, MAPS, PART, Axis
 from .results import LABELS, Results
 
 _COLUMNS = 2
@@ -29,12 +28,12 @@ def _colours() -> dict[str, str]:
     return dict(zip(LABELS, colours.hex_of_runs([label.split()[0] for label in LABELS]), strict=True))
 
 
-def profiles(results: Results, axes: Sequence[Axis]) -> Figure:
+def profiles(results: Results) -> Figure:
     """The push of each law along the axes: mean and range of its last 0.5 s, and where the law stops working."""
     shown = _colours()
     with styled():
-        figure, drawn = panels(len(axes), _COLUMNS, 0.5, 1.35, sharey=True)
-        for ax, axis in zip(drawn, axes, strict=True):
+        figure, drawn = panels(len(AXES), _COLUMNS, 0.5, 1.35, sharey=True)
+        for ax, axis in zip(drawn, AXES.values(), strict=True):
             _profile(ax, results, axis, shown)
         for ax in drawn[::_COLUMNS]:
             ax.set_ylabel("push [N]")
@@ -78,7 +77,7 @@ def maps(results: Results) -> Figure:
         figure = Figure(figsize=(PAGE_IN, 0.5 + 2.0 * len(MAPS)))
         grid = figure.subplots(len(MAPS), len(_SHOWN), squeeze=False, sharey=True)
         drawn = None
-        for row, (name, x, y) in zip(grid, MAPS, strict=True):
+        for row, (name, (x, y)) in zip(grid, MAPS.items(), strict=True):
             for ax, law in zip(row, _SHOWN, strict=True):
                 drawn = _map(ax, results, name, law, x, y)
                 ax.set_xlabel(f"{x.title} [ms]")

@@ -6,8 +6,7 @@ from pathlib import Path
 from ...studies.pages import Picture, Table, rendered
 from ..claims import Row, counted
 from . import figures
-from .axes import AXES, RETUNED, STEPS
-from .plans import DEMANDED, PART
+from .plans import AXES, DEMANDED, PART, RETUNED, STEPS
 from .results import LABELS, Results, why
 
 _PROFILES = (
@@ -32,10 +31,10 @@ def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> 
         rows=rows,
         counts=counted(rows),
         boundaries=boundaries(results),
-        profiles=Picture("profiles", _PROFILES, figures.profiles(results, AXES)),
+        profiles=Picture("profiles", _PROFILES, figures.profiles(results)),
         maps=Picture("maps-figure", _MAPS, figures.maps(results)),
         steps=steps(results),
-        sources=[(axis.title, axis.text(axis.real), axis.source) for axis in AXES],
+        sources=[(axis.title, axis.text(axis.real), axis.source) for axis in AXES.values()],
         versions=sorted(versions.items()),
     )
 
@@ -43,7 +42,7 @@ def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> 
 def boundaries(results: Results) -> Table:
     """Where each law stops working along each axis, and what it does there."""
     rows = []
-    for axis in AXES:
+    for axis in AXES.values():
         cells = []
         for law in LABELS:
             found = results.boundaries[axis.name, law]
