@@ -8,7 +8,7 @@ import numpy as np
 
 from page_look import written
 from uvms_mj.reproduce.claims import judged
-from uvms_mj.reproduce.practicality import figures
+from uvms_mj.reproduce.practicality import page
 from uvms_mj.reproduce.practicality.claims import CLAIMS
 from uvms_mj.reproduce.practicality.plans import AXES, MAPS, RETUNED, plans
 from uvms_mj.reproduce.practicality.results import Results
@@ -76,4 +76,4 @@ def numbers(folder: str) -> Iterator[tuple]:
 
 
 def main(folder: str) -> None:
-    written(figures.maps(results(folder)), "practicality")
+    written(page.maps(results(folder)), "practicality")

@@ -50,7 +50,7 @@ class Table:
 
 
 def rendered(template: Path, **values: Any) -> str:
-    """The page of a template that extends ``page.html``, with its values. It may import from the folder above its own."""
+    """The page of a template that extends ``page.html``, with its values. It may import from the folder above."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

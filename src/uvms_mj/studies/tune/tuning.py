@@ -19,7 +19,7 @@ from ..pool.bundle import StudyBundle
 from ..pool.executors import executor_of
 from ..results import VERSION, about_of, check_same, put
 from ..study import Study
-from .reading import Problem, fields_of
+from .problem import Problem, fields_of
 from .search import Journal, search
 from .trial import Outcome, Trial, outcome, refused, rows, with_gains
 
