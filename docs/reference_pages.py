@@ -28,7 +28,7 @@ from uvms_mj.records.mcap import topics
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.scenario import STAGES, Scenario
 from uvms_mj.stages import signals
-from uvms_mj.studies.plan import study_file
+from uvms_mj.studies.plan import file as study_file
 from uvms_mj.studies.tune import tables as tune_tables
 
 NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "environment", "commands", "topics")
@@ -153,12 +153,14 @@ def _study_keys() -> str:
         "which numbers are kept. A tuning file is a study file of one law with four more tables. See "
         "[](../how_to/study.md) and [](../how_to/tune.md).",
     ]
-    tables = {"study": study_file.StudyFile} | {name: part for name, part in study_file.TABLES.items() if name}
-    for name, part in (tables | dict(tune_tables.TABLES)).items():
-        fields = [field for field in dataclasses.fields(part) if field.name not in study_file.TABLES]
-        heading = {"study": "At the top", "vary": "[[vary]]", "gain": "[[gain]]", "constraint": "[[constraint]]"}
-        rows = [(field.name, _default(field), field.metadata.get("meaning", "")) for field in fields]
-        parts += [f"## {heading.get(name, f'[{name}]')}", _table(("key", "default", "meaning"), rows)]
+    tables = study_file.TABLES | {name: (part,) for name, part in tune_tables.TABLES.items()}
+    headings = {"": ["At the top"], "gain": ["[[gain]]"], "constraint": ["[[constraint]]"]}
+    headings["vary"] = ["[[vary]] with values", "[[vary]] as a grid", "[[vary]] with a distribution"]
+    for name, kinds in tables.items():
+        for heading, part in zip(headings.get(name, [f"[{name}]"]), kinds, strict=True):
+            fields = [field for field in dataclasses.fields(part) if field.name not in tables]
+            rows = [(field.name, _default(field), field.metadata.get("meaning", "")) for field in fields]
+            parts += [f"## {heading}", _table(("key", "default", "meaning"), rows)]
     return _page(parts)
 
 

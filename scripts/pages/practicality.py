@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from page_look import written
-from uvms_mj.reproduce.practicality import figures
-from uvms_mj.reproduce.practicality.axes import AXES, MAPS, RETUNED
-from uvms_mj.reproduce.practicality.claims import judge
-from uvms_mj.reproduce.practicality.plans import plans
+from uvms_mj.reproduce.claims import judged
+from uvms_mj.reproduce.practicality import page
+from uvms_mj.reproduce.practicality.claims import CLAIMS
+from uvms_mj.reproduce.practicality.plans import AXES, MAPS, RETUNED, plans
 from uvms_mj.reproduce.practicality.results import Results
 from uvms_mj.studies.results import frame
-
-_AXES = {axis.name: axis for axis in AXES}
 
 
 @functools.cache
@@ -25,7 +23,8 @@ def results(folder: str | Path) -> Results:
 
 def ratios(found: Results) -> list[float]:
     """Delays up to which GSTA works over the limit of the force's age, by stiffness: the map's second row."""
-    name, x, y = MAPS[1]
+    name = "force_delay_and_stiffness"
+    x, y = MAPS[name]
     table = found.frames[name].assign(works=found.works(name))
     limits = {stiffness: delay for delay, stiffness in found.limits(name, "gsta")}
     out = []
@@ -47,7 +46,7 @@ def last(found: Results, name: str, law: str = "gsta") -> float:
 
 def numbers(folder: str) -> Iterator[tuple]:
     found = results(folder)
-    claims = {row.claim.id: row.measured.value or 0.0 for row in judge(found)}
+    claims = {row.claim.id: row.measured.value or 0.0 for row in judged(CLAIMS, found)}
     yield "There are {} runs of 8 s", sum(len(table) for table in found.frames.values())
     yield "does not press with the demanded force | {} N: the current", claims["impedance"]
     yield "| GSTA presses with the demanded force | {} % wrong |", claims["gsta_ideal"]
@@ -56,7 +55,7 @@ def numbers(folder: str) -> Iterator[tuple]:
         ("control_period", "| to {} ms; predicted {} ms. Boundary over prediction: {} |"),
         ("force_delay", "the delay of the force sensor | to {} ms; predicted {} ms. {} |"),
     ):
-        yield words, 1e3 * last(found, name), 1e3 * (found.predicted(_AXES[name], "gsta") or 0.0), claims[name]
+        yield words, 1e3 * last(found, name), 1e3 * (found.predicted(AXES[name], "gsta") or 0.0), claims[name]
     shares = ratios(found)
     yield "median {} of the prediction, from {} to {}", claims["stiffness"], min(shares), max(shares)
     yield "to {} ms, {} times the delay", 1e3 * last(found, "thruster_lag"), claims["lag"]
@@ -77,4 +76,4 @@ def numbers(folder: str) -> Iterator[tuple]:
 
 
 def main(folder: str) -> None:
-    written(figures.maps(results(folder)), "practicality")
+    written(page.maps(results(folder)), "practicality")

@@ -15,10 +15,9 @@ from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.plant.body import skew
 from uvms_mj.reproduce.validate import figures
 from uvms_mj.reproduce.validate.data import records
-from uvms_mj.reproduce.validate.fit import FITTED_ON
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED
 from uvms_mj.reproduce.validate.page import numbers as found_in
-from uvms_mj.reproduce.validate.results import PITCH, YAW, Results, compute
+from uvms_mj.reproduce.validate.results import FITTED_ON, PITCH, YAW, Results, compute
 from uvms_mj.reproduce.validate.swing import AMPLITUDE, FASTEST, PERIOD
 from uvms_mj.reproduce.validate.vehicle import STATIC, Variant, model, righting, vehicle
 from uvms_mj.studies.study import executor_of

@@ -25,7 +25,7 @@ _NAMES = {
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
-    "reproduce.comparison": "compare",
+    "reproduce.paper.report": "compare",
     "scenario": "Scenario",
     "stages.base": "setting",
     "studies.certified": "certify",
@@ -74,7 +74,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace
-    from .reproduce.comparison import compare as compare
+    from .reproduce.paper.report import compare as compare
     from .scenario import Scenario as Scenario
     from .stages.base import setting as setting
     from .studies.certified import certify as certify

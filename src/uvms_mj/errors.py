@@ -136,7 +136,9 @@ def faults_of(
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             word = str(item["loc"][-1])  # may have a dot: wall.stiffness.x
             table = key.removesuffix(word).removesuffix(".")
-            message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
+            known = list((choices or {}).get(table.partition("[")[0], ()))
+            idle = "has no effect with the other keys of its table; leave it out"
+            message = idle if word in known else f"no such key; {suggestion(word, known)}"
         elif item["type"] == "missing" and isinstance(item["loc"][-1], str):
             message = _SENTENCES["missing"]  # the value is that of the table around it
         elif isinstance(item["input"], Mapping | ArgsKwargs) and item["type"] == "value_error":

@@ -9,8 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from uvms_mj.reproduce.validate.data import AXES, ZERO, Attitude, Motion
-from uvms_mj.reproduce.validate.floating import floating
-from uvms_mj.reproduce.validate.vehicle import Variant
+from uvms_mj.reproduce.validate.vehicle import Variant, floating
 
 
 def reach(end: tuple[float, ...], duration: float = 7.0) -> Motion:

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
+from uvms_mj.reproduce.claims import Claim, Measured, Verdict, judged
 from uvms_mj.reproduce.paper import report
 from uvms_mj.reproduce.paper import runs as study
-from uvms_mj.reproduce.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge
+from uvms_mj.reproduce.paper.claims import CLAIMS
+from uvms_mj.reproduce.paper.runs import Runs
 from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.stages.signals import BAND
 from uvms_mj.studies.pages import number
@@ -177,6 +179,10 @@ WRONG = {
     "alone the thrust differs": (with_trace("gsta_alone", tau=plus(0.5, 0)), {"alone-actuation"}),
     "alone it integrates less": (with_trace("gsta_alone", z=times(0.3)), {"alone-integral"}),
 }
+
+
+def judge(runs):
+    return judged(CLAIMS, runs)
 
 
 def verdicts(runs):

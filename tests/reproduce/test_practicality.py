@@ -14,13 +14,23 @@ from synthetic_study import frame_of
 from uvms_mj import InputError
 from uvms_mj.cli.practicality import practicality
 from uvms_mj.files import shipped
-from uvms_mj.reproduce.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
-from uvms_mj.reproduce.practicality.claims import judge
-from uvms_mj.reproduce.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans
+from uvms_mj.reproduce.claims import judged
+from uvms_mj.reproduce.practicality.claims import CLAIMS
+from uvms_mj.reproduce.practicality.plans import (
+    AXES,
+    DEMANDED,
+    LAWS,
+    MAPS,
+    METRICS,
+    RETUNED,
+    STEPS,
+    STEPS_NAME,
+    plans,
+    step_label,
+)
 from uvms_mj.reproduce.practicality.results import LABELS, Results, why
 from uvms_mj.setup.base import set_up
 
-BY_NAME = {axis.name: axis for axis in AXES}
 VIBRATES = {"force_range_N": 20.0}
 WRONG = {"force_error_N": -0.5, "contact.final_N": 1.0}
 DIVERGED = {"status": "unstable", "message": "diverged at t = 1 s", "force_error_N": np.nan, "force_range_N": np.nan}
@@ -54,7 +64,7 @@ def beyond(law, key, value):
 def results(planned):
     """GSTA vibrates from a delay of 3 ms on, fosm presses wrongly everywhere along the friction and diverges at the
     last wall stiffness; after the third step GSTA without the bumper vibrates, and works again after the fifth."""
-    last = BY_NAME["wall_stiffness"].values[-1]
+    last = AXES["wall_stiffness"].values[-1]
     third = step_label("gsta", False, 3)
     return results_of(
         planned,
@@ -66,7 +76,7 @@ def results(planned):
 
 
 def test_a_boundary_is_between_the_last_value_that_works_and_the_first_that_does_not(results):
-    axis, found = BY_NAME["force_delay"], results.boundaries["force_delay", "gsta"]
+    axis, found = AXES["force_delay"], results.boundaries["force_delay", "gsta"]
     after = next(value for value in axis.values if value >= 3e-3)
     before = axis.values[axis.values.index(after) - 1]
     assert (found.last, found.first) == (before, after)
@@ -85,7 +95,7 @@ def test_a_law_that_never_or_always_works_has_no_boundary(results):
 
 def test_the_first_gap_ends_what_works(planned):
     """A law that works again further on has its boundary at the first failure."""
-    axis = BY_NAME["friction"]
+    axis = AXES["friction"]
     gap = [(lambda row: row["law"] == "gsta" and row["wall.friction"] == 0.1, WRONG)]
     found = results_of(planned, friction=gap).boundaries["friction", "gsta"]
     assert (found.last, found.first) == (axis.values[axis.values.index(0.1) - 1], 0.1)
@@ -93,7 +103,7 @@ def test_the_first_gap_ends_what_works(planned):
 
 def test_a_diverged_run_does_not_work_and_says_why(results):
     found = results.boundaries["wall_stiffness", "fosm"]
-    assert found.first == BY_NAME["wall_stiffness"].values[-1]
+    assert found.first == AXES["wall_stiffness"].values[-1]
     assert found.why == "unstable: diverged at t = 1 s"
 
 
@@ -121,13 +131,13 @@ def test_steps_survived_end_at_the_first_gap(results):
 
 def test_the_predicted_delay_is_that_at_which_the_force_is_too_old(results):
     """By the age's definition: the mean age is the delay and half a control period, D_d/(K_f k_c) at the limit."""
-    axis = BY_NAME["force_delay"]
+    axis = AXES["force_delay"]
     setup = set_up(results.plans["force_delay"].scenario(0))
     wall, impedance = setup.scenario.wall, setup.scenario.impedance
     limit = (setup.design.D_d[0, 0] / impedance.K_f[0] + wall.damping) / wall.stiffness
     found = results.predicted(axis, "gsta")
     assert found == pytest.approx(limit, abs=1e-4)  # one control period
-    assert results.predicted(BY_NAME["friction"], "gsta") is None
+    assert results.predicted(AXES["friction"], "gsta") is None
 
 
 def test_the_line_of_a_map_is_inversely_proportional_to_the_stiffness(results):
@@ -138,7 +148,7 @@ def test_the_line_of_a_map_is_inversely_proportional_to_the_stiffness(results):
 
 
 def test_claims_are_finite_json_and_some_of_these_rows_fail(results):
-    table = json.loads(json.dumps([row.as_dict() for row in judge(results)], allow_nan=False))
+    table = json.loads(json.dumps([row.as_dict() for row in judged(CLAIMS, results)], allow_nan=False))
     verdicts = {row["id"]: row["verdict"] for row in table}
     assert {"holds", "fails"} == {*verdicts.values()}
     assert verdicts["impedance"] == "fails"  # it presses with the demanded force here
@@ -159,16 +169,16 @@ def test_the_command_writes_page_and_claims_and_ends_with_1_if_claims_fail(resul
     found = complete_by_itself((tmp_path / "out" / "report.html").read_text(encoding="utf-8"))
     assert len(found.of("img")) == 2
     text = " ".join(found.text)
-    assert all(axis.title in text for axis in AXES)
+    assert all(axis.title in text for axis in AXES.values())
     assert "vibrates: the push varies by 20 N" in text
 
 
 def test_the_studies_have_every_axis_law_and_step(planned):
-    assert {*planned} == {*BY_NAME, *(name for name, *_ in MAPS), STEPS_NAME}
-    assert all([law.label for law in planned[axis.name].laws] == list(LABELS) for axis in AXES)
+    assert {*planned} == {*AXES, *MAPS, STEPS_NAME}
+    assert all([law.label for law in planned[axis.name].laws] == list(LABELS) for axis in AXES.values())
     assert planned[STEPS_NAME].runs == 4 * len(STEPS)
     assert sum(plan.runs for plan in planned.values()) == len(LAWS) * (
-        sum(len(axis.values) for axis in AXES) + sum(len(x.values) * len(y.values) for _, x, y in MAPS)
+        sum(len(axis.values) for axis in AXES.values()) + sum(len(x.values) * len(y.values) for x, y in MAPS.values())
     ) + 4 * len(STEPS)
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from pages import HOSTILE, Page, complete_by_itself
 from uvms_mj import Scenario, simulate
+from uvms_mj.reproduce.claims import Measured, Row, Verdict
 from uvms_mj.reproduce.paper import report
-from uvms_mj.reproduce.paper.claims import CLAIMS, Measured, Row, Verdict
+from uvms_mj.reproduce.paper.claims import CLAIMS
 from uvms_mj.studies.pages import number
 from uvms_mj.views.figures.style import Figure
 

@@ -19,13 +19,22 @@ from uvms_mj import InputError
 from uvms_mj.cli import main
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.physics.frames import quat_from_euler_deg
-from uvms_mj.reproduce.validate import alignment, fit
+from uvms_mj.reproduce.validate import results as judging
 from uvms_mj.reproduce.validate.data import AXES, Attitude, Motion, records
-from uvms_mj.reproduce.validate.floating import driven, floating
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED, numbers
 from uvms_mj.reproduce.validate.results import PITCH, compute
 from uvms_mj.reproduce.validate.swing import FASTEST, swing
-from uvms_mj.reproduce.validate.vehicle import STATIC, VARIANTS, Variant, at_rest, model, righting, vehicle
+from uvms_mj.reproduce.validate.vehicle import (
+    STATIC,
+    VARIANTS,
+    Variant,
+    at_rest,
+    driven,
+    floating,
+    model,
+    righting,
+    vehicle,
+)
 
 STRETCHED = np.radians([30.0, 70.0, 150.0, 20.0])
 HEIGHT, LATE = 0.0231, 0.3
@@ -77,12 +86,12 @@ def test_the_lag_is_recovered_whatever_offset_and_scale():
     slow = np.sin(0.5 * of) + 0.2 * np.cos(1.7 * of)
     for late in (-0.4, 0.0, 0.7):
         value = 3.0 + 1.3 * (np.sin(0.5 * (t - late)) + 0.2 * np.cos(1.7 * (t - late)))
-        assert alignment.lag(t, value, of, slow) == pytest.approx(late, abs=1e-9)
+        assert judging.lag(t, value, of, slow) == pytest.approx(late, abs=1e-9)
 
 
 def test_an_offset_is_all_error():
     t = np.linspace(0.0, 10.0, 300)
-    found = alignment.error(t, np.sin(t), t, np.sin(t) + 0.1)
+    found = judging.error(t, np.sin(t), t, np.sin(t) + 0.1)
     assert (found.rms, found.peak, found.mean) == pytest.approx((0.1, 0.1, 0.1), abs=1e-12)
 
 
@@ -98,13 +107,13 @@ def test_lag_and_height_of_the_simulated_pool_are_recovered(results):
 
 
 def test_the_fit_finds_the_bottom_of_a_parabola_and_refuses_an_end():
-    heights = np.array(fit.HEIGHTS)
+    heights = np.array(judging.HEIGHTS)
     errors = np.array([np.hypot(0.01, 2.0 * (heights - low)) for low in (0.021, 0.023, 0.025, 0.03)])
-    assert fit.fitted_height(errors, (1,)) == pytest.approx(0.023, abs=1e-9)
-    assert fit.fitted_height(errors, (0, 1, 2)) == pytest.approx(0.023, abs=2e-4)
-    assert len(fit.every_choice(errors)) == 4
+    assert judging.fitted_height(errors, (1,)) == pytest.approx(0.023, abs=1e-9)
+    assert judging.fitted_height(errors, (0, 1, 2)) == pytest.approx(0.023, abs=2e-4)
+    assert len(judging.every_choice(errors)) == 4
     with pytest.raises(InputError, match=r"no height of the centre of buoyancy from 0\.012 to 0\.036 m"):
-        fit.fitted_height(np.array([heights, heights, heights]), (0, 1, 2))
+        judging.fitted_height(np.array([heights, heights, heights]), (0, 1, 2))
 
 
 def test_the_joints_follow_their_motion_within_a_ten_thousandth():

@@ -220,24 +220,24 @@ def test_every_error_of_a_file_is_reported_at_once():
         """
     )
     assert list(found) == [
-        "vary[1].distribution",
-        "vary[1].hig",
         "design.repeats",
         "design.sed",
+        "keep.logs.metric",
         "run.engine",
         "run.time_limit_s",
         "report",
+        "vary[1].distribution",
+        "vary[1].hig",
+        "vary[2].low",
         "base.wal.stiffness",
         "base.wall.damping",
         "laws[1].name",
         "laws[2].controller.K_s",
         "laws[3].label",
         "laws[4]",
-        "vary[2].low",
         "keep.metrics[0]",
         "keep.metrics[1]",
         "keep.metrics[2]",
-        "keep.logs.metric",
         "vary[0]",
     ]
     assert "did you mean 'high'?" in found["vary[1].hig"]

@@ -212,7 +212,7 @@ trial = 3
     with pytest.raises(InputError) as raised:
         Tuning.load(path)
     keys = [fault.key for fault in raised.value.faults]
-    for key in ("base.wall.stiffnes", "vary[0]", "gain[0].key", "gain[1].key", "gain[2].key", "gain[3].low", "gain[4]"):
+    for key in ("base.wall.stiffnes", "vary[0]", "gain[0].key", "gain[1].key", "gain[2]", "gain[3].low", "gain[4]"):
         assert key in keys, (key, keys)
     for key in ("objective.q", "constraint[0].metric", "constraint[1]", "tune.trial"):
         assert key in keys, (key, keys)

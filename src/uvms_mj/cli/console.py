@@ -13,7 +13,7 @@ from .common import printable, progress_bar
 from .stop import Stop
 
 if TYPE_CHECKING:
-    from ..reproduce.paper.claims.base import Row
+    from ..reproduce.claims import Row
 
 
 def warn(message: object, *_: Any, **__: Any) -> None:

@@ -14,7 +14,7 @@ from .options import asked_for, command, json_option, path_option, scenario_argu
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
-    from ..reproduce.paper.claims import Row
+    from ..reproduce.claims import Row
     from ..scenario import Scenario
 
 EXIT_CLAIM_FAILS = 1
@@ -102,7 +102,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
     from ..control import BUILT_IN, ImpedanceTask
     from ..errors import Fault, InputError, suggestion
-    from ..reproduce.paper.laws import TUNED
+    from ..reproduce.paper.runs import TUNED
 
     gains: dict[str, dict[str, Any]] = {law: {} for law in TUNED}
     for key in list(overrides):

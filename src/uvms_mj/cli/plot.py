@@ -163,7 +163,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
-        from ..reproduce.comparison import compare as write
+        from ..reproduce.paper.report import compare as write
 
         write(loaded(logs), out)
         click.echo(out)

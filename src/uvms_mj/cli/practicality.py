@@ -15,7 +15,7 @@ from .stop import Stop
 from .study import kept
 
 if TYPE_CHECKING:
-    from ..reproduce.paper.claims.base import Row
+    from ..reproduce.claims import Row
 
 EXIT_CLAIM_FAILS = 1
 

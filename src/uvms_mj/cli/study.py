@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -125,10 +126,12 @@ def _chosen(
 def pool_of(scheduler: str | None, workers: int | None) -> "contextlib.AbstractContextManager[Any]":
     """The workers of this machine or of a cluster."""
     from ..errors import InputError
-    from ..studies.study import executor_of
+    from ..studies.pool.executors import executor_of
 
     if scheduler is not None and workers is not None:
         raise InputError("--workers is for this machine; with --scheduler the cluster decides")
+    if scheduler is not None:
+        logging.disable()  # of Dask: this command has its own messages
     return executor_of(None, workers, scheduler)
 
 

@@ -42,7 +42,7 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
         {"name": plan.name, "description": plan.description, "design": plan.design, "seed": plan.seed},
     )
     for each in plan.variations:
-        for key in each.keys:
+        for key in each.places:
             found[key].attrs |= {"units": plan.units[key], "laws": list(each.laws or found["law"].values)}
     for name in variables:
         found[name].attrs["units"] = unit_of_column(name)
@@ -62,11 +62,11 @@ def _design(plan: Plan) -> tuple[dict[str, int], dict[str, Any]]:
         keys = {key: ("draw", _coordinate([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)}
         return {"draw": plan.draws}, keys | {"draw": np.arange(plan.draws)}
     coordinates = {
-        key: (each.keys[0], _coordinate([level[i] for level in each.levels]))
+        key: (each.places[0], _coordinate([level[i] for level in each.levels]))
         for each in plan.variations
-        for i, key in enumerate(each.keys)
+        for i, key in enumerate(each.places)
     }
-    return {each.keys[0]: len(each.levels) for each in plan.variations}, coordinates
+    return {each.places[0]: len(each.levels) for each in plan.variations}, coordinates
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from .plan import Plan
 from .plan.metrics import SETTLED, in_words, successes
 from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
-from .pool.workers import Workers
+from .pool.executors import executor_of
 from .results import STUDY, Results, frame, units_of, version_of
 
 if TYPE_CHECKING:
@@ -261,18 +261,3 @@ def _file_in(folder: Path) -> Path:
     if not (folder / STUDY).is_file():
         raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
     return folder / STUDY
-
-
-@contextlib.contextmanager
-def executor_of(given: Executor | None, workers: int | None, scheduler: str | None = None) -> Iterator[Executor]:
-    """The given executor, which stays open, or new workers of this machine or of a Dask scheduler, which end here."""
-    if given is not None:
-        yield given
-        return
-    if scheduler is not None:
-        from .pool.cluster import Cluster
-    own: Executor = Workers(workers) if scheduler is None else Cluster(scheduler)
-    try:
-        yield own
-    finally:
-        own.shutdown(wait=False, cancel_futures=True)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
-    from .claims import Row, Runs
+    from ..claims import Row
+    from .runs import Runs
 
 
 def repeat(
@@ -52,10 +53,12 @@ def write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "
     """Write figures, claims.csv, claims.json and report.html to a folder, from the runs. Returns the claims."""
     from ...studies import pages
     from ...views import figures
-    from . import claims, report
-    from .laws import LABELS
+    from ..claims import judged
+    from . import report
+    from .claims import CLAIMS
+    from .runs import LABELS
 
-    rows = claims.judge(runs)
+    rows = judged(CLAIMS, runs)
     drawn = figures.paper(runs.traces, runs.fine)
     for i, (name, figure) in enumerate(drawn.items()):
         progress(i, len(drawn))

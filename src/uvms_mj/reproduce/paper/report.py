@@ -1,5 +1,7 @@
-"""A report about runs: one self-contained HTML file, for screens of any width and for printing."""
+"""A report about runs, of the paper or any others: one self-contained HTML file, for screens of any width and for
+printing."""
 
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +18,9 @@ from ...records.header import Status
 from ...records.trace import Trace
 from ...studies import pages
 from ...studies.pages import Table, rendered
-from .claims import Row, Verdict
-from .claims.measures import REST_S, TRANSIENT_S, linear_sum
+from ...views import figures
+from ..claims import Row, counted
+from .claims import REST_S, TRANSIENT_S, linear_sum
 
 _LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
 
@@ -140,7 +143,7 @@ def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], r
         description=first.scenario.description,
         runs=list(traces),
         rows=rows,
-        counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
+        counts=counted(rows),
         pictures=pictures,
         measures=tables(
             "quantity",
@@ -191,3 +194,29 @@ def _notes(trace: Trace) -> list[str]:
     ending = [] if trace.status is Status.completed else [f"{trace.status.name}: {trace.message}"]
     told = [f"the law is given {TOLD_THE_TRUTH}"] if trace.scenario.controller.uses_truth else []
     return [*told, *ending, *trace.notes]
+
+
+_CAPTIONS = {
+    "position": "Position in W and its reference",
+    "force": "Contact force",
+    "sliding": "Sliding variable",
+    "tau": "Thrust",
+}
+"""Captions of the figures of a page."""
+
+
+def compare(traces: Mapping[str, Trace], path: str | os.PathLike) -> None:
+    """Write the page that ``uvms-mj compare`` writes about runs, by their names in it. Raises InputError if the file
+    can't be written."""
+    captions = dict(_CAPTIONS)
+    if any(trace.header.law.states for trace in traces.values()):
+        captions["integral"] = "The laws' own states"
+    if any(trace.header.geometry.links for trace in traces.values()):
+        captions["joints"] = "Joints"
+    pictures = [
+        Picture(what, f"{caption}: {named(traces)}.", figures.plot(traces, what))
+        for what, caption in captions.items()
+        if what != "sliding" or any("s" in trace.arrays for trace in traces.values())
+    ]
+    names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
+    pages.write(Path(path), page(f"{names}: {named(traces)}", traces, pictures))

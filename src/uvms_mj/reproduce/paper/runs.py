@@ -5,12 +5,12 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from pebble import ProcessExpired
 
 from ...control import Gsta
 from ...engine.run import SinkError, simulate
@@ -20,17 +20,44 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from ...setup.checks import SamplingWarning
-from ...studies.pool.calls import each_call
-from ...studies.pool.workers import Workers
-from .claims import Runs
-from .laws import RUNS
+from ...studies.pool.executors import WorkerLost, each_call, executor_of
 
+
+@dataclass(frozen=True)
+class PaperRun:
+    """One run of the paper: the label in figures and tables, the name of the law, and its gains by dotted key."""
+
+    label: str
+    law: str
+    gains: Mapping[str, Any] = field(default_factory=dict)
+
+
+RUNS: Mapping[str, PaperRun] = {
+    "impedance": PaperRun("impedance", "impedance"),
+    "fosm": PaperRun("first-order", "fosm"),
+    "gsta": PaperRun("GSTA", "gsta", {"controller.nominal": True}),
+    "gsta_alone": PaperRun("GSTA alone", "gsta", {"controller.nominal": False}),
+}
+"""The paper's runs by the names of their logs, which are also the arguments of :func:`uvms_mj.views.figures.paper`."""
+LABELS = {name: run.label for name, run in RUNS.items()}
+TUNED = ("fosm", "gsta")
+"""Laws with gains of their own, which can be set for the study."""
 FINE_S = 0.2
 """Length of the beginning of each run that is recorded at every step [s]."""
 SHORT_S = 1.0
 """Duration that shows whether a law chatters, before the reference moves [s]."""
 FINE, SWEEP = "_fine", "sweep_"
 """Suffix and prefix of the names of the other logs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Traces of the study's runs by the names of :func:`plan`; ``fine`` has the beginning
+    of the same runs as ``traces`` at every step, ``sweep`` the variations."""
+
+    traces: Mapping[str, Trace]
+    fine: Mapping[str, Trace]
+    sweep: Mapping[str, Trace]
 
 
 def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:
@@ -91,7 +118,7 @@ def run(
         InputError: a job can't run. The other jobs are stopped.
     """
     total = sum(scenario.steps for scenario in jobs.values())
-    with tempfile.NamedTemporaryFile() as file, Workers(workers) as pool:
+    with tempfile.NamedTemporaryFile() as file, executor_of(None, workers) as pool:
         steps = np.memmap(file.name, np.int64, "w+", shape=len(jobs) + 1)  # of each job; not zero at the end: stop
         calls = ((name, each.to_dict(), folder, file.name, i) for i, (name, each) in enumerate(jobs.items()))
         try:
@@ -102,8 +129,8 @@ def run(
 
 
 def _ended(call: tuple[Any, ...], answer: Any) -> tuple[()]:
-    if isinstance(answer, ProcessExpired):
-        raise InputError(f"{call[0]}: its worker process ended with status {answer.exitcode}")
+    if isinstance(answer, WorkerLost):
+        raise InputError(f"{call[0]}: its worker process ended: {answer}")
     return ()
 
 

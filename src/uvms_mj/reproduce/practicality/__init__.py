@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..paper.claims import Row
+    from ..claims import Row
     from .results import Results
 
 PAGE = "report.html"
@@ -37,13 +37,14 @@ def repeat(
     from ...records.header import versions
     from ...studies import pages
     from ...views.progress import following
-    from .claims import judge
+    from ..claims import judged
+    from .claims import CLAIMS
     from .page import page
 
     folder = Path(out)
     with following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told:
         results = _run(folder, overrides, told, workers)
-    rows = judge(results)
+    rows = judged(CLAIMS, results)
     pages.write(folder / PAGE, page(results, rows, versions()))
     claims = [row.as_dict() for row in rows]
     pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
@@ -54,7 +55,8 @@ def _run(
     folder: Path, overrides: Mapping[str, Any], told: Callable[[int, int], None], workers: int | None
 ) -> "Results":
     """Run what the folder lacks of all studies."""
-    from ...studies.study import Study, executor_of
+    from ...studies.pool.executors import executor_of
+    from ...studies.study import Study
     from .plans import plans
     from .results import Results
 

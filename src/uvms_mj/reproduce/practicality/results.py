@@ -12,8 +12,7 @@ from ...control.theory.sampled import Vibration
 from ...setup.base import set_up
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, successes
-from .axes import AXES, LAWS, MAPS, STEPS, Axis, step_label
-from .plans import DEMANDED, PART, STEPS_NAME
+from .plans import AXES, DEMANDED, LAWS, MAPS, PART, STEPS, STEPS_NAME, Axis, step_label
 
 LABELS: Sequence[str] = tuple(str(law.get("label", law["name"])) for law in LAWS)
 """The laws in order."""
@@ -57,7 +56,7 @@ class Results:
 
     def __init__(self, plans: Mapping[str, Plan], frames: Mapping[str, pd.DataFrame]) -> None:
         self.plans, self.frames = plans, frames
-        self.boundaries = {(axis.name, law): self._boundary(axis, law) for axis in AXES for law in LABELS}
+        self.boundaries = {(name, law): self._boundary(axis, law) for name, axis in AXES.items() for law in LABELS}
 
     def works(self, study: str) -> np.ndarray:
         """Whether each run (n,) of a study works."""
@@ -87,7 +86,7 @@ class Results:
 
     def limits(self, name: str, law: str) -> np.ndarray:
         """The line (n, 2) of a map on which the contact force is as old as its limit, by interpolation."""
-        plan, (_, x, y) = self.plans[name], next(each for each in MAPS if each[0] == name)
+        plan, (x, y) = self.plans[name], MAPS[name]
         ratios = dict(zip(plan.points, self._ages(name, law), strict=True))
         line = []
         for stiffness in y.values:

@@ -25,7 +25,7 @@ def repeat(
     """
     from ...records.header import versions
     from ...studies import pages
-    from ...studies.study import executor_of
+    from ...studies.pool.executors import executor_of
     from ...views.progress import following
     from .data import records
     from .page import numbers, page

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 
 from ...views.figures.style import ABOVE, BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, keys, line, panels, styled
 from .data import Attitude
-from .fit import HEIGHTS
-from .results import PITCH, ROLL, YAW, Results
+from .results import HEIGHTS, PITCH, ROLL, YAW, Results
 from .swing import swing
 from .vehicle import HEIGHT, STATIC, VARIANTS, Variant
 

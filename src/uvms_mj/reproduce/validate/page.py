@@ -8,8 +8,7 @@ import numpy as np
 
 from ...studies.pages import Picture, Table, rendered
 from . import figures
-from .fit import FITTED_ON
-from .results import AGREE, BEFORE, PITCH, ROLL, YAW, Results
+from .results import AGREE, BEFORE, FITTED_ON, PITCH, ROLL, YAW, Results
 from .swing import AMPLITUDE, FASTEST, PERIOD
 from .vehicle import FOAM, HEIGHT, MASS, STATIC, VARIANTS, WEIGHTS, Variant, righting, vehicle
 

@@ -1,22 +1,90 @@
-"""All runs against the records of a pool, and the numbers of each trial."""
+"""All runs against the records of a pool: the numbers of each trial, the time between clocks, and the fitted height."""
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 import numpy as np
-from pebble import ProcessExpired
+from scipy.interpolate import CubicSpline
 
 from ...errors import InputError
-from ...studies.pool.calls import each_call
-from ...studies.pool.workers import gave_up
-from .alignment import Error, error, lag
+from ...studies.pool.executors import WorkerLost, each_call, gave_up
 from .data import Attitude, Motion, Record
-from .fit import FITTED_ON, HEIGHTS, every_choice, fitted_height
-from .floating import floating
 from .swing import swing
-from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, righting, vehicle
+from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, floating, righting, vehicle
+
+LAGS = np.arange(-1.0, 1.001, 0.02)
+"""Times between two clocks that are tried [s]."""
+
+
+@dataclass(frozen=True)
+class Error:
+    """The error of a simulated angle: root mean square, greatest and mean, simulated minus measured [rad]."""
+
+    rms: float
+    peak: float
+    mean: float
+
+
+def lag(t: np.ndarray, value: np.ndarray, of: np.ndarray, other: np.ndarray) -> float:
+    """The time by which ``value``(t) is later than ``other``(of), one of :data:`LAGS` [s].
+
+    It is the lag with the greatest correlation. Correlation does not see an offset or a scale, so that the lag takes up
+    neither a wrong trim nor a wrong stiffness.
+    """
+    return float(max(LAGS, key=lambda late: _correlation(t, value, of + late, other)))
+
+
+def _correlation(t: np.ndarray, value: np.ndarray, of: np.ndarray, other: np.ndarray) -> float:
+    both = (t >= of[0]) & (t <= of[-1])
+    return float(np.corrcoef(value[both], np.interp(t[both], of, other))[0, 1])
+
+
+def error(t: np.ndarray, measured: np.ndarray, of: np.ndarray, simulated: np.ndarray, since: float = -np.inf) -> Error:
+    """The error at the samples of the measurement which both have, from a time on [s]; nothing is taken off."""
+    both = (t >= max(of[0], since)) & (t <= of[-1])
+    difference = np.interp(t[both], of, simulated) - measured[both]
+    rms = float(np.sqrt(np.mean(difference**2)))
+    return Error(rms, float(np.abs(difference).max()), float(difference.mean()))
+
+
+HEIGHTS = tuple(round(0.012 + 0.004 * k, 3) for k in range(7))
+"""Grid of heights [m]."""
+FITTED_ON = 3
+"""The height is fitted on this many trials, the first by name, and judged on the others."""
+_FINE = np.arange(HEIGHTS[0], HEIGHTS[-1] + 1e-9, 1e-4)
+
+
+def fitted_height(errors: np.ndarray, fitted_on: tuple[int, ...]) -> float:
+    """The height [m], to 0.1 mm, with the least mean rms error of the trials ``fitted_on``.
+
+    ``errors`` (trials, heights) are those of each trial at :data:`HEIGHTS`; a cubic spline joins their squares. Raises
+    InputError if the least error is at the end of the grid.
+    """
+    best = int(np.argmin(_between(errors)[list(fitted_on)].mean(axis=0)))
+    if best in (0, len(_FINE) - 1):
+        reach = f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} m"
+        raise InputError(f"no height of the centre of buoyancy from {reach} fits the first {FITTED_ON} trials best")
+    return float(_FINE[best].round(4))
+
+
+def every_choice(errors: np.ndarray) -> np.ndarray:
+    """Mean rms error of the trials that are left, for every choice of trials to fit on."""
+    fine = _between(errors)
+    trials = range(len(fine))
+    found = []
+    for chosen in itertools.combinations(trials, FITTED_ON):
+        best = int(np.argmin(fine[list(chosen)].mean(axis=0)))
+        found.append(fine[[k for k in trials if k not in chosen], best].mean())
+    return np.array(found)
+
+
+def _between(errors: np.ndarray) -> np.ndarray:
+    """(trials, heights) errors on the fine grid."""
+    return np.sqrt(np.maximum(CubicSpline(HEIGHTS, errors**2, axis=1)(_FINE), 0.0))
+
 
 ROLL, PITCH, YAW = 0, 1, 2
 AGREE = np.radians(2.0)
@@ -144,7 +212,7 @@ def compute(
     total = len(calls) + 2 * len(trials)
 
     def take(call: tuple[int, Variant, Motion], answer: Attitude) -> list[tuple[int, Variant, Motion]]:
-        if isinstance(answer, ProcessExpired):
+        if isinstance(answer, WorkerLost):
             raise gave_up(answer)
         results.responses[call[:2]] = answer
         return []

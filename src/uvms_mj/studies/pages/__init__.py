@@ -50,11 +50,11 @@ class Table:
 
 
 def rendered(template: Path, **values: Any) -> str:
-    """The page of a template that extends ``page.html``, with its values."""
+    """The page of a template that extends ``page.html``, with its values. It may import from the folder above."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader([template.parent, Path(__file__).parent]),
+        loader=FileSystemLoader([template.parent, template.parents[1], Path(__file__).parent]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

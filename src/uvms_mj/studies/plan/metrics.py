@@ -18,7 +18,7 @@ from ...files import is_file
 from ...quantities import leaves
 from ...stages.loader import load_file
 from ...stages.signals import AXES
-from .study_file import absolute
+from .file import absolute
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,9 +6,10 @@ import functools
 import operator
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from ...errors import suggestion
+from ...quantities import refusing
 from ...scenario import Scenario
 from ...stages.signals import OWN_UNIT
 
@@ -16,12 +17,20 @@ _PLACE = re.compile(r"([\w-]+\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
 
 
+Place = Annotated[
+    str,
+    refusing(
+        lambda text: not _PLACE.fullmatch(text),
+        "is not a dotted key such as wall.stiffness, or a component as initial.position[0]",
+    ),
+]
+"""A dotted key, or a component of one, in a validated table."""
+
+
 def parsed(place: str) -> tuple[str, list[int | str]]:
-    """The dotted key of a place and the way to its component: ("initial.position", [0]). Raises ValueError if it is
-    not a place."""
+    """The dotted key of a place and the way to its component: ("initial.position", [0])."""
     found = _PLACE.fullmatch(place)
-    if found is None:
-        raise ValueError(f"{place!r} is not a dotted key such as wall.stiffness, or a component as initial.position[0]")
+    assert found is not None
     return found[1], [int(index) if index else word for index, word in _PART.findall(found[2])]
 
 

@@ -1,21 +1,43 @@
-"""A study file as a plan: the list of runs of one base scenario, several laws, and keys that vary."""
+"""The runs of a study: one base scenario, several laws, and draws of the keys that vary.
 
+Every design of draws gives each entry of ``[[vary]]`` a number u from 0 to 1 a draw. In a random design each entry has
+a stream of its own, decided by the seed and its keys: neither other entries nor the number of runs change its draws.
+"""
+
+import contextlib
+import dataclasses
 import functools
 import hashlib
+import itertools
+import math
 import os
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
-from ...files import shortened, tables_of, toml_path
+import numpy as np
+
+from ...errors import Fault, InputError
+from ...files import plain, shortened, tables_of, toml_path
 from ...scenario import Scenario
-from .draws import Variation
-from .metrics import Limit
-from .places import overrides_at
-from .reading import Law, fields_of
-from .study_file import PATHS, Logs
+from .file import (
+    PATHS,
+    Distribution,
+    Keep,
+    Logs,
+    StudyFile,
+    Vary,
+    absolute,
+    entries,
+    read,
+    with_absolute_values,
+)
+from .laws import KeyChecks, Law, base_of, combination_faults, laws_of, split_overrides
+from .metrics import COMPONENTS, Limit, column_is_taken, kept_column, limits, metric_of
+from .places import overrides_at, unit_of
+
+MOST_RUNS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -46,7 +68,7 @@ class Plan:
         tables: the study file with absolute paths and its base scenario inline: ``Plan.from_dict(plan.tables)`` gives
             the same plan.
         laws: at least one; labels are unique.
-        variations: the entries of ``[[vary]]``; keys of one entry move together.
+        variations: the entries of ``[[vary]]``; places of one entry move together.
         varied: the dotted keys that vary, or components of them, in order.
         units: unit of each varied key; empty without one.
         points: the values of each draw, in the order of ``varied``.
@@ -66,7 +88,7 @@ class Plan:
     tables: dict[str, Any]
     base: Scenario
     laws: tuple[Law, ...]
-    variations: tuple[Variation, ...]
+    variations: tuple[Vary, ...]
     varied: tuple[str, ...]
     units: dict[str, str]
     points: tuple[tuple[Any, ...], ...]
@@ -102,7 +124,7 @@ class Plan:
         """Load the plan of a study that ran, for its results. Nothing is imported but the stages ``trusted``, by their
         names in the file; all others of users' files have placeholders, as in a log. Raises InputError if the file is
         invalid."""
-        return cls(**fields_of(tables_of(study, "study"), study.parent, None, str(study), trusted))
+        return plan_of(tables_of(study, "study"), study.parent, None, str(study), trusted)
 
     @classmethod
     def from_dict(
@@ -116,7 +138,7 @@ class Plan:
         errors are those of :meth:`load`."""
         if not isinstance(tables, Mapping):
             raise InputError(f"{place}: {shortened(tables)} is not a mapping of tables")
-        return cls(**fields_of(tables, folder or Path.cwd(), overrides, place))
+        return plan_of(tables, folder or Path.cwd(), overrides, place)
 
     @property
     def draws(self) -> int:
@@ -146,8 +168,8 @@ class Plan:
             yield max(1, round(now["simulation.duration"] / now["simulation.timestep"]))
 
     @functools.cached_property
-    def _variation_of_keys(self) -> list[Variation]:
-        return [each for each in self.variations for _ in each.keys]
+    def _variation_of_keys(self) -> list[Vary]:
+        return [each for each in self.variations for _ in each.places]
 
     def _law(self, index: int) -> Law:
         return self.laws[index // self.repeats % len(self.laws)]
@@ -192,8 +214,8 @@ class Plan:
             f"{', '.join(law.label for law in self.laws)}; engine: {self.engine}",
         ]
         for each in self.variations:
-            unit = self.units[each.keys[0]]
-            names = ", ".join(each.keys) + (f" [{unit}]" if unit else "")
+            unit = self.units[each.places[0]]
+            names = ", ".join(each.places) + (f" [{unit}]" if unit else "")
             lines.append(f"{names}: {each.range()}" + (f"; {', '.join(each.laws)} only" if each.laws else ""))
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
@@ -201,3 +223,180 @@ class Plan:
 def run_seed(seed: int, draw: int, repeat: int) -> int:
     """simulation.seed of a run, below 2^48, which a double has exactly."""
     return int.from_bytes(hashlib.sha256(f"{seed} {draw} {repeat}".encode()).digest()[:6])
+
+
+def points(
+    kind: str, variations: Mapping[str, Vary], runs: int | None, seed: int
+) -> tuple[tuple[tuple[Any, ...], ...], list[str]]:
+    """The values of all places for each draw of a design, and notes about it. A grid is the product of the levels; the
+    last entry changes fastest. Raises InputError if the design can't have so many runs."""
+    d, each = len(variations), list(variations.values())
+    if kind == "grid":
+        no_grid = [where for where, entry in variations.items() if isinstance(entry, Distribution)]
+        if no_grid:
+            hint = "a grid needs values, or low, high and number; or choose another kind"
+            raise InputError([Fault(f"{where}.distribution", hint) for where in no_grid])
+        product = math.prod(len(entry.levels) for entry in each)
+        if runs not in (None, product):
+            raise _wrong("design.runs", f"{runs} differs from the product of the grid, {product}; leave it out")
+        if product > MOST_RUNS:
+            raise _wrong("design", f"the grid has {product} points; at most {MOST_RUNS} are allowed")
+        return tuple(tuple(itertools.chain(*x)) for x in itertools.product(*(entry.levels for entry in each))), []
+    if runs is None:
+        raise _wrong("design.runs", f"lacks this key: the number of draws of the design {kind}")
+    notes = []
+    if kind == "sobol" and runs & (runs - 1):
+        below = 1 << (runs.bit_length() - 1)
+        notes = [f"{runs} Sobol points are less even than a power of two, {below} or {2 * below}"]
+    if kind == "sobol_indices":
+        samples, rest = divmod(runs, d + 2)
+        if d == 0:
+            raise _wrong("design.kind", "Sobol indices need a key that varies")
+        if rest or not samples or samples & (samples - 1):
+            below = (d + 2) << max(0, samples.bit_length() - 1)
+            nearest = f"{runs} is not {d + 2} times a power of two; the nearest are {below} and {2 * below}"
+            raise _wrong("design.runs", f"Sobol indices of {d} keys: {nearest}")
+    u = unit_cube(kind, [" ".join(entry.places) for entry in each], runs, seed)
+    columns = [column for entry, numbers in zip(each, u.T, strict=True) for column in entry.at(numbers)]
+    return (tuple(zip(*columns, strict=True)) if columns else ((),) * runs), notes
+
+
+def _wrong(key: str, message: str) -> InputError:
+    return InputError([Fault(key, message)])
+
+
+def unit_cube(kind: str, names: Sequence[str], runs: int, seed: int) -> np.ndarray:
+    """Points (runs, d) of a design in the unit cube of d entries, by their names; ``kind`` is not "grid"."""
+    d = len(names)
+    if d == 0:
+        return np.zeros((runs, 0))
+    if kind == "random":
+        return np.column_stack([_stream(seed, name).random(runs) for name in names])
+    generator = _stream(seed, kind)
+    if kind == "sobol_indices":
+        from SALib.sample import sobol
+
+        problem = {"num_vars": d, "names": names, "bounds": [[0.0, 1.0]] * d}
+        return sobol.sample(problem, runs // (d + 2), calc_second_order=False, seed=generator)
+    from scipy.stats import qmc
+
+    if kind == "latin_hypercube":
+        return qmc.LatinHypercube(d, seed=generator).random(runs)
+    return qmc.Sobol(d, seed=generator).random_base2(max(0, math.ceil(math.log2(runs))))[:runs]
+
+
+def _stream(seed: int, name: str) -> np.random.Generator:
+    """Random numbers that the seed and a name decide."""
+    digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(digest)))
+
+
+def plan_of(
+    tables: Mapping[str, Any],
+    folder: Path,
+    overrides: Mapping[str, Any] | None,
+    place: str,
+    trusted: Container[str] | None = None,
+) -> Plan:
+    """The plan of a study file. The arguments are those of :meth:`Plan.from_dict` and :meth:`Plan.that_ran`; of a study
+    that ran, which has ``trusted``, what needs its files is not checked again."""
+    ran = trusted is not None
+    faults: list[Fault] = []
+    changed, of_base = split_overrides(tables, overrides, faults)
+    study = _completed(read(changed, faults), folder)
+    variations = entries(study.vary, faults)
+    base = base_of(study.base, folder, of_base, faults, trusted)
+    left_out: list[str] = []
+    laws = laws_of(study.laws, base, folder, faults, left_out, trusted) if base is not None else []
+    faults += combination_faults(variations, laws, of_base, _none(faults, "laws"))
+    design = study.design
+    drawn, notes = _drawn(study, variations, faults)
+    runs = len(drawn) * len(laws) * design.repeats
+    if runs > MOST_RUNS:
+        faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
+    varied = tuple(place for each in variations.values() for place in each.places)
+    faults += [] if ran else _keep_faults(study.keep, runs, varied)
+    success = limits(study.success, study.keep.metrics, folder, faults)
+    faults += [] if ran else KeyChecks(variations, laws, drawn).faults()
+    if faults or base is None:
+        raise InputError(faults, place)
+    return Plan(
+        name=study.name,
+        description=study.description,
+        tables={
+            "name": study.name,
+            "description": study.description,
+            "base": base.to_dict(),
+            "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
+            **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
+            "success": plain(success),
+        },
+        base=base,
+        laws=tuple(laws),
+        variations=tuple(variations.values()),
+        varied=varied,
+        units={key: next((u for law in laws if (u := unit_of(key, law.scenario))), "") for key in varied},
+        points=drawn,
+        design=str(design.kind),
+        repeats=design.repeats,
+        seed=design.seed,
+        metrics=tuple(study.keep.metrics),
+        logs=study.keep.logs,
+        engine=study.run.engine,
+        tolerance=study.run.tolerance,
+        time_limit_s=study.run.time_limit_s,
+        success=success,
+        notes=(*left_out, *notes),
+        trusted=trusted,
+    )
+
+
+def _none(faults: list[Fault], table: str) -> bool:
+    """Whether no error is of a table."""
+    return not any(fault.key.replace("[", ".").partition(".")[0] == table for fault in faults)
+
+
+def _completed(study: StudyFile, folder: Path) -> StudyFile:
+    """A study file with absolute paths, the kind of its design, and the column of the metric of the worst logs."""
+    vary = [with_absolute_values(each, folder) for each in study.vary]
+    grid = all(isinstance(each, Mapping) and ("values" in each or "number" in each) for each in vary)
+    design = dataclasses.replace(study.design, kind=study.design.kind or ("grid" if grid else "random"))
+    metrics, logs = [absolute(name, folder) for name in study.keep.metrics], study.keep.logs
+    if logs.metric is not None:
+        with contextlib.suppress(InputError):  # said with the other errors of keep
+            logs = dataclasses.replace(logs, metric=kept_column(logs.metric, metrics, folder)[1])
+    return dataclasses.replace(study, vary=vary, design=design, keep=Keep(metrics=metrics, logs=logs))
+
+
+def _drawn(
+    study: StudyFile, variations: Mapping[str, Vary], faults: list[Fault]
+) -> tuple[tuple[tuple[Any, ...], ...], list[str]]:
+    """The draws of a study without errors in its entries and its design, and notes about them."""
+    if len(variations) == len(study.vary) and _none(faults, "design"):
+        try:
+            return points(str(study.design.kind), variations, study.design.runs, study.design.seed)
+        except InputError as error:
+            faults += error.faults
+    return (), []
+
+
+def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault]:
+    """Errors of the table keep."""
+    metrics, logs = keep.metrics, keep.logs
+    for i, name in enumerate(metrics):
+        try:
+            if name in metrics[:i]:
+                raise InputError(f"{name!r} is given twice")
+            metric_of(name)
+            if name not in COMPONENTS and column_is_taken(name, metrics[:i], varied):
+                raise InputError(f"{name!r}: a column of the rows has this name already; rename the function")
+        except InputError as error:
+            yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)
+    if logs.metric is not None:
+        try:
+            kept_column(logs.metric, metrics, Path())
+        except InputError as error:
+            yield from (Fault("keep.logs.metric", f"{logs.metric!r} {fault.message}") for fault in error.faults)
+    for i, index in enumerate(logs.indices):
+        if runs and index >= runs:
+            yield Fault(f"keep.logs.indices[{i}]", f"no run {index}: the study has {runs} runs, from 0 to {runs - 1}")

@@ -38,9 +38,10 @@ _NO_NUMBERS = (
 
 @functools.cache
 def code() -> dict[str, str]:
-    """Versions of everything that affects a row, and a digest of this package's sources."""
+    """Versions of everything that affects a row, and a digest of this package's sources and presets."""
     digest = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*.py")):
+    presets = (path for room in ("actuation", "navigation") for path in (_PACKAGE / room).glob("*.toml"))
+    for path in sorted([*_PACKAGE.rglob("*.py"), *presets]):
         if not path.relative_to(_PACKAGE).as_posix().startswith(_NO_NUMBERS):
             digest.update(path.read_bytes())
     return versions() | {"sources": digest.hexdigest()[:12]}

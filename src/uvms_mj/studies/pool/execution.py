@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
-from pebble import ProcessExpired
-
 from ...errors import InputError
 from .. import check
 from ..results import Results, frame, put
 from ..rows import log_of, lost_row, rows_of
 from .bundle import StudyBundle
-from .calls import each_call
+from .executors import WorkerLost, each_call
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -62,7 +60,7 @@ class Execution:
     def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
         indices = call[1]
-        if isinstance(answer, ProcessExpired):
+        if isinstance(answer, WorkerLost):
             if len(indices) > 1:
                 return [(self.bundle, (index,)) for index in indices]
             if self._goes_on(indices):
@@ -122,7 +120,7 @@ class Execution:
         self.what, self.done, self.total = what, 0, len(runs)
 
         def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-            lost = isinstance(answer, ProcessExpired)
+            lost = isinstance(answer, WorkerLost)
             if lost and self._goes_on((what, *call[1:])):
                 return [call]
             keep(None if lost else answer, *call[1:])

@@ -9,9 +9,8 @@ import pandas as pd
 
 from ...views import colours
 from ..plan import Plan
-from ..plan.draws import Variation
+from ..plan.file import DEFAULT_METRICS, Distribution, Vary
 from ..plan.metrics import COMPLETED, OF_ROWS, SETTLED, in_words, successes, unit_of_column, without_unit
-from ..plan.study_file import DEFAULT_METRICS
 
 PREFERRED = (
     "contact.peak_N",
@@ -32,18 +31,18 @@ _LOG_RATIO = 30.0
 class Factor:
     """One entry of ``[[vary]]``; of keys that move together, the first is its axis."""
 
-    variation: Variation
+    variation: Vary
     unit: str
     numeric: bool
 
     @property
     def key(self) -> str:
-        return self.variation.keys[0]
+        return self.variation.places[0]
 
     @property
     def name(self) -> str:
         """The key, and the number of keys that move with it."""
-        more = len(self.variation.keys) - 1
+        more = len(self.variation.places) - 1
         return self.key + (f" (+{more})" if more else "")
 
     @property
@@ -53,13 +52,15 @@ class Factor:
     @property
     def limits(self) -> tuple[float, float] | None:
         """The limits of a uniform or log-uniform distribution; otherwise None."""
-        given = self.variation.parameters[0] if self.variation.parameters else {}
-        return (given["low"], given["high"]) if self.variation.distribution in ("uniform", "loguniform") else None
+        given = self.variation
+        if isinstance(given, Distribution) and given.distribution in ("uniform", "loguniform"):
+            return given.low[0], given.high[0]
+        return None
 
     @property
     def logarithmic(self) -> bool:
         """Whether its values are spaced as on a logarithmic axis."""
-        if self.variation.distribution:
+        if isinstance(self.variation, Distribution):
             return self.variation.distribution == "loguniform"
         values = [level[0] for level in self.variation.levels]
         return self.numeric and len(values) > 2 and min(values) > 0.0 and _even(np.log(values)) < _even(values)
@@ -115,7 +116,7 @@ class StudyRows:
     @functools.cached_property
     def factors(self) -> tuple[Factor, ...]:
         return tuple(
-            Factor(each, self.plan.units.get(each.keys[0], ""), self._numbers(each.keys[0]).notna().any())
+            Factor(each, self.plan.units.get(each.places[0], ""), self._numbers(each.places[0]).notna().any())
             for each in self.plan.variations
         )
 

@@ -215,9 +215,9 @@ def studied(data: StudyRows, versions: Mapping[str, str]) -> list[tuple[str, str
         about = ", ".join(part for part in ("" if source == law.label else source, settings) if part)
         rows.append(("law", f"{law.label}: {about}" if about else law.label))
     for each in plan.variations:
-        unit = plan.units.get(each.keys[0], "")
+        unit = plan.units.get(each.places[0], "")
         only = f"; {', '.join(each.laws)} only" if each.laws else ""
-        rows.append((", ".join(each.keys), f"{without_folders(each.range())}{f' {unit}' if unit else ''}{only}"))
+        rows.append((", ".join(each.places), f"{without_folders(each.range())}{f' {unit}' if unit else ''}{only}"))
     repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
     rows.append(("design", f"{plan.design.replace('_', ' ')}, {len(plan.points)} draws{repeats}, seed {plan.seed}"))
     done = f"{len(frame)} of {plan.runs}" if len(frame) < plan.runs else f"{plan.runs}"

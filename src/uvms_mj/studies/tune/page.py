@@ -1,17 +1,24 @@
 """The page of a tuning: what was found, against the file's own gains, and what was tried."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from ...views import colours
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, Figure, panels, styled
 from ..pages import Picture, Table, number, rendered
+from ..plan.metrics import unit_of_column, without_unit
 from ..plan.places import unit_of
+from ..report.figures import ABOVE_PANEL, decades
 from ..report.tables import digits_of
-from . import figures
-
-if TYPE_CHECKING:
-    from .tuning import Trial, Tuning
+from .problem import Problem
+from .tables import Measure
+from .trial import Trial
 
 _TEN = 10
 _HISTORY = "The objective of each trial, and the best feasible value so far."
@@ -21,45 +28,45 @@ _SLICES = (
 )
 
 
-def page(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", folder: str) -> str:
+def page(problem: Problem, trials: Sequence[Trial], best: Trial | None, folder: str) -> str:
     """The report of a tuning as HTML. ``folder`` is the path of its folder, for the commands."""
-    scenario = tuning.plan.laws[0].scenario
-    units = {gain.key: unit_of(gain.key, scenario) for gain in tuning.gains}
+    scenario = problem.plan.laws[0].scenario
+    units = {gain.key: unit_of(gain.key, scenario) for gain in problem.gains}
     states = [each.outcome.state for each in trials]
     counts = [(states.count(state), state) for state in ("feasible", "infeasible", "incomplete") if state in states]
     return rendered(
         Path(__file__).with_name("tune.html"),
-        title=tuning.name,
-        description=tuning.plan.description,
-        line=tuning.text()[-1],
-        plan=tuning.plan,
+        title=problem.name,
+        description=problem.plan.description,
+        line=problem.text()[-1],
+        plan=problem.plan,
         counts=counts,
-        missing=max(0, tuning.search.trials - len(trials)),
+        missing=max(0, problem.search.trials - len(trials)),
         best=best,
-        compared=_compared(tuning, trials, best, units),
+        compared=_compared(problem, trials, best, units),
         command=f"uvms-mj run {shlex.quote(str(Path(folder, 'found.toml')))}",
         report_command=best and f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}",
-        history=Picture("history", _HISTORY, figures.history(tuning, trials)) if trials else None,
-        slices=Picture("slices", _SLICES, figures.slices(tuning, trials, units, best)) if trials else None,
-        ten=_ten(tuning, trials),
-        ranges=_ranges(tuning, units),
+        history=Picture("history", _HISTORY, history(problem, trials)) if trials else None,
+        slices=Picture("slices", _SLICES, slices(problem, trials, units, best)) if trials else None,
+        ten=_ten(problem, trials),
+        ranges=_ranges(problem, units),
     )
 
 
-def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", units: dict[str, str]) -> Table | None:
+def _compared(problem: Problem, trials: Sequence[Trial], best: Trial | None, units: dict[str, str]) -> Table | None:
     """The file's own gains beside the found ones, with the difference."""
     if not trials:
         return None
     shown = [trials[0], *([best] if best is not None else [])]
-    limits = {each.label: each.limits for each in tuning.constraints}
-    titles = {each.label: figures.titled(each) for each in (tuning.objective, *tuning.constraints)}
+    limits = {each.label: each.limits for each in problem.constraints}
+    titles = {each.label: titled(each) for each in (problem.objective, *problem.constraints)}
     rows = []
-    for name, *values in tuning.compared(shown):
+    for name, *values in problem.compared(shown):
         cells = ["–" if value is None else number(value, 5) for value in values]
         change = ""
         if len(values) == 2 and None not in values and values[0]:
             change = f"{100.0 * (values[1] / values[0] - 1.0):+.2g} %".replace("-", "−")
-        limit = limits.get(name, tuning.objective.direction if name == tuning.objective.label else "")
+        limit = limits.get(name, problem.objective.direction if name == problem.objective.label else "")
         unit = units.get(name, "")
         shown_name = titles.get(name) or (f"{name} [{unit}]" if unit else name)
         rows.append((shown_name, [*cells, *([change] if len(shown) == 2 else []), limit]))
@@ -68,35 +75,157 @@ def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None",
     return Table("", heads, rows)
 
 
-def _ten(tuning: "Tuning", trials: "Sequence[Trial]") -> Table:
+def _ten(problem: Problem, trials: Sequence[Trial]) -> Table:
     """The ten best feasible trials."""
-    sign = 1.0 if tuning.objective.direction == "minimize" else -1.0
+    sign = 1.0 if problem.objective.direction == "minimize" else -1.0
     feasible = [each for each in trials if each.outcome.state == "feasible"]
     feasible.sort(key=lambda each: sign * (each.outcome.objective or 0.0))
-    names = [figures.titled(each) for each in (tuning.objective, *tuning.constraints)]
+    names = [titled(each) for each in (problem.objective, *problem.constraints)]
     shown = [(*each.gains.values(), each.outcome.objective, *each.outcome.constraints) for each in feasible[:_TEN]]
     digits = [digits_of([0.0 if x is None else x for x in column]) for column in zip(*shown, strict=True)]
     rows = [
         (f"trial {each.number}", [number(x, n) for x, n in zip(values, digits, strict=True)])
         for each, values in zip(feasible, shown, strict=False)
     ]
-    return Table("", [*(gain.key for gain in tuning.gains), *names], rows)
+    return Table("", [*(gain.key for gain in problem.gains), *names], rows)
 
 
-def _ranges(tuning: "Tuning", units: dict[str, str]) -> list[tuple[str, str]]:
+def _ranges(problem: Problem, units: dict[str, str]) -> list[tuple[str, str]]:
     """What was searched, with what."""
-    plan = tuning.plan
+    plan = problem.plan
     rows = [("base scenario", plan.base.name), ("law", plan.laws[0].label)]
-    for gain in tuning.gains:
+    for gain in problem.gains:
         unit = f" {units[gain.key]}" if units[gain.key] else ""
         rows.append((gain.key, f"{gain.low:g} to {gain.high:g}{unit}{', logarithmic' if gain.log else ''}"))
     for each in plan.variations:
-        unit = plan.units.get(each.keys[0], "")
-        rows.append((", ".join(each.keys), f"{each.range()}{f' {unit}' if unit else ''}"))
+        unit = plan.units.get(each.places[0], "")
+        rows.append((", ".join(each.places), f"{each.range()}{f' {unit}' if unit else ''}"))
     repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
     rows.append(("runs of a trial", f"{plan.runs}: {plan.draws} draws ({plan.design.replace('_', ' ')}){repeats}"))
     rows.append(("base time", f"{plan.base.simulation.duration:g} s in steps of {plan.base.simulation.timestep:g} s"))
     rows.append(
-        ("search", f"{tuning.search.trials} trials, sampler {tuning.search.sampler}, seed {tuning.search.seed}")
+        ("search", f"{problem.search.trials} trials, sampler {problem.search.sampler}, seed {problem.search.seed}")
     )
     return rows
+
+
+_COLUMNS = 3
+_BULK = 0.9
+"""Quantile of the objective up to which a figure shows it: a few bad trials must not make the others look flat."""
+
+
+def _values(trials: Sequence[Trial], state: str) -> np.ndarray:
+    """Objective (n,) of the trials with a state; nan for the others."""
+    return np.array(
+        [
+            np.nan if each.outcome.state != state or each.outcome.objective is None else each.outcome.objective
+            for each in trials
+        ]
+    )
+
+
+def titled(measure: Measure) -> str:
+    """The name of an objective or a constraint with its unit in brackets."""
+    unit = unit_of_column(measure.metric)
+    return without_unit(measure.label) + (f" [{unit}]" if unit else "")
+
+
+def history(problem: Problem, trials: Sequence[Trial]) -> Figure:
+    """The objective of each trial, and the best feasible value so far."""
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 2.3))
+        ax = figure.subplots()
+        numbers = np.array([each.number for each in trials])
+        _points(ax, problem, numbers, trials)
+        feasible = _values(trials, "feasible")
+        running = np.minimum if problem.objective.direction == "minimize" else np.maximum
+        best = running.accumulate(np.where(np.isnan(feasible), _worst(problem), feasible))
+        best = np.where(np.isfinite(best), best, np.nan)
+        ax.plot(numbers, best, color=_colour(problem), drawstyle="steps-post", linewidth=1.4 * LINE)
+        ax.set_xlabel("trial")
+        _limited(ax, problem, trials)
+        ax.set_ylabel(titled(problem.objective), parse_math=False)
+        ax.margins(x=0.02)
+        _legend(figure, problem, trials, best=True)
+    return figure
+
+
+def slices(problem: Problem, trials: Sequence[Trial], units: Mapping[str, str], best: Trial | None) -> Figure:
+    """The objective over each gain, with the file's own value and the best one."""
+    with styled():
+        figure, axes = panels(len(problem.gains), _COLUMNS, 0.35, 2.0, sharey=True)
+        for i, (ax, gain) in enumerate(zip(axes, problem.gains, strict=True)):
+            x = np.array([each.gains[gain.key] for each in trials])
+            ax.axvline(problem.start[gain.key], color=GREY, linewidth=LINE, linestyle=(0, (3, 2)))
+            _points(ax, problem, x, trials)
+            if best is not None:
+                ax.plot(best.gains[gain.key], np.array(best.outcome.objective, float), "o", markersize=8, **_ring())
+            ax.set_xlim(gain.low, gain.high)
+            if gain.log:
+                decades(ax, "x")
+            ax.margins(x=0.03)
+            unit = units[gain.key]
+            ax.set_xlabel(f"{gain.key} [{unit}]" if unit else gain.key, parse_math=False)
+            _limited(ax, problem, trials)
+            if i % _COLUMNS == 0:
+                ax.set_ylabel(titled(problem.objective), parse_math=False)
+        _legend(figure, problem, trials, best=False)
+    return figure
+
+
+def _ring() -> dict[str, Any]:
+    return {"color": BLACK, "markerfacecolor": "none"}
+
+
+def _worst(problem: Problem) -> float:
+    return np.inf if problem.objective.direction == "minimize" else -np.inf
+
+
+def _colour(problem: Problem) -> str:
+    return colours.hex_of_runs([problem.plan.laws[0].source])[0]
+
+
+def _points(ax: Axes, problem: Problem, x: np.ndarray, trials: Sequence[Trial]) -> None:
+    """Feasible trials as dots, infeasible ones as open circles, incomplete ones as crosses above the panel."""
+    ax.plot(x, _values(trials, "feasible"), "o", color=_colour(problem), markersize=3.2, alpha=0.85, linestyle="none")
+    ax.plot(x, _values(trials, "infeasible"), "o", color=GREY, markersize=3.2, markerfacecolor="none", linestyle="none")
+    lost = np.array([each.outcome.state == "incomplete" for each in trials])
+    if lost.any():
+        top = np.full(int(lost.sum()), ABOVE_PANEL)
+        ax.plot(x[lost], top, "x", color=GREY, markersize=3.5, transform=ax.get_xaxis_transform(), clip_on=False)
+
+
+def _limited(ax: Axes, problem: Problem, trials: Sequence[Trial]) -> None:
+    """Limit y to the bulk of the values, and make it logarithmic if it still spans decades."""
+    found = np.array([each.outcome.objective for each in trials if each.outcome.objective is not None])
+    if len(found) < 2 or np.ptp(found) == 0.0:
+        return
+    minimize = problem.objective.direction == "minimize"
+    near, far = (found.min(), np.quantile(found, _BULK)) if minimize else (found.max(), np.quantile(found, 1 - _BULK))
+    if found.min() > 0.0 and found.max() > 30.0 * found.min():
+        decades(ax, "y")
+    elif abs(found.max() - found.min()) > 3.0 * abs(far - near) > 0.0:
+        margin = 0.08 * (far - near)
+        low, high = sorted((near - margin, far + margin))
+        ax.set_ylim(low, high)
+
+
+def _legend(figure: Figure, problem: Problem, trials: Sequence[Trial], *, best: bool) -> None:
+    states = [each.outcome.state for each in trials]
+    look: dict[str, Any] = {"linestyle": "none", "markersize": 4}
+    kinds = {
+        "feasible": Line2D([], [], color=_colour(problem), marker="o", **look),
+        "infeasible": Line2D([], [], color=GREY, marker="o", markerfacecolor="none", **look),
+        "incomplete": Line2D([], [], color=GREY, marker="x", **look),
+    }
+    handles = []
+    for state, handle in kinds.items():
+        if state in states:
+            handle.set_label(f"{state} ({states.count(state)})")
+            handles.append(handle)
+    if best:
+        handles.append(Line2D([], [], color=_colour(problem), linewidth=1.4 * LINE, label="best feasible so far"))
+    else:
+        handles.append(Line2D([], [], color=GREY, linewidth=LINE, linestyle=(0, (3, 2)), label="the file's own"))
+        handles.append(Line2D([], [], marker="o", linestyle="none", markersize=8, label="best", **_ring()))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))

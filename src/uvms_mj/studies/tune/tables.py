@@ -1,24 +1,35 @@
 """The tables of a tuning file that a study file lacks: gains, objective, constraints, search."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from pydantic.dataclasses import dataclass
 
-from ...errors import Fault, faults_of, shortened
 from ...quantities import STRICT, Number, Real, doc, within
+from ..plan.file import below_high, used_with
+from ..plan.places import Place
 
-_Quantile = Annotated[Number, within(0.0, 1.0, "")]
+_Quantile = Annotated[
+    Annotated[Number, within(0.0, 1.0, "")] | None,
+    used_with("over", {"quantile": ("q",)}),
+    Field(validate_default=True),
+]
 
 
-@dataclass(frozen=True, config=STRICT)
+def _at_most_at_most(at_least: float | None, info: ValidationInfo) -> float | None:
+    at_most = info.data.get("at_most")
+    if at_least is not None and at_most is not None and at_least > at_most:
+        raise ValueError(f"must not exceed at_most, {at_most:g}")
+    return at_least
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Gain:
-    key: str = doc("dotted key of a number, or a component of one, impedance.K_d[0]")
-    low: Real = doc("least value")
-    high: Real = doc("greatest value; the file's own is between them, and is trial 0")
+    key: Place = doc("dotted key of a number, or a component of one, impedance.K_d[0]")
     log: bool = doc("whether its logarithm is searched", False)
+    high: Real = doc("greatest value; the file's own is between them, and is trial 0")
+    low: Annotated[Real, AfterValidator(below_high)] = doc("least value")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -27,7 +38,7 @@ class Measure:
 
     metric: str = doc("a metric as in keep.metrics, its function's name, or a component of one")
     over: Literal["mean", "max", "quantile"] = doc('"mean", "max" or "quantile" of the runs, the last with q', "mean")
-    q: _Quantile | None = doc("the quantile, from 0 to 1 [1]", None)
+    q: _Quantile = doc("the quantile, from 0 to 1 [1]", None)
 
     @property
     def label(self) -> str:
@@ -44,7 +55,13 @@ class Objective(Measure):
 @dataclass(frozen=True, config=STRICT)
 class Constraint(Measure):
     at_most: Real | None = doc("greatest value of a feasible trial", None)
-    at_least: Real | None = doc("least value of a feasible trial", None)
+    at_least: Annotated[Real | None, AfterValidator(_at_most_at_most)] = doc("least value of a feasible trial", None)
+
+    @model_validator(mode="after")
+    def _limited(self) -> "Constraint":
+        if self.at_most is None and self.at_least is None:
+            raise ValueError("give at_most or at_least, or both")
+        return self
 
     def excess(self, value: float) -> float:
         """The violation of the nearer limit, relative to the limit unless that is 0; 0 within the limits."""
@@ -68,44 +85,3 @@ class Search:
 
 
 TABLES: Mapping[str, Any] = {"gain": Gain, "objective": Objective, "constraint": Constraint, "tune": Search}
-
-
-def valid(name: str, given: Any, place: str, faults: list[Fault]) -> Any:
-    """A table as its dataclass. Errors are appended to ``faults``; then it is None."""
-    kind = TABLES[name]
-    words = [field.name for field in dataclasses.fields(kind)]
-    if not isinstance(given, Mapping):
-        faults.append(Fault(place, f"{shortened(given)} is not a table"))
-        return None
-    try:
-        found = TypeAdapter(kind).validate_python(given)
-    except ValidationError as error:
-        faults += faults_of(error, place, {place.partition("[")[0]: words})
-        return None
-    wrong = [*_measure_faults(found, place), *_own_faults(found, place)]
-    faults += wrong
-    return None if wrong else found
-
-
-def _measure_faults(found: Any, place: str) -> list[Fault]:
-    if not isinstance(found, Measure):
-        return []
-    if found.over == "quantile" and found.q is None:
-        return [Fault(f"{place}.q", "lacks this key: over = quantile needs it, for example q = 0.95")]
-    if found.over != "quantile" and found.q is not None:
-        return [Fault(f"{place}.q", f"has no effect with over = {found.over}; leave it out")]
-    return []
-
-
-def _own_faults(found: Any, place: str) -> list[Fault]:
-    if isinstance(found, Gain):
-        if found.low >= found.high:
-            return [Fault(f"{place}.low", f"{found.low:g} must be less than high, {found.high:g}")]
-        if found.log and found.low <= 0.0:
-            return [Fault(f"{place}.low", f"{found.low:g} must be greater than 0 for a logarithm")]
-    if isinstance(found, Constraint):
-        if found.at_most is None and found.at_least is None:
-            return [Fault(place, "give at_most or at_least, or both")]
-        if found.at_most is not None and found.at_least is not None and found.at_least > found.at_most:
-            return [Fault(f"{place}.at_least", f"{found.at_least:g} must not exceed at_most, {found.at_most:g}")]
-    return []

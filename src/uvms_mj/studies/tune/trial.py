@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pebble import ProcessExpired
 
 from ...errors import InputError
 from ..plan import Plan
 from ..plan.places import overrides_at
 from ..pool.bundle import StudyBundle
-from ..pool.calls import each_call
 from ..pool.execution import ATTEMPTS
+from ..pool.executors import WorkerLost, each_call, size_of
 from ..rows import lost_row, one_row
 from .tables import Constraint, Measure, Objective
 
@@ -46,6 +45,15 @@ class Outcome:
     completed: int
 
 
+@dataclass(frozen=True)
+class Trial:
+    """A trial that is done: its number, its gains by place, and its outcome."""
+
+    number: int
+    gains: Mapping[str, float]
+    outcome: Outcome
+
+
 def with_gains(plan: Plan, values: Mapping[str, float]) -> Plan:
     """A plan of one law with other gains, by place. Raises InputError if they can't be used together."""
     (law,) = plan.laws
@@ -71,7 +79,7 @@ def rows(
 
     def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         indices = call[2]
-        if isinstance(answer, ProcessExpired):
+        if isinstance(answer, WorkerLost):
             if len(indices) > 1:
                 return [(bundle, values, (index,)) for index in indices]
             losses[indices[0]] = losses.get(indices[0], 0) + 1
@@ -81,8 +89,7 @@ def rows(
         found.update((row["index"], row) for row in answer)
         return []
 
-    workers = max(1, int(getattr(executor, "size", 0) or 1))
-    size = -(-plan.runs // (_PER_WORKER * workers))
+    size = -(-plan.runs // (_PER_WORKER * size_of(executor)))
     blocks = (tuple(range(i, min(i + size, plan.runs))) for i in range(0, plan.runs, size))
     calls = ((bundle, values, indices) for indices in blocks)
     each_call(executor, rows_of, calls, take, tick)

@@ -15,14 +15,13 @@ from ...errors import InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ...views.progress import following
 from ..plan import Plan
-from ..plan.places import unit_of
 from ..pool.bundle import StudyBundle
+from ..pool.executors import executor_of
 from ..results import VERSION, about_of, check_same, put
-from ..study import Study, executor_of
-from .reading import fields_of
+from ..study import Study
+from .problem import Problem, fields_of
 from .search import Journal, search
-from .tables import Constraint, Gain, Objective, Search
-from .trial import Outcome, outcome, refused, rows, with_gains
+from .trial import Outcome, Trial, outcome, refused, rows, with_gains
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,17 +33,8 @@ Progress = Callable[[int, int, "float | None"], None]
 """Called with the number of trials done, their total, and the best feasible value so far."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A trial that is done: its number, its gains by place, and its outcome."""
-
-    number: int
-    gains: Mapping[str, float]
-    outcome: Outcome
-
-
 @dataclass(frozen=True, eq=False)
-class Tuning:
+class Tuning(Problem):
     """A search for gains::
 
         tuning = Tuning.load("tune.toml")
@@ -54,26 +44,8 @@ class Tuning:
     Every trial runs all runs of the plan, with the same values and random numbers. Suggestions are made one trial at a
     time, and the runs of a trial in parallel, so that the result is the same for any number of workers.
 
-    Attributes:
-        plan: the runs of each trial, of one law.
-        gains: the gains to find, each with its range.
-        start: the file's own gains by place, which are trial 0.
-        objective, constraints: numbers of all runs of a trial.
-        search: number of trials, seed and sampler.
-        tables: the tuning file with absolute paths: ``Tuning.from_dict(tuning.tables)`` gives the same tuning.
+    Its attributes are those of :class:`.reading.Problem`.
     """
-
-    plan: Plan
-    gains: tuple[Gain, ...]
-    start: Mapping[str, float]
-    objective: Objective
-    constraints: tuple[Constraint, ...]
-    search: Search
-    tables: dict[str, Any]
-
-    @property
-    def name(self) -> str:
-        return self.plan.name
 
     @classmethod
     def load(cls, tuning: str | os.PathLike, overrides: Mapping[str, Any] | None = None) -> "Tuning":
@@ -143,27 +115,6 @@ class Tuning:
             journal = self._journal(folder)
             self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
-
-    def text(self) -> list[str]:
-        """Gains, objective and constraints, one a line."""
-        units = {gain.key: unit_of(gain.key, self.plan.laws[0].scenario) for gain in self.gains}
-        lines = [
-            f"gain {gain.key}{f' [{units[gain.key]}]' if units[gain.key] else ''}: {gain.low:g} to {gain.high:g}"
-            f"{', logarithmic' if gain.log else ''}; {self.start[gain.key]:g} in the file"
-            for gain in self.gains
-        ]
-        lines.append(f"objective: {self.objective.direction} {self.objective.label}")
-        lines += [f"constraint: {each.label} {each.limits}" for each in self.constraints]
-        return [*lines, f"{self.search.trials} trials of {self.plan.runs} runs, sampler {self.search.sampler}"]
-
-    def compared(self, trials: list[Trial]) -> list[tuple[Any, ...]]:
-        """Gains, objective and constraints of some trials: rows of a name and one value a trial."""
-        names = [each.label for each in self.constraints]
-        return [
-            *((gain.key, *(each.gains[gain.key] for each in trials)) for gain in self.gains),
-            (self.objective.label, *(each.outcome.objective for each in trials)),
-            *((name, *(each.outcome.constraints[i] for each in trials)) for i, name in enumerate(names)),
-        ]
 
     def _journal(self, folder: Path) -> Journal:
         return Journal(folder, self.plan.name, self.objective.direction)

@@ -1,23 +1,13 @@
-"""A claim: a sentence, a measured quantity, a threshold and a verdict."""
+"""A claim: a sentence, a measured quantity, a threshold and a verdict. Claims are rows of a TOML file."""
 
 import enum
-from collections.abc import Callable, Mapping
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from ....records.trace import Trace
-
-
-@dataclass(frozen=True, eq=False)
-class Runs:
-    """Traces of the study's runs by the names of :func:`uvms_mj.reproduce.paper.runs.plan`; ``fine`` has the beginning
-    of the same runs as ``traces`` at every step, ``sweep`` the variations."""
-
-    traces: Mapping[str, Trace]
-    fine: Mapping[str, Trace]
-    sweep: Mapping[str, Trace]
 
 
 @dataclass(frozen=True)
@@ -44,7 +34,7 @@ class Claim:
 
     Attributes:
         text: the sentence, in this project's words.
-        where: equation, figure or section of the paper.
+        where: equation, figure or section of the paper, or axis of the page.
         measured: name and unit of the measured quantity, ``force at rest [N]``; without a unit it is a pure number.
         measure: function that measures the quantity.
         at_least, at_most: limits of the predicate; infinite for none. One of them is required.
@@ -94,11 +84,6 @@ class Claim:
         return value is not None and bool(self.at_least <= value <= self.at_most)
 
 
-AS_EXPECTED: dict[str, Any] = {"at_least": 1.4925, "at_most": 1.5075}
-"""The threshold of the expected force, 1.5 N within 0.5 % [N]."""
-AS_FOR_EXPECTED: dict[str, Any] = AS_EXPECTED | {"because": "0.5 %, as for the expected force"}
-
-
 @dataclass(frozen=True)
 class Row:
     """A claim with its measured value and verdict."""
@@ -108,10 +93,11 @@ class Row:
     verdict: Verdict
 
     @classmethod
-    def of(cls, claim: Claim, runs: Any) -> "Row":
-        """Measure and judge a claim. A claim that can't be measured fails, e.g. if a run is too short."""
+    def of(cls, claim: Claim, results: Any) -> "Row":
+        """Measure and judge a claim in the results of its runs. A claim that can't be measured fails, e.g. if a run is
+        too short."""
         try:
-            measured = claim.measure(runs)
+            measured = claim.measure(results)
         except (ArithmeticError, AttributeError, LookupError, ValueError) as error:
             measured = Measured(None, f"can't be measured: {error}")
         if claim.holds(measured.value):
@@ -136,3 +122,25 @@ class Row:
             "verdict": self.verdict.name,
             "reason": claim.explanation if self.verdict is Verdict.explained else "",
         }
+
+
+def claims_in(file: Path, measures: Mapping[str, Callable[..., Measured]]) -> tuple[Claim, ...]:
+    """The claims of a TOML file: a table for each id, with the attributes of :class:`Claim`. Its ``measure`` names one
+    of the ``measures``, which is called with the results and the arguments ``of``."""
+
+    def bound(measure: str, of: Sequence[Any] = ()) -> Callable[[Any], Measured]:
+        return lambda results: measures[measure](results, *of)
+
+    tables = tomllib.loads(file.read_text(encoding="utf-8"))
+    call = {name: bound(table.pop("measure"), table.pop("of", ())) for name, table in tables.items()}
+    return tuple(Claim(name, measure=call[name], **table) for name, table in tables.items())
+
+
+def judged(claims: Sequence[Claim], results: Any) -> list[Row]:
+    """The claims with their measured values and verdicts."""
+    return [Row.of(claim, results) for claim in claims]
+
+
+def counted(rows: Sequence[Row]) -> dict[Verdict, int]:
+    """Number of claims with each verdict."""
+    return {verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict}

@@ -1,10 +1,5 @@
-"""Reading a study file: its tables become the fields of a plan, or errors.
+"""The base scenario and the laws of a study, and whether they can run with the keys that vary."""
 
-The base scenario and the laws are made of them, with absolute paths. Each law must have the keys that vary, and their
-extremes must be able to run.
-"""
-
-import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -24,23 +19,18 @@ from ...quantities import overrides_of
 from ...scenario import Scenario
 from ...setup.checks import checked
 from ...stages.written import module_source
-from .draws import Variation, design_faults, points, variation
-from .metrics import COMPONENTS, column_is_taken, kept_column, limits, metric_of
-from .places import missing, overlap, overrides_at, unit_of
-from .study_file import PATHS, Keep, Logs, StudyFile, absolute, read, with_absolute_values
+from .file import PATHS, Distribution, Grid, StudyFile, Values, Vary, absolute
+from .places import missing, overlap, overrides_at
 
 _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
-MOST_RUNS = 10_000_000
-DEFAULT_WORST = 5
-"""Number of logs of the worst runs."""
 MOST_CHECKED = 50
 """A longer list of numbers is checked at its least and its greatest one."""
 MOST_DRAWS = 20
 """A law is given up if none of so many draws can run."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Law:
     """A law of a study. ``source`` is its name or ``path.py:Class``, ``overrides`` are dotted keys of this law alone,
     ``scenario`` is the base scenario with both."""
@@ -54,136 +44,6 @@ class Law:
     def tables(self) -> dict[str, Any]:
         """The tables of its scenario."""
         return self.scenario.to_dict()
-
-
-def fields_of(
-    tables: Mapping[str, Any],
-    folder: Path,
-    overrides: Mapping[str, Any] | None,
-    place: str,
-    trusted: Container[str] | None = None,
-) -> dict[str, Any]:
-    """The fields of a :class:`.plan.Plan`, by name. The arguments are those of its ``from_dict`` and ``that_ran``; of a
-    study that ran, which has ``trusted``, what needs its files is not checked again. Raises InputError with every error
-    of the tables and the overrides."""
-    ran = trusted is not None
-    faults: list[Fault] = []
-    changed, of_base = split_overrides(tables, overrides, faults)
-    study = _completed(read(changed, faults), folder)
-    base = base_of(study.base, folder, of_base, faults, trusted)
-    left_out: list[str] = []
-    laws = laws_of(study.laws, base, folder, faults, left_out, trusted) if base is not None else []
-    variations = _variations(study.vary, faults)
-    faults += combination_faults(variations, laws, of_base, _none(faults, "laws"))
-    draws = 0
-    notes: list[str] = []
-    if len(variations) == len(study.vary) and _none(faults, "design"):
-        draws, wrong, notes = design_faults(str(study.design.kind), variations, study.design.runs)
-        faults += wrong
-    runs = draws * len(laws) * study.design.repeats
-    if runs > MOST_RUNS:
-        faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
-    varied = tuple(key for each in variations for key in each.keys)
-    faults += [] if ran else _keep_faults(study.keep, runs, varied)
-    success = limits(study.success, study.keep.metrics, folder, faults)
-    drawn: tuple[tuple[Any, ...], ...] = ()
-    if draws and _none(faults, "design"):
-        drawn = points(str(study.design.kind), variations, draws, study.design.seed)
-    faults += [] if ran else KeyChecks(variations, laws, drawn).faults()
-    if faults or base is None:
-        raise InputError(faults, place)
-    design = study.design
-    return {
-        "name": study.name,
-        "description": study.description,
-        "tables": {**_tables(study, base, laws), "success": plain(success)},
-        "base": base,
-        "laws": tuple(laws),
-        "variations": tuple(variations),
-        "varied": varied,
-        "units": {key: next((u for law in laws if (u := unit_of(key, law.scenario))), "") for key in varied},
-        "points": drawn,
-        "design": design.kind,
-        "repeats": design.repeats,
-        "seed": design.seed,
-        "metrics": tuple(study.keep.metrics),
-        "logs": study.keep.logs,
-        "engine": study.run.engine,
-        "tolerance": study.run.tolerance,
-        "time_limit_s": study.run.time_limit_s,
-        "success": success,
-        "notes": (*left_out, *notes),
-        "trusted": trusted,
-    }
-
-
-def _variations(tables: Sequence[Any], faults: list[Fault]) -> list[Any]:
-    """The variations of ``[[vary]]`` that have no error."""
-    variations = []
-    for i, each in enumerate(tables):
-        if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
-            found = variation(each, f"vary[{i}]", faults)
-            variations += [found] if found is not None else []
-    return variations
-
-
-def _none(faults: list[Fault], table: str) -> bool:
-    """Whether no error is of a table."""
-    return not any(fault.key.replace("[", ".").partition(".")[0] == table for fault in faults)
-
-
-def _completed(study: StudyFile, folder: Path) -> StudyFile:
-    """A study file with absolute paths, the kind of its design, and the number of the worst logs."""
-    vary = [with_absolute_values(each, folder) for each in study.vary]
-    grid = all(each.values is not None or each.number is not None for each in vary)
-    design = dataclasses.replace(study.design, kind=study.design.kind or ("grid" if grid else "random"))
-    metrics, logs = [absolute(name, folder) for name in study.keep.metrics], study.keep.logs
-    if logs.kind == "worst" and logs.k is None:
-        logs = dataclasses.replace(logs, k=DEFAULT_WORST)
-    if logs.metric is not None:
-        with contextlib.suppress(InputError):  # said with the other errors of keep
-            logs = dataclasses.replace(logs, metric=kept_column(logs.metric, metrics, folder)[1])
-    return dataclasses.replace(study, vary=vary, design=design, keep=Keep(metrics=metrics, logs=logs))
-
-
-def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault]:
-    """Errors of the table keep."""
-    metrics, logs = keep.metrics, keep.logs
-    for i, name in enumerate(metrics):
-        try:
-            if name in metrics[:i]:
-                raise InputError(f"{name!r} is given twice")
-            metric_of(name)
-            if name not in COMPONENTS and column_is_taken(name, metrics[:i], varied):
-                raise InputError(f"{name!r}: a column of the rows has this name already; rename the function")
-        except InputError as error:
-            yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)
-    used = {"worst": ("k", "metric"), "listed": ("indices",)}.get(logs.kind, ())
-    for field in dataclasses.fields(Logs)[1:]:
-        value = getattr(logs, field.name)
-        if field.name not in used and value not in (None, []):
-            yield Fault(f"keep.logs.{field.name}", f"has no effect for logs of kind {logs.kind!r}")
-    if logs.kind == "worst":
-        try:
-            kept_column(str(logs.metric), metrics, Path())
-        except InputError as error:
-            yield from (Fault("keep.logs.metric", f"{logs.metric!r} {fault.message}") for fault in error.faults)
-    if logs.kind == "listed" and not logs.indices:
-        yield Fault("keep.logs.indices", "lists no run")
-    for i, index in enumerate(logs.indices):
-        if runs and index >= runs:
-            yield Fault(f"keep.logs.indices[{i}]", f"no run {index}: the study has {runs} runs, from 0 to {runs - 1}")
-
-
-def _tables(study: StudyFile, base: Scenario, laws: list[Law]) -> dict[str, Any]:
-    """The tables of a plan, complete, with absolute paths."""
-    return {
-        "name": study.name,
-        "description": study.description,
-        "base": base.to_dict(),
-        "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
-        **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
-    }
 
 
 def split_overrides(
@@ -345,25 +205,25 @@ def _law(
 
 
 def combination_faults(
-    variations: Sequence[Variation], laws: list[Law], overrides: Mapping[str, Any], all_laws: bool
+    variations: Mapping[str, Vary], laws: list[Law], overrides: Mapping[str, Any], all_laws: bool
 ) -> Iterator[Fault]:
     """Errors for keys that are given twice, and, if ``laws`` has all of them, for labels that are not of a law."""
     seen: dict[str, str] = {}
     known = [law.label for law in laws]
-    for each in variations:
-        for i, label in enumerate(each.laws):
+    for where, each in variations.items():
+        for i, label in enumerate(each.laws or ()):
             if all_laws and label not in known:
-                yield Fault(f"{each.place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
-        for place in each.keys:
+                yield Fault(f"{where}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
+        for place in each.places:
             twice = next((other for other in seen if overlap(place, other)), None)
             if twice is not None:
-                yield Fault(each.place, f"{place} varies in {seen[twice]} already, as {twice}")
-            if place in overrides:
-                yield Fault(place, f"{each.place} varies this key: setting it has no effect")
-            for i, law in enumerate(laws):
-                if place in law.overrides and each.covers(law.label):
-                    yield Fault(f"laws[{i}].{place}", f"{each.place} varies this key: setting it has no effect")
-            seen[place] = each.place
+                yield Fault(where, f"{place} varies in {seen[twice]} already, as {twice}")
+            given = [place] if place in overrides else []
+            given += [
+                f"laws[{i}].{place}" for i, law in enumerate(laws) if place in law.overrides and each.covers(law.label)
+            ]
+            yield from (Fault(key, f"{where} varies this key: setting it has no effect") for key in given)
+            seen[place] = where
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +234,7 @@ class KeyChecks:
     that draw. A single draw that can't run is no error of the study: its row has the reason.
     """
 
-    variations: Sequence[Variation]
+    variations: Mapping[str, Vary]
     laws: Sequence[Law]
     points: Sequence[tuple[Any, ...]]
 
@@ -382,57 +242,36 @@ class KeyChecks:
         """Every error."""
         found: dict[Fault, None] = {}  # in order, and without those that several laws share
         first = 0
-        for each in self.variations:
-            columns = range(first, first := first + len(each.keys))
+        for where, each in self.variations.items():
+            drawn = [point[first : first + len(each.places)] for point in self.points]
+            first += len(each.places)
             for law in self.laws:
                 if each.covers(law.label):
-                    found |= dict.fromkeys(self._of(each, law, columns))
+                    found |= dict.fromkeys(self._of(where, each, law, drawn))
         return list(found) or [fault for law in self.laws for fault in self._none_runs(law)]
 
-    def _of(self, each: Variation, law: Law, columns: range) -> Iterator[Fault]:
-        absent = [Fault(each.place, f"{place}: {why}") for place in each.keys if (why := missing(place, law.tables))]
+    def _of(self, where: str, each: Vary, law: Law, drawn: list[tuple[Any, ...]]) -> Iterator[Fault]:
+        absent = [Fault(where, f"{place}: {why}") for place in each.places if (why := missing(place, law.tables))]
         if absent:
             yield from absent
             return
         found: dict[str, list[str]] = {}
-        for where, values in self._extremes(each, columns):
+        for end, values in _extremes(each, drawn):
             try:
-                scenario = law.scenario.updated(overrides_at(dict(zip(each.keys, values, strict=True)), law.tables))
+                scenario = law.scenario.updated(overrides_at(dict(zip(each.places, values, strict=True)), law.tables))
             except InputError as error:
-                ends = "; a truncated_normal has a least and a greatest value" if where == ".deviation" else ""
+                bounded = "; a truncated_normal has a least and a greatest value" if end == ".deviation" else ""
                 for fault in error.faults:
-                    found.setdefault(f"{fault}{self._hint(fault, law) or ends}", []).append(where)
+                    found.setdefault(f"{fault}{self._hint(fault, law) or bounded}", []).append(end)
                 continue
             try:
                 checked(scenario)
             except InputError as error:
-                if not self._runs_as_drawn(law, columns, values):
+                if not self._runs_as_drawn(law, drawn, values):
                     for fault in error.faults:
-                        found.setdefault(str(fault), []).append(where)
-        for message, places in found.items():  # the same for several values: it is an error of the key
-            yield Fault(each.place + (places[0] if len(set(places)) == 1 else ""), message)
-
-    def _extremes(self, each: Variation, columns: range) -> Iterator[tuple[str, tuple[Any, ...]]]:
-        """Where the extreme values of an entry are in the study file, and the values of its keys."""
-        numbers = all(isinstance(value, float) for level in each.levels for value in level)
-        if each.grid:
-            yield ".low", each.levels[0]
-            yield ".high", each.levels[-1]
-        elif each.levels and numbers and len(each.levels) > MOST_CHECKED:
-            yield ".values", min(each.levels)
-            yield ".values", max(each.levels)
-        elif each.levels:
-            yield from ((f".values[{i}]", level) for i, level in enumerate(each.levels))
-        elif "low" in each.parameters[0]:
-            for end in ("low", "high"):
-                yield f".{end}", tuple(parameters[end] for parameters in each.parameters)
-        elif self.points:
-            drawn = self._drawn(columns)
-            yield ".deviation", min(drawn)
-            yield ".deviation", max(drawn)
-
-    def _drawn(self, columns: range) -> list[tuple[Any, ...]]:
-        return [point[columns.start : columns.stop] for point in self.points]
+                        found.setdefault(str(fault), []).append(end)
+        for message, ends in found.items():  # the same for several values: it is an error of the key
+            yield Fault(where + (ends[0] if len(set(ends)) == 1 else ""), message)
 
     def _hint(self, fault: Fault, law: Law) -> str:
         """Which laws have a gain that this law lacks."""
@@ -442,9 +281,8 @@ class KeyChecks:
         having = [f'"{other.label}"' for other in self.laws if word in other.tables["controller"]]
         return f"; to vary it for the laws that have it, give laws = [{', '.join(having)}]" if having else ""
 
-    def _runs_as_drawn(self, law: Law, columns: range, values: tuple[Any, ...]) -> bool:
+    def _runs_as_drawn(self, law: Law, drawn: list[tuple[Any, ...]], values: tuple[Any, ...]) -> bool:
         """Whether the draw with these values, or with the ones nearest to them, can run."""
-        drawn = self._drawn(columns)
         if values in drawn:
             nearest = drawn.index(values)
         elif drawn and isinstance(values[0], float):
@@ -458,8 +296,8 @@ class KeyChecks:
 
     def _faults_of_draw(self, law: Law, draw: int) -> Sequence[Fault]:
         """Errors of a draw that cannot run."""
-        keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
-        given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
+        places = [(place, each.covers(law.label)) for each in self.variations.values() for place in each.places]
+        given = {place: x for (place, covered), x in zip(places, self.points[draw], strict=True) if covered}
         try:
             checked(law.scenario.updated(overrides_at(given, law.tables)))
         except InputError as error:
@@ -475,3 +313,17 @@ class KeyChecks:
             if not faults:
                 break
         return [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in faults]
+
+
+def _extremes(each: Vary, drawn: list[tuple[Any, ...]]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Where the extreme values of an entry are in it, and the values of its places."""
+    if isinstance(each, Values):
+        numbers = all(isinstance(value, float) for level in each.levels for value in level)
+        if numbers and len(each.levels) > MOST_CHECKED:
+            yield from ((".values", end(each.levels)) for end in (min, max))
+        else:
+            yield from ((f".values[{i}]", level) for i, level in enumerate(each.levels))
+    elif isinstance(each, Grid) or (isinstance(each, Distribution) and each.low is not None):
+        yield from ((".low", each.low), (".high", each.high))
+    elif drawn:
+        yield from ((".deviation", end(drawn)) for end in (min, max))

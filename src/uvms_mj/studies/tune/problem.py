@@ -3,18 +3,22 @@
 import contextlib
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from pydantic import TypeAdapter
 
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import plain
 from ...quantities import overrides_of
 from ..plan import Plan
+from ..plan.file import DEFAULT_METRICS, absolute, entries, read, valid, words_of
+from ..plan.laws import Law, base_of, laws_of, split_overrides
 from ..plan.metrics import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
-from ..plan.places import missing, overlap, overrides_at, parsed, value_at
-from ..plan.reading import Law, base_of, laws_of, split_overrides
-from ..plan.study_file import DEFAULT_METRICS, absolute, read
-from .tables import TABLES, Gain, valid
+from ..plan.places import missing, overlap, overrides_at, parsed, unit_of, value_at
+from .tables import TABLES, Constraint, Gain, Objective, Search
+from .trial import Trial
 
 _LISTS = ("gain", "constraint")
 _SET = ("objective", "tune")
@@ -22,10 +26,57 @@ _SET = ("objective", "tune")
 _EXAMPLES = {"gain": 'key = "controller.k_1", low = 1.0, high = 20.0', "objective": 'metric = "contact.peak_N"'}
 
 
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a tuning searches, and what its trials are compared by.
+
+    Attributes:
+        plan: the runs of each trial, of one law.
+        gains: the gains to find, each with its range.
+        start: the file's own gains by place, which are trial 0.
+        objective, constraints: numbers of all runs of a trial.
+        search: number of trials, seed and sampler.
+        tables: the tuning file with absolute paths: ``Tuning.from_dict(tuning.tables)`` gives the same tuning.
+    """
+
+    plan: Plan
+    gains: tuple[Gain, ...]
+    start: Mapping[str, float]
+    objective: Objective
+    constraints: tuple[Constraint, ...]
+    search: Search
+    tables: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.plan.name
+
+    def text(self) -> list[str]:
+        """Gains, objective and constraints, one a line."""
+        units = {gain.key: unit_of(gain.key, self.plan.laws[0].scenario) for gain in self.gains}
+        lines = [
+            f"gain {gain.key}{f' [{units[gain.key]}]' if units[gain.key] else ''}: {gain.low:g} to {gain.high:g}"
+            f"{', logarithmic' if gain.log else ''}; {self.start[gain.key]:g} in the file"
+            for gain in self.gains
+        ]
+        lines.append(f"objective: {self.objective.direction} {self.objective.label}")
+        lines += [f"constraint: {each.label} {each.limits}" for each in self.constraints]
+        return [*lines, f"{self.search.trials} trials of {self.plan.runs} runs, sampler {self.search.sampler}"]
+
+    def compared(self, trials: list[Trial]) -> list[tuple[Any, ...]]:
+        """Gains, objective and constraints of some trials: rows of a name and one value a trial."""
+        names = [each.label for each in self.constraints]
+        return [
+            *((gain.key, *(each.gains[gain.key] for each in trials)) for gain in self.gains),
+            (self.objective.label, *(each.outcome.objective for each in trials)),
+            *((name, *(each.outcome.constraints[i] for each in trials)) for i, name in enumerate(names)),
+        ]
+
+
 def fields_of(
     tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str
 ) -> dict[str, Any]:
-    """The fields of a :class:`.tuning.Tuning`, by name. The arguments are those of its ``from_dict``. Raises InputError
+    """The fields of a :class:`Problem`, by name. The arguments are those of its ``from_dict``. Raises InputError
     with every error of the tables and the overrides."""
     faults: list[Fault] = []
     study, own, of_study = _split(tables, overrides, faults)
@@ -88,7 +139,7 @@ def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> di
             continue
         for i, each in enumerate(given if name in _LISTS else [given]):
             place = f"{name}[{i}]" if name in _LISTS else name
-            table = valid(name, each, place, faults)
+            table = valid(TypeAdapter(TABLES[name]), each, place, faults, words_of(TABLES[name]))
             if table is not None and hasattr(table, "metric"):
                 table = dataclasses.replace(table, metric=absolute(table.metric, folder))
             found[name] += [(place, table)] if table is not None else []
@@ -137,18 +188,14 @@ def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> t
     file = read(tables, ignored)
     base = base_of(file.base, folder, of_base, ignored)
     laws = laws_of(file.laws, base, folder, ignored, []) if base is not None else []
-    return laws[0] if laws else None, [key for each in file.vary for key in (*(each.keys or ()), each.key) if key]
+    varied = entries(file.vary, ignored).values()
+    return laws[0] if laws else None, [place for each in varied for place in each.places]
 
 
 def _gain_faults(gains: list[tuple[str, Gain]], law: Law, varied: list[str]) -> list[Fault]:
     """Errors of the keys of the gains and of their ranges."""
     faults: list[Fault] = []
     for i, (place, gain) in enumerate(gains):
-        try:
-            parsed(gain.key)
-        except ValueError as error:
-            faults.append(Fault(f"{place}.key", str(error)))
-            continue
         others = [*varied, *(other.key for _, other in gains[:i])]
         if any(overlap(gain.key, other) for other in others):
             faults.append(Fault(f"{place}.key", f"{gain.key} is varied or tuned already"))

@@ -1,17 +1,18 @@
-"""Measures for the claims of the paper."""
+"""The paper's claims, whose rows are in claims.toml: each has a measure here, a function of the :class:`.runs.Runs`."""
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
-from ....analysis import metrics, residual
-from ....control.base import SteadyState
-from ....control.design import demanded_force
-from ....records.trace import Trace
-from ....studies.pages import number
-from ..laws import LABELS
-from .base import Measured, Runs
+from ...analysis import metrics, residual
+from ...control.base import SteadyState
+from ...control.design import demanded_force
+from ...records.trace import Trace
+from ...studies.pages import number
+from ..claims import Measured, claims_in
+from .runs import LABELS, Runs
 
 TRANSIENT_S = 0.1
 """The "first fraction of a second": with the paper's gains the first-order law switches for its first 10 ms."""
@@ -31,16 +32,26 @@ def gain(trace: Trace, name: str) -> float:
     return float(getattr(trace.scenario.controller, name))
 
 
-def force(run: str) -> Callable[[Runs], Measured]:
+def force(runs: Runs, run: str) -> Measured:
     """Mean pushing force over the last 0.5 s, from every step [N]."""
+    trace = runs.traces[run]
+    force, settled = metrics.final_force(trace)
+    demanded = demanded_force(trace.scenario)
+    return Measured(force, f"{'settled' if settled else 'not settled'}; eq. (12) demands {demanded:.4f} N")
 
-    def measure(runs: Runs) -> Measured:
-        trace = runs.traces[run]
-        force, settled = metrics.final_force(trace)
-        demanded = demanded_force(trace.scenario)
-        return Measured(force, f"{'settled' if settled else 'not settled'}; eq. (12) demands {demanded:.4f} N")
 
-    return measure
+def force_without_current(runs: Runs) -> Measured:
+    """The same without a current, of impedance control alone [N]."""
+    return Measured(metrics.final_force(runs.sweep["impedance_still"])[0])
+
+
+def touches(runs: Runs, run: str) -> Measured:
+    return Measured(float(runs.traces[run].touches[-1]), "counted at every step")
+
+
+def sideways(runs: Runs, run: str) -> Measured:
+    """y at rest [mm]."""
+    return Measured(1e3 * float(runs.traces[run].p_WB[-1, 1]))
 
 
 def at_rest(trace: Trace) -> np.ndarray:
@@ -52,9 +63,9 @@ def norm(values: np.ndarray) -> float:
     return float(np.linalg.norm(values))
 
 
-def impedance_error(run: str) -> Callable[[Runs], Measured]:
+def impedance_error(runs: Runs, run: str) -> Measured:
     """Norm of the force part of the residual of eq. (12) at rest [N]."""
-    return lambda runs: Measured(norm(at_rest(runs.traces[run])[:3]))
+    return Measured(norm(at_rest(runs.traces[run])[:3]))
 
 
 def linear_sum(values: np.ndarray) -> float:
@@ -62,21 +73,23 @@ def linear_sum(values: np.ndarray) -> float:
     return float(values[:3].sum())
 
 
-def ratio(
-    measure: Callable[[Trace], np.ndarray], reduce: Callable[[np.ndarray], float], of: str, to: str, unit: str
-) -> Callable[[Runs], Measured]:
-    """Ratio of the same quantity, a vector (6,) with forces first, in the runs ``of`` and ``to``. The value is that of
-    the three forces, reduced to one number with a unit; the detail gives that of the moments."""
+_VECTORS: dict[str, tuple[Callable[[Trace], np.ndarray], Callable[[np.ndarray], float]]] = {
+    "impedance_error_at_rest": (at_rest, norm),
+    "largest_step": (metrics.largest_change, np.max),
+    "variation": (metrics.total_variation, np.sum),
+    "variation_at_start": (lambda trace: metrics.total_variation(trace, 0.0, TRANSIENT_S), np.sum),
+}
+"""Vectors (6,) of a run, the forces first, and how three components become one number."""
 
-    def ratio(runs: Runs) -> Measured:
-        vectors = [measure(runs.traces[name]) for name in (of, to)]
-        a, b = (float(reduce(each[:3])) for each in vectors)
-        moments = over(*(float(reduce(each[3:])) for each in vectors))
-        return Measured(
-            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; moments {number(moments)}"
-        )
 
-    return ratio
+def ratio(runs: Runs, what: str) -> Measured:
+    """Ratio of the same vector of :data:`_VECTORS`, GSTA's over the first-order law's. The value is that of the three
+    forces; the detail gives that of the moments."""
+    measure, reduce = _VECTORS[what]
+    vectors = [measure(runs.traces[name]) for name in ("gsta", "fosm")]
+    a, b = (float(reduce(each[:3])) for each in vectors)
+    moments = number(over(*(float(reduce(each[3:])) for each in vectors)))
+    return Measured(over(a, b), f"{LABELS['gsta']} {number(a)}, {LABELS['fosm']} {number(b)} N; moments {moments}")
 
 
 def largest_s(runs: Runs) -> Measured:
@@ -175,22 +188,16 @@ def quiet(runs: Runs) -> Measured:
     return Measured(over(after, before), f"{number(before)} N/s until {TRANSIENT_S:g} s, {number(after)} N/s later")
 
 
-def reversals(run: str) -> Callable[[Runs], Measured]:
-    def measure(runs: Runs) -> Measured:
-        count = metrics.reversals(runs.fine[run], REVERSAL_N, 0.0, TRANSIENT_S)
-        return Measured(float(count[:3].sum()), f"surge {count[0]}, sway {count[1]}, heave {count[2]}")
-
-    return measure
+def reversals(runs: Runs, run: str) -> Measured:
+    count = metrics.reversals(runs.fine[run], REVERSAL_N, 0.0, TRANSIENT_S)
+    return Measured(float(count[:3].sum()), f"surge {count[0]}, sway {count[1]}, heave {count[2]}")
 
 
-def severe(variation: str) -> Callable[[Runs], Measured]:
-    def measure(runs: Runs) -> Measured:
-        as_printed, varied = (
-            linear_sum(metrics.mean_change(trace, 0.5, 1.0)) for trace in (runs.traces["fosm"], runs.sweep[variation])
-        )
-        return Measured(varied, f"between 0.5 and 1 s; {number(as_printed)} N with the paper's gains")
-
-    return measure
+def severe(runs: Runs, variation: str) -> Measured:
+    as_printed, varied = (
+        linear_sum(metrics.mean_change(trace, 0.5, 1.0)) for trace in (runs.traces["fosm"], runs.sweep[variation])
+    )
+    return Measured(varied, f"between 0.5 and 1 s; {number(as_printed)} N with the paper's gains")
 
 
 def ripple(runs: Runs) -> Measured:
@@ -208,7 +215,7 @@ def whole_variation(runs: Runs) -> Measured:
     +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau changes by M_hat 4 sigma/h
     from step to step.
     """
-    measured = ratio(metrics.total_variation, np.sum, "gsta", "fosm", "N")(runs)
+    measured = ratio(runs, "variation")
     trace = runs.traces["gsta"]
     k_1, k_2 = gain(trace, "k_1"), gain(trace, "k_2")
     if k_1**2 < 2.0 * k_2:
@@ -268,3 +275,72 @@ def effort(runs: Runs, other: str) -> Measured:
     units = {"surge": (0, "N² s"), "sway": (1, "N² s"), "yaw": (5, "N² m² s")}
     axes = ", ".join(f"{axis} {number(a[i])} and {number(b[i])} {unit}" for axis, (i, unit) in units.items())
     return Measured(over(linear_sum(a), linear_sum(b)), axes)
+
+
+def impedance_error_of_moments(runs: Runs) -> Measured:
+    """Norm of the moment part of the residual of eq. (12), larger of two runs [N m]."""
+    moments = {name: norm(at_rest(runs.traces[name])[3:]) for name in ("gsta", "gsta_alone")}
+    detail = ", ".join(f"{LABELS[name]} {number(value)} N m" for name, value in moments.items())
+    return Measured(max(moments.values()), detail)
+
+
+MODEL_ERRORS = {
+    "gsta_overestimated": "M, C, D, g 50 % too large",
+    "gsta_underestimated": "C, D, g 50 % and M 20 % too small",
+}
+"""Errors of the estimates that the law uses in two of the runs, by name."""
+
+
+def model_errors(runs: Runs) -> Measured:
+    """Impedance error at rest, larger of two runs with wrong estimates [N]."""
+    errors = {name: norm(at_rest(runs.sweep[name])[:3]) for name in MODEL_ERRORS}
+    detail = "; ".join(f"{number(errors[name])} N with {what}" for name, what in MODEL_ERRORS.items())
+    return Measured(float(np.max(list(errors.values()))), detail)
+
+
+def force_with_model_errors(runs: Runs) -> Measured:
+    """Force at rest of two runs with wrong estimates: the one further from the force that eq. (12) demands [N]."""
+    forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in MODEL_ERRORS}
+    demanded = demanded_force(runs.traces["gsta"].scenario)
+    detail = "; ".join(f"{forces[name]:.4f} N with {what}" for name, what in MODEL_ERRORS.items())
+    return Measured(max(forces.values(), key=lambda force: abs(force - demanded)), detail)
+
+
+def half_inertia(runs: Runs) -> Measured:
+    """Impedance error at rest with M_hat = M/2 [N].
+
+    Explained if this vehicle still bounces at the end of its run and the vehicle without model errors does not.
+    """
+
+    def late(trace: Trace) -> int:
+        return int(trace.touches[-1] - trace.touches[trace.t >= trace.t[-1] - REST_S][0])
+
+    trace = runs.sweep["gsta_half_inertia"]
+    force, _ = metrics.final_force(trace)
+    detail = f"{late(trace)} touches in the last {REST_S:g} s; mean force {number(force)} N"
+    bounces = late(trace) > 0 and late(runs.traces["gsta"]) == 0
+    return Measured(norm(at_rest(trace)[:3]), detail, explained=bounces)
+
+
+def finite_time(runs: Runs) -> Measured:
+    """Time that s takes to reach a band that is 16 times narrower, over the time to the wider band.
+
+    The band is (2 h k_1)^2. It contains the cycle of the sampled algorithm, |s| <= (h k_1/2)^2. The time is measured in
+    the first transient, which starts from rest in the unknown current and ends when the reference moves.
+    """
+    coarse, fine = (arrival(trace) for trace in (runs.traces["gsta"], runs.sweep["gsta_quarter_step"]))
+    if coarse is None or fine is None:
+        return Measured(None, "s does not reach the band before the reference moves")
+    return Measured(over(fine, coarse), f"{coarse:.3f} s, then {fine:.3f} s")
+
+
+def arrival(trace: Trace) -> float | None:
+    """Time after which every |s_i| stays below (2 h k_1)^2, until the reference moves [s]."""
+    band = (2.0 * trace.scenario.simulation.timestep * gain(trace, "k_1")) ** 2
+    still = (trace.p_d == trace.p_d[0]).all(axis=1)
+    largest = metrics.magnitude(trace, "s").max(axis=1)
+    return metrics.settling_time(trace.t[still], largest[still], 0.0, band) if still.any() else None
+
+
+CLAIMS = claims_in(Path(__file__).with_name("claims.toml"), globals())
+"""All claims in the order of the page."""

@@ -1,0 +1,199 @@
+"""Calls on an executor of the shape of ``concurrent.futures``: the processes of this machine, a Dask cluster
+(:mod:`.cluster`), or another one, such as submitit's.
+"""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from typing import Any
+
+from loky import ProcessPoolExecutor
+
+from ...errors import InputError
+
+_AHEAD = 3
+"""Calls that an executor is given ahead, for each of its workers."""
+_LOOK_S = 0.2
+"""Longest time from one look at the futures to the next."""
+_STARTS = 3
+"""Processes that are started for a worker, if they end while they start."""
+_THREADS = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
+_ENVIRONMENT = {f"{name}_NUM_THREADS": "1" for name in _THREADS} | {
+    "MUJOCO_GL": "disable",
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",
+}
+"""Environment of a worker, which has one thread of computation and no display."""
+
+
+class WorkerLost(Exception):
+    """The worker of a call ended during it."""
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Workers(Executor):
+    """Worker processes of this machine; ``workers`` is their number, by default that of the cores that this process may
+    use.
+
+    Each thread of a pool has a process of its own, so that one that ends loses its own call only: it raises
+    :class:`WorkerLost`, and the next call of the thread starts another process. The processes of the library loky do
+    not import the user's script, so it needs no guard. They end with the process that started them, however that ends.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        self.size = workers or cores()
+        self._threads = ThreadPoolExecutor(self.size)
+        self._own, self._lock = threading.local(), threading.Lock()
+        self._processes: set[ProcessPoolExecutor] | None = set()
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        return self._threads.submit(self._call, function, *args, **kwargs)
+
+    def _call(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
+        """Make a call in the process of this thread."""
+        process = getattr(self._own, "process", None) or self._started()
+        try:
+            return process.submit(function, *args, **kwargs).result()
+        except BrokenExecutor as error:
+            self._own.process = None
+            raise WorkerLost(str(error)) from error
+
+    def _started(self) -> ProcessPoolExecutor:
+        """A process for this thread, which has answered once."""
+        for _ in range(_STARTS):
+            with self._lock:
+                if self._processes is None:
+                    raise CancelledError
+                process = ProcessPoolExecutor(1, initializer=_begin, env=_ENVIRONMENT)
+                self._processes.add(process)
+            with contextlib.suppress(BrokenExecutor):
+                process.submit(int).result()
+                self._own.process = process
+                return process
+        raise InputError("worker processes end while they start, see above")
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers, without ``wait`` also those that are in a call."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        with self._lock:
+            processes, self._processes = self._processes or set(), None
+        for process in processes:
+            process.shutdown(wait=False, kill_workers=True)
+
+
+def _begin() -> None:
+    """Prepare a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started it
+    os.dup2(2, 1)  # standard output is for the result alone
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, also in the middle of a call: nobody waits for it."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(0)
+
+
+@contextlib.contextmanager
+def executor_of(given: Executor | None, workers: int | None, scheduler: str | None = None) -> Iterator[Executor]:
+    """The given executor, which stays open, or new workers of this machine or of a Dask scheduler, which end here."""
+    if given is not None:
+        yield given
+        return
+    if scheduler is not None:
+        from .cluster import Cluster
+    own: Executor = Workers(workers) if scheduler is None else Cluster(scheduler)
+    try:
+        yield own
+    finally:
+        own.shutdown(wait=False, cancel_futures=True)
+
+
+def size_of(executor: Executor) -> int:
+    """Number of workers of an executor now."""
+    return max(1, int(getattr(executor, "size", 0) or getattr(executor, "_max_workers", 0) or os.cpu_count() or 1))
+
+
+def each_call(
+    executor: Executor,
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    done: Callable[[tuple[Any, ...], Any], Sequence[tuple[Any, ...]]],
+    tick: Callable[[], None],
+) -> None:
+    """Make calls ``function(*call)`` on an executor, a few ahead for each of its workers.
+
+    ``done`` is called on this thread with a call and its result, or its :class:`WorkerLost`, and returns the calls to
+    make instead. ``tick`` is called after each call, and five times per second; an exception that it raises ends
+    everything. A future needs ``done()`` and ``result()``, as also the jobs of submitit have them.
+
+    Raises:
+        InputError: the executor or its workers can't go on.
+    """
+    again: list[tuple[Any, ...]] = []
+    source, flying, told, room = iter(calls), dict[Any, tuple[Any, ...]](), -_LOOK_S, 0
+    while True:
+        look = time.monotonic() - told > _LOOK_S
+        try:
+            room = _AHEAD * size_of(executor) if look else room
+            while len(flying) < room and (call := again.pop(0) if again else next(source, None)) is not None:
+                flying[executor.submit(function, *call)] = call
+        except (RuntimeError, OSError, CancelledError) as error:
+            raise gave_up(error) from error
+        if look:
+            told = time.monotonic()
+            tick()
+        if not flying:
+            return
+        _wait(flying)
+        for future in [future for future in flying if future.done()]:
+            call = flying.pop(future)
+            answer = _result(future, getattr(executor, "lost", WorkerLost))
+            # of a broken executor: it starts anew, or refuses the call
+            again.extend([call] if isinstance(answer, BrokenExecutor) else done(call, answer))
+            tick()
+
+
+def _wait(futures: Iterable[Any]) -> None:
+    """Wait for one of some futures, but no longer than for the next look. Jobs of another kind are asked only then."""
+    own = [future for future in futures if isinstance(future, Future)]
+    if own:
+        wait(own, _LOOK_S, FIRST_COMPLETED)
+    elif not any(future.done() for future in futures):
+        time.sleep(_LOOK_S)
+
+
+def _result(future: Any, lost: type[BaseException]) -> Any:
+    """The result of a future, or the error that its worker, or all of them, ended."""
+    try:
+        return future.result()
+    except lost as error:
+        return WorkerLost(str(error))
+    except BrokenExecutor as error:
+        return error
+    except CancelledError as error:
+        raise gave_up(error) from error
+    except ModuleNotFoundError as error:
+        raise InputError(f"a worker lacks {error.name}: install the same packages there as here") from error
+
+
+def gave_up(error: BaseException) -> InputError:
+    """The error of an executor that cannot go on."""
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return InputError(f"the workers can't go on: {what}; what is done is kept, and the same command goes on")
