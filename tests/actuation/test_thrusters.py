@@ -366,35 +366,6 @@ def test_the_lost_command_is_of_the_one_that_the_allocation_is_given():
     assert np.abs(given[10:] - trace.tau_cmd[:-10]).max() < 1e-9  # rows are 1 ms apart
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"name": "t300"}, r"thrusters.name: no thruster model 't300'; did you mean 't200'"),
-        ({"name": "ideal", "period": 0.01}, r"thrusters.period: ideal thrusters have no period"),
-        ({"name": "t200", "voltage": 24.0}, r"thrusters.voltage: .*from 10 to 20 V"),
-        ({"name": "t200", "lag": "slow"}, r"thrusters.lag: .*'none', 'first_order' or 'third_order'"),
-        ({"name": "t200", "curve_thrust": [0.0, 1.0]}, r"thrusters.curve_thrust: t200 has no such setting"),
-        ({"name": "general", "failed": -1}, r"thrusters.failed: -1 must be at least 0"),
-        ({"name": "general", "failed_stuck": True, "failed_fraction": 0.5}, r"set failed_fraction or failed_stuck"),
-        ({"name": "general", "curve_command": [1.0, 2.0], "curve_thrust": [0.0]}, r"has 1 values, and .* has 2"),
-        ({"name": "general", "curve_command": [1.0], "curve_thrust": [0.0]}, r"has one point"),
-        ({"name": "general", "curve_command": [1.0, 1.0], "curve_thrust": [0.0, 1.0]}, r"1 follows 1: .* increase"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [0.0, -1.0]}, r"-1 N follows 0 N: .* fall"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [2.0, 3.0]}, r"must pass through zero"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [0.0, 0.0]}, r"must pass through zero"),
-        ({"name": "general", "curve_command": [0, 1, 2], "curve_thrust": [0, 3, 3]}, r"3 N twice: .* at zero only"),
-    ],
-)
-def test_bad_settings_are_said(settings, said):
-    with pytest.raises(InputError, match=said):
-        Scenario.load("push_wall", {f"thrusters.{key}": value for key, value in settings.items()})
-
-
-def test_a_thruster_that_the_vehicle_does_not_have_is_said():
-    with pytest.raises(InputError, match=r"thrusters.failed: 7: the vehicle has 6 thrusters"):
-        Simulation(Scenario.load("push_wall", {"thrusters.name": "general", "thrusters.failed": 7}), **FREE)
-
-
 def test_settings_that_depend_on_each_other_are_checked_in_a_reset():
     stuck, ideal = {"thrusters.failed_fraction": 0.5}, {"thrusters.period": 0.5}
     with Simulation(scenario_with("general", failed_stuck=True), **FREE) as sim, pytest.raises(InputError) as raised:

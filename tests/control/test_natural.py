@@ -146,19 +146,6 @@ def test_damping_that_is_given_stays():
         assert np.array_equal(sim.signals.M_d, sim.signals.M_hat)
 
 
-@pytest.mark.parametrize(
-    ("law", "M_d", "message"),
-    [
-        ("admittance", "natural", "impedance.M_d: 'natural' changes with the posture; the law admittance needs"),
-        ("gsta", "naturel", "impedance.M_d: 'naturel' must be \"natural\", six numbers, a diagonal, or six rows"),
-    ],
-)
-def test_what_is_not_possible_is_refused_by_name(law, M_d, message):
-    with pytest.raises(InputError) as refused:
-        simulate(Scenario.load("push_wall", {"impedance.M_d": M_d}, law))
-    assert message in str(refused.value)
-
-
 @pytest.fixture(scope="module")
 def at_tool(tmp_path_factory):
     """An arm of four joints that swings below a tool, without water's drag in the energy."""

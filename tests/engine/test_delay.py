@@ -30,19 +30,6 @@ def test_a_delay_of_zero_is_no_delay():
     assert np.array_equal(without.tau_cmd, zero.tau_cmd_delayed)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ({"controller.delay": 0.0025}, r"controller.delay: 0.0025 s is not a multiple .* 0.002 and 0.003 s"),
-        ({"controller.delay": 1.5}, r"controller.delay: 1.5 s must be at most 1 s, 1000 control periods of 0.001 s"),
-        ({"controller.delay": -0.001}, r"controller.delay: -0.001 must be from 0 to 10 s"),
-    ],
-)
-def test_a_delay_that_is_not_possible_is_refused(overrides, message):
-    with pytest.raises(InputError, match=message):
-        run(**overrides)
-
-
 def test_reset_changes_the_delay_and_empties_the_queue():
     scenario = Scenario.load("push_wall", SHORT | {"controller.delay": 0.02, "controller.period": 0.01})
     with Simulation(scenario, engine="free_body") as sim:

@@ -272,12 +272,6 @@ def test_solver_settings_of_the_file_are_refused(scenario):
         Simulation(scenario(hinge='solreflimit="0.01 1"'))
 
 
-@pytest.mark.parametrize("key", ["joints.name", "encoder.name"])
-def test_a_rigid_vehicle_has_no_joints(key):
-    with pytest.raises(InputError, match="is for a vehicle with joints; bluerov1 has none"):
-        Simulation(Scenario.load("push_wall", {key: "position" if key[0] == "j" else "encoder"}))
-
-
 def test_the_path_of_a_motion_is_relative_to_the_scenario_file(tmp_path):
     (tmp_path / "rov.xml").write_text(two_joints())
     (tmp_path / "swing.csv").write_text("time,shoulder,jaw\n0,0,0\n1,0.1,0\n")

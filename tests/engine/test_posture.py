@@ -151,11 +151,6 @@ def test_errors_name_the_key_the_value_and_what_would_be_right(at_rest, posture,
     assert message in str(refused.value)
 
 
-def test_a_rigid_vehicle_has_no_posture():
-    with pytest.raises(InputError, match="posture: the vehicle 'bluerov1' has no joints, so the task leaves nothing"):
-        simulate(Scenario.load("push_wall", {"posture.order": ["joints"]}))
-
-
 def test_joints_that_hold_themselves_have_no_posture(at_rest):
     held = at_rest | {"joints.name": "position", "task.frame": "body"}
     with pytest.raises(InputError, match=r"posture: the joint interface position holds the joints itself"):

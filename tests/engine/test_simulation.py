@@ -55,7 +55,6 @@ def test_one_step_at_a_time_and_all_at_once_are_the_run():
 
 
 FULL = (np.diag([20.0, 25.0, 25.0, 4.0, 4.0, 4.0]) + 0.5).tolist()
-ASKEW = (np.diag([20.0, 25.0, 25.0, 4.0, 4.0, 4.0]) + np.eye(6, k=1)).tolist()
 CHANGES = {
     "initial": {"initial.position": [-0.01, 0.02, 0.0], "initial.attitude_deg": [3.0, 2.0, 1.0]},
     "velocity": {"initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.1, 0.0]},
@@ -143,19 +142,12 @@ def test_a_reset_of_a_real_vehicle_is_a_fresh_simulation(change):
     ("overrides", "said"),
     [
         ({"wall.stiffness": 1e9}, "is too much for a time step"),
-        ({"task.inertia_period": 2e-3}, "task.inertia_period: has no effect"),
-        ({"task.integral": True, "task.A": -50.0}, "task.A"),
-        ({"impedance.M_d": ASKEW}, "impedance.M_d: is not symmetric"),
-        ({"disturbance.frequency_hz": [6e3, 0, 0, 0, 0, 0]}, "must be below half the step rate"),
-        ({"controller.period": 1.5e-4}, "not a multiple of the time step"),
-        ({"wall.stifness": 1.0, "current.speed": -1.0}, r"(?s)stiffness.*current.speed|current.speed.*stiffness"),
         ({"impedance.M_d": [-1.0] * 6}, "not positive definite"),
         ({"vehicle.model": "bluerov2_heavy"}, "vehicle.model: reset can't change the vehicle; make a new Simulation"),
         ({"controller.name": "fosm"}, "controller.name: reset can't change a stage"),
-        ({"position": 1.0}, "is not a dotted key"),
     ],
 )
-def test_a_reset_refuses_what_a_run_refuses_and_changes_nothing(sim, overrides, said):
+def test_after_a_reset_that_is_refused_the_run_goes_on_as_if_nobody_had_asked(sim, overrides, said):
     sim.reset(overrides={"current.speed": 0.1})
     sim.step(50)
     before = state(sim)

@@ -275,13 +275,6 @@ def test_a_joint_without_a_motor_is_noted(arm_of_four, tmp_path):
     assert "no motor" not in " ".join(warnings_of(set_up(at(arm_of_four))))
 
 
-def test_a_factor_of_friction_without_joints_is_refused(tmp_path):
-    path = tmp_path / "rigid.xml"
-    path.write_text(armed_xml(0))
-    with pytest.raises(InputError, match=r"vehicle\.coulomb_friction: has no effect: rov has no joints"):
-        set_up(at(path, {"task.frame": "body", "vehicle.coulomb_friction": 0.5}))
-
-
 def test_the_engine_without_joints_refuses_a_tool(tmp_path):
     path = tmp_path / "rigid.xml"
     path.write_text(armed_xml(0))

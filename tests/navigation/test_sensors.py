@@ -6,9 +6,9 @@ import pytest
 from scipy import signal, stats
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.navigation import PRESETS, Sensors
-from uvms_mj.navigation.channel import IN_FLIGHT, MEMORY, Channel, measure
+from uvms_mj.navigation.channel import MEMORY, Channel, measure
 from uvms_mj.physics.random import random_bits
 from uvms_mj.stages.base import is_shipped
 
@@ -295,21 +295,3 @@ def test_presets_are_sensors_with_other_numbers(cls):
     assert "trust" in cls.__doc__ or "ASSUMPTION" in cls.__doc__
     for h in (1e-3, 1e-4, 2e-4, 5e-4):
         assert not [fault for q in ("position", "velocity", "force") for fault in stage.channel(q).faults(h)]
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("force_period", 0.00015, "0.00015 s is not a multiple of the sensors' period 0.001 s; the nearest are 0 and"),
-        ("velocity_delay", 2.0, f"2 s with the jitter is too long for a sample every 0.001 s; at most {IN_FLIGHT - 2}"),
-        ("force_noise", -1.0, "-1.0 must not be negative"),
-        ("force_noise", [1.0, 2.0], "has 2 values; 3 are needed"),
-        ("force_dropout", 1.0, "1.0 must be less than 1"),
-        ("force_bais", 1.0, "did you mean 'force_bias'?"),
-    ],
-)
-def test_bad_settings_are_refused(key, value, message):
-    with pytest.raises(InputError) as raised:
-        Simulation(Scenario.load("push_wall", STILL | {f"navigation.{key}": value}), engine="free_body")
-    assert f"navigation.{key}: " in str(raised.value)
-    assert message in str(raised.value)
