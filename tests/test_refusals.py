@@ -95,7 +95,6 @@ REFUSED = [
     ("task.F_2: … invertible", "task.F_2=0.0"),
     ("task.A: … must be 0 or omitted if integral is true", {"task.integral": True, "task.A": -50.0}),
     ("task.inertia_period: has no effect", "task.inertia_period=2e-3"),
-    ("task.frame: 'hand'", {"task.frame": "hand"}),
     (
         "impedance.M_d: 'natural' changes with the posture; the law admittance needs",
         {"impedance.M_d": "natural"},
