@@ -85,7 +85,7 @@ def test_the_alpha_5_holds_its_tool_where_its_gears_do_not_stick(azimuth):
 def test_a_run_that_does_not_rest_says_so_before_it_starts(seed):
     """Random currents up to 0.8 m/s, start postures and levels of the posture."""
     rng, orders = np.random.default_rng(seed), (["attitude", "joints"], ["joints"], ["attitude"], ["station", "joints"])
-    for k in range(16):
+    for k in range(8):
         direction, q = rng.normal(size=3), rng.uniform((-1.4, 0.2), (0.4, 2.0))
         pitch = float(np.degrees(q.sum()))
         given = {
