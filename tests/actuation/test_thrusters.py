@@ -256,33 +256,6 @@ REAL = {
 """All elements at once."""
 
 
-def test_both_engines_step_the_same_thrusters():
-    mine, theirs = (simulate(Scenario.load("push_wall", REAL, "impedance"), engine=e) for e in ("free_body", "mujoco"))
-    assert np.abs(mine.u).max() > 5.0
-    assert np.abs(mine.u - mine.u_cmd).max() > 1.0
-    for name in ("u", "u_cmd", "nu", "tau_lost"):
-        assert np.abs(mine[name] - theirs[name]).max() < 1e-6, name
-
-
-def test_a_reset_with_another_voltage_is_a_new_simulation():
-    """The curve, the limits of the allocation and the memory of the thrusters are those of the scenario."""
-    start = Scenario.load("push_wall", REAL, "impedance")
-    other = {"thrusters.voltage": 12.0, "thrusters.lag": "first_order", "thrusters.failed": 0}
-    with Simulation(start, **FREE) as sim, Simulation(start.updated(other), **FREE) as new:
-        sim.step(500)
-        sim.reset(overrides=other)
-        for each in (sim, new):
-            each.step(800)
-        assert np.array_equal(sim.signals.u, new.signals.u)
-        assert np.array_equal(sim._stages.allocation["u_max"], new._stages.allocation["u_max"])
-        sim.reset()
-        sim.step(800)
-        changed = sim.signals.u.copy()
-    with Simulation(start, **FREE) as again:
-        again.step(800)
-        assert np.array_equal(again.signals.u, changed)
-
-
 def test_a_log_has_the_command_and_the_thrusters(tmp_path):
     trace = simulate(Scenario.load("push_wall", REAL, "impedance"), **FREE)
     trace.save(tmp_path / "run.mcap")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import SteadyState
@@ -339,19 +339,6 @@ def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
         ages.append(Linear.of(setup).late[1])
         assert np.isfinite(Linear.of(setup).growths).all()
     assert ages == pytest.approx([0.0, 0.003, 0.01], abs=1e-12)
-
-
-def test_a_reset_takes_the_new_inertia_to_the_admittance():
-    changed = {"impedance.M_d": [9.0, 15.0, 18.0, 0.3, 0.3, 0.3], "controller.k_p": 200.0}
-    overrides = AT_WALL | {"simulation.duration": 1.0}
-    with Simulation(Scenario.load("push_wall", overrides, "admittance"), engine="free_body") as sim:
-        sim.reset(overrides=changed)
-        sim.step(10000)
-        after = np.array(sim.signals.p_WB), np.array(sim.signals.nu)
-    with Simulation(Scenario.load("push_wall", overrides | changed, "admittance"), engine="free_body") as sim:
-        sim.step(10000)
-        np.testing.assert_array_equal(after[0], sim.signals.p_WB)
-        np.testing.assert_array_equal(after[1], sim.signals.nu)
 
 
 # attacks

@@ -1,7 +1,6 @@
 """The closed loop agrees with the independent twin, and with itself at other rates, steps and threads."""
 
 import re
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -152,19 +151,6 @@ def test_implicitfast_converges_to_the_same_motion(smooth_overrides):
     assert np.abs(runs[0].p_WB - runs[1].p_WB).max() < 1e-6
 
 
-def test_every_rate_gives_the_same_samples():
-    """Rows at any rate are bit for bit those of the full rate."""
-    scenario = Scenario.load(
-        "push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001}
-    )
-    full = simulate(scenario, log_rate="full")
-    assert full.touches[-1] > 0
-    for rate, stride in ((1000.0, 10), (500, 20), (10, 1000)):
-        some = simulate(scenario, log_rate=rate)
-        for name in full:
-            assert np.array_equal(some[name], full[name][::stride], equal_nan=True), name
-
-
 def test_a_row_has_the_state_and_its_own_contact_force():
     """f = -k_c (x - x_c) holds at the x of the same row, exactly for the law; nu_dot is the derivative of nu."""
     overrides = {"simulation.duration": 0.5, "reference.step_time": 0.0, "wall.position": 0.001, "wall.stiffness": 2e4}
@@ -291,18 +277,3 @@ def test_an_unstable_run_stops_at_the_step_and_keeps_what_it_has():
     for name in trace:
         assert np.isfinite(trace[name]).all(), name
     assert len(trace) == trace.steps // 10 + (trace.steps % 10 > 0)
-
-
-def test_runs_beside_each_other_are_each_as_alone():
-    """Two scenarios with different laws run in two threads of one process, bit for bit as alone."""
-    scenarios = [
-        Scenario.load("push_wall", {"simulation.duration": 2.0, "reference.step_time": 0.0, "wall.position": 0.05}, law)
-        for law in ("gsta", "fosm")
-    ]
-    alone = [simulate(scenario) for scenario in scenarios]
-    with ThreadPoolExecutor(2) as pool:
-        beside = list(pool.map(simulate, scenarios))
-    for one, other in zip(alone, beside, strict=True):
-        assert one.touches[-1] > 0
-        for name in one:
-            assert np.array_equal(one[name], other[name], equal_nan=True), name

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from two_joints import STILL, two_joints
-from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import warnings_of
 
@@ -187,15 +187,6 @@ def test_reset_changes_the_target_and_the_held_position(scenario):
             each.step(4000)
         assert sim.signals.q == pytest.approx([-0.2, 0.01], abs=1e-3)
         assert held.signals.q == pytest.approx([0.5, 0.0], abs=1e-3)
-
-
-def test_a_log_of_a_run_with_joints_is_read_as_it_was(scenario, tmp_path):
-    own = {"joints.name": scenario.push, "encoder.name": "encoder", "simulation.duration": 0.02}
-    trace = simulate(scenario(own))
-    trace.save(tmp_path / "run.mcap")
-    read = Trace.load(tmp_path / "run.mcap")
-    for name in ("q", "q_dot", "tau_q", "tau_q_cmd", "q_m", "q_dot_m", "pushed"):
-        assert np.array_equal(read[name], trace[name]), name
 
 
 # the encoder

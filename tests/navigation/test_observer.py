@@ -204,17 +204,6 @@ def test_a_users_observer_runs_is_recorded_and_is_named_if_it_fails(tmp_path):
         simulate(scenario.updated({"observer.until": 0.01}), engine="free_body")
 
 
-def test_the_same_run_after_a_reset():
-    with Simulation(Scenario.load("push_wall", SOFT), engine="free_body") as sim:
-        found = []
-        for threshold in (1.0, 0.0, 1.0):
-            sim.reset(overrides={"observer.threshold": threshold})
-            sim.step(2000)
-            found.append(sim.signals.f_contact_m_W.copy())
-    assert np.array_equal(found[0], found[2])
-    assert not np.array_equal(found[0], found[1])
-
-
 def test_a_force_that_is_too_old_for_the_wall_is_said_before_the_run():
     """D_d/(K_f k_c) is 0.88 ms at 1e5 N/m: the loop vibrates with an estimate that is 10 ms old."""
     with pytest.warns(UserWarning, match=r"limit-cycles against the wall with the observer's lag of 0\.01 s"):

@@ -234,29 +234,6 @@ def test_sensors_without_errors_are_perfect_bit_for_bit(engine):
     assert all(np.array_equal(perfect[name], sensors[name]) for name in perfect)
 
 
-def test_a_seed_decides_the_noise_at_any_log_rate():
-    settings = {"navigation.name": "rov", "simulation.duration": 1.0, "navigation.velocity_dropout": 0.1}
-    one = trace_of(settings)
-    rare = simulate(Scenario.load("push_wall", settings), engine="free_body", log_rate=100.0)
-    assert all(np.array_equal(one[name][::100], rare[name]) for name in ("p_WB_m", "nu_m", "f_contact_m_W", "tau"))
-    other = trace_of(settings | {"simulation.seed": 1})
-    assert not np.array_equal(one.p_WB_m, other.p_WB_m)
-
-
-def test_reset_changes_the_numbers_of_a_channel():
-    settings = STILL | {"navigation.velocity_delay": 4 * H}
-    changes = {"navigation.velocity_noise": 0.1, "navigation.velocity_delay": 2 * H, "simulation.seed": 5}
-    with Simulation(Scenario.load("push_wall", settings), engine="free_body") as sim:
-        sim.step(10)
-        sim.reset(overrides=changes)
-        sim.step(50)
-        after = sim.signals.nu.copy(), sim.signals.nu_m.copy()
-    with Simulation(Scenario.load("push_wall", settings | changes), engine="free_body") as sim:
-        sim.step(50)
-        assert np.array_equal(after[0], sim.signals.nu)
-        assert np.array_equal(after[1], sim.signals.nu_m)
-
-
 def test_plain_python_gives_the_same_measurements():
     channel = Channel(period=3 * H, delay=4 * H, jitter=2 * H, noise=(0.1, 0.2, 0.3), bias=(1.0, 0.0, 0.0), dropout=0.2)
     given = {f"navigation.position_{name}": value for name, value in vars(channel).items() if value is not None}
