@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compare_engines import differences, drawn
-from twin import TwinParameters, simulate_fixed_step, simulate_smooth
+from twin import TwinParameters, simulate_smooth
 from uvms_mj import Diverged, InputError, Scenario, Simulation, simulate
 from uvms_mj.control.base import SteadyState
 from uvms_mj.engine.free_engine import refusals
@@ -116,19 +116,6 @@ def test_the_depth_of_the_probe_in_the_wall_is_mujocos():
     pair_force(pairs[0], surfaces[0], np.array([1.002, 0.3, -0.2]), np.eye(3), np.zeros(6), 1e-4)
     assert pairs[0].depth == pytest.approx(-theirs, abs=1e-15)
     assert pairs[0].contact.normal_W.tolist() == [-1.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize("law", ["gsta", "fosm", "impedance"])
-def test_a_run_is_the_twins(law):
-    """The independent simulation, from free flight to the wall."""
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 5.0, "wall.position": 0.9}, law), **FREE)
-    twin = simulate_fixed_step(TwinParameters(law=law, duration=5.0, x_c=0.9))
-    apart = np.abs(trace.p_WB - twin["p"][::10]).max(axis=1)
-    flight = trace.t < (trace.first_contact[-1] if trace.touches[-1] else 5.0)
-    assert apart[flight].max() < 1e-6  # the twin's reference is a filter, not its closed form
-    assert apart.max() < 1e-4
-    peak = twin["force"].max()
-    assert abs(trace.force_peak[-1] - peak) <= 2e-2 * peak
 
 
 def test_the_order_of_convergence_is_one(smooth_overrides):
