@@ -83,6 +83,7 @@ def test_another_error_inside_an_extra_is_not_hidden():
         raise ZeroDivisionError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "needed"),
     [

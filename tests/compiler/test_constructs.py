@@ -465,6 +465,7 @@ def branching(a):
         a.x = eval("a.x")  # beyond the language
 
 
+@pytest.mark.slow
 def test_a_functions_tree_is_the_tree_of_its_source():
     functions = {f for module in list(sys.modules.values()) for f in [*vars(module).values()] if inspect.isfunction(f)}
     ours = [f for f in functions if str(f.__module__).startswith("uvms_mj.") and f.__code__.co_filename.endswith(".py")]

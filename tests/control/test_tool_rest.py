@@ -65,6 +65,7 @@ def test_twenty_random_postures_walls_and_gains(model):
 WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm", "inertia": 0.7, "restoring": 1.6}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "overrides"),
     [

@@ -26,6 +26,7 @@ def run(name, overrides, law=None):
     return simulate(Scenario.load(name, QUICK | overrides, law), engine="free_body", log_rate=10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "x_d"), [("cylinder", 1.25), ("cylinder", 1.3), ("cylinder", 1.5), ("sphere", 1.25), ("sphere", 1.3)]
 )
@@ -50,6 +51,7 @@ def test_which_side_of_a_sphere_is_not_announced_on_its_axis():
     assert "unstable" in found.reason or "different rests" in found.reason
 
 
+@pytest.mark.slow
 def test_a_rest_that_the_vehicle_misses_from_a_few_centimetres_beside_its_way_is_not_announced():
     """Two bumpers hold it on a sphere as long as it comes straight."""
     found = steady_state(

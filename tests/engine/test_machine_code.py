@@ -38,6 +38,7 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     assert not list((tmp_path / "temporary").iterdir())
 
 
+@pytest.mark.slow
 def test_everything_runs_as_plain_python_on_demand():
     """With UVMS_MJ_PLAIN, neither kernels nor stages are compiled, for a debugger; the numbers are the same."""
     code = """if True:

@@ -81,6 +81,7 @@ def test_each_derivative_is_the_derivative(name):
         assert np.median(fine) < max(0.3 * np.median(coarse), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STAGES)
 def test_position_velocity_acceleration_and_attitude_are_continuous(name):
     h = 5e-3

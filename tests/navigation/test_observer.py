@@ -77,6 +77,7 @@ def test_at_rest_the_residual_is_the_contact_and_the_current_exactly():
     assert np.linalg.norm(unknown[:3]) > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["gsta", "fosm", "sta", "impedance"])
 @pytest.mark.parametrize("thrusters", [{}, {"thrusters.name": "general", "thrusters.efficiency": 0.8}])
 def test_without_a_calibration_the_law_rests_at_the_static_balance(law, thrusters):

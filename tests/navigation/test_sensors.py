@@ -65,6 +65,7 @@ def errors(quantity, settings, samples, period):
 QUANTITIES = ["position", "attitude", "velocity", "angular_velocity", "force"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_noise_has_its_variance_in_each_axis_and_is_white(quantity):
     sigma, n = np.array([0.01, 0.02, 0.03]), 20_000

@@ -98,6 +98,7 @@ def test_a_tilted_plane_is_an_upright_one_in_a_turned_world():
     np.testing.assert_allclose(found.push, upright.push, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["free_body", "mujoco"])
 @pytest.mark.parametrize(
     ("wall", "depth"),
@@ -237,6 +238,7 @@ def test_a_bumper_in_front_of_a_stiff_wall_lets_a_slow_law_hold():
         run(base | {"simulation.duration": 0.01})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["free_body", "mujoco"])
 def test_three_contact_points_rest_at_the_static_balance(engine):
     """Forces and moments on a tilted plane: the springs of depths measured by hand hold K_d eta_e, eq. (7)."""
