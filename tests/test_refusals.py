@@ -173,6 +173,10 @@ REFUSED = [
     ("vehicle.thruster_offset: has 3 offsets; 6 are needed, of", {"vehicle.thruster_offset": [[0.0] * 3] * 3}),
     ("vehicle.payloads[0].link: 'hand' is not a link or the base", {"vehicle.payloads": [{"link": "hand", "mass": 1}]}),
     ("vehicle.payloads[0].mass", {"vehicle.payloads": [{"link": "bluerov1", "mass": -1.0}]}),
+    (
+        "vehicle.payloads is not computed by the engine free_body",
+        {"vehicle.payloads": [{"link": "bluerov1", "mass": 1.0}]},
+    ),
     ("initial.joints: has 1 positions", {"initial.joints": [0.1]}),
     ("is for a vehicle with joints; bluerov1 has none", {"joints.name": "position"}),
     ("is for a vehicle with joints; bluerov1 has none", {"encoder.name": "encoder"}),

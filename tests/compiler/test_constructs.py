@@ -423,6 +423,18 @@ def entries_of_new_arrays(g, o):
     o.s[27:30] = stored_in(once * 3.0)
 
 
+def of_the_turn_before(g, o):
+    """A name for the array of the turn before, beside one that stands for the same memory in every turn."""
+    before = g.x
+    o.x[:] = 0.0
+    for i in range(5):
+        now = g.x * (i + 1.0)
+        o.x += before
+        before = now
+        same = g.y
+        o.s[i] = same[i]
+
+
 def stored_in(x):
     x[0] += 1.0
     return x
@@ -434,6 +446,7 @@ def stored_in(x):
         entries_of_new_arrays,
         views_of_new_arrays,
         left_early,
+        of_the_turn_before,
         arithmetic,
         in_place,
         slicing,

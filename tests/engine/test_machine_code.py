@@ -148,4 +148,5 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
                 file = folder.with_suffix(".py")
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
+    assert set(compilation._sources()) == {path.read_bytes() for path in covered}
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
