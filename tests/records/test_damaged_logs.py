@@ -37,7 +37,6 @@ def tried(path):
         return None, str(error)
 
 
-@pytest.mark.slow
 def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path):
     trace, path = logged
     data = path.read_bytes()
@@ -62,7 +61,6 @@ def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path)
     assert len(set(lengths)) > 3
 
 
-@pytest.mark.slow
 def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
     """Bits are flipped and logs truncated anywhere, including metadata and attachments."""
     log = tmp_path / "run.mcap"
@@ -115,7 +113,6 @@ def ends_of_chunks(data: bytes) -> list[int]:
     return ends
 
 
-@pytest.mark.slow
 def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path):
     trace, path = logged
     data, cut = path.read_bytes(), tmp_path / "cut.mcap"

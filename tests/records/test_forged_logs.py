@@ -64,7 +64,6 @@ def test_a_recorded_law_has_gains_with_names_that_python_can_tell_apart():
             placeholder_stage(Controller, "a.py:B", table, {})
 
 
-@pytest.mark.slow
 def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, here):
     (tmp_path / "evil.py").write_text("from pathlib import Path\nPath('ran').touch()\n")
     for law in ("evil.py:X", f"{tmp_path}/evil.py:X"):

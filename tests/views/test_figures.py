@@ -33,8 +33,6 @@ from uvms_mj.views.figures.joints import JOINTS
 from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 
-pytestmark = pytest.mark.slow  # the runs of the paper's figures
-
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
 OF_RIGID = [what for what in figures.WHATS if what != "joints"]
 LEVELS = ("expected", "analytic", "wall", "motor limit")

@@ -173,7 +173,6 @@ def test_a_study_shows_its_plan_and_its_results(study, here):
     assert all(cell in printed for row in study.table() for cell in row)
 
 
-@pytest.mark.slow
 def test_a_study_plots_the_figures_of_its_report(study, tmp_path):
     before = plt.get_fignums()
     for what in ("overview", "distributions", "map"):
@@ -243,7 +242,6 @@ print([trace.notes, "class Mine" in trace.header.law.code, row["law"], row["stat
 )
 
 
-@pytest.mark.slow
 def test_a_law_of_a_cell_runs_compiled_and_in_a_study_and_bars_are_one_output(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
