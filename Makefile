@@ -1,5 +1,5 @@
 # make run    the paper's scenario
-# make test   lint, types, import contracts, tests; `.venv/bin/pytest -m "not slow"` for a quick check
+# make test   lint, types, import contracts, tests; `.venv/bin/pytest -m bits -n 2 --dist loadfile` for each commit
 # make docs   the site, in docs/_build/html; warnings are errors. make docs-serve shows it at http://127.0.0.1:8000
 # make system-packages   (Debian, as root) a browser and software renderers; without them, tests of viewers and videos are skipped
 PYTHON ?= python3
@@ -16,7 +16,7 @@ test: setup $(if $(CI),system-packages)
 	$(BIN)/ruff format --check src tests scripts examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist loadfile $(if $(CI),--durations=30)
 
 docs: setup
 	$(BIN)/sphinx-build -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html

@@ -254,17 +254,17 @@ def tried(job: tuple[int, int, bool]) -> Result:
         run_s = time.process_time() - start
     except InputError as error:
         return Result(case, "refused", law, None, None, str(error), 0.0, 0.0)
+    if trace.status is not Status.completed:
+        return Result(case, str(trace.status.name), law, None, None, trace.message, run_s, 0.0)
+    measured = settled(trace)
+    if measured is None:
+        return Result(case, "not settled", law, None, None, "", run_s, 0.0)
     start = time.process_time()
     rest = trace.analytic
     rest_s = time.process_time() - start
     announced = rest.force if isinstance(rest, SteadyState) else None
     reason = getattr(rest, "reason", "")
-    if trace.status is not Status.completed:
-        return Result(case, str(trace.status.name), law, None, announced, reason, run_s, rest_s)
-    measured = settled(trace)
-    if measured is None:
-        kind = "not settled"
-    elif announced is None:
+    if announced is None:
         kind = "no closed form"
     elif differs(measured, announced) and not tools:  # an error of the time step?
         finer = over | {"simulation.timestep": over["simulation.timestep"] / 5.0}

@@ -1,7 +1,9 @@
-"""Shared fixtures. Runs of the paper's scenario are made once for all tests that look at them."""
+"""Shared fixtures, and what belongs to the marker bits. Runs of the paper's scenario are made once for all tests that
+look at them."""
 
 import signal
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,20 @@ from uvms_mj.cli import main
 
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")
+
+
+FOR_EACH_COMMIT = {
+    *("actuation", "analysis", "compiler", "control", "engine", "envs", "guidance", "navigation", "physics", "plant"),
+    *("setup", "stages", "test_borders.py", "test_house.py", "test_refusals.py", "test_scenario.py"),
+}
+"""Folders and modules whose tests have the marker bits unless they are slow."""
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        place = item.path.relative_to(Path(__file__).parent).parts[0]
+        if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:
+            item.add_marker("bits")
 
 
 _HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import uvms_mj
+from seeded_faults import seeded_faults
 from uvms_mj.errors import EXTRAS, InputError, needs_extra
 from uvms_mj.scenario import STAGES
 
@@ -63,11 +64,21 @@ def test_a_missing_extra_is_one_line_that_names_it():
         assert "a_package_that_is_not_installed" in str(raised.value)
 
 
+def test_every_seeded_fault_can_be_put_into_the_sources():
+    faults = seeded_faults()
+    assert len({fault.name for fault in faults}) == len(faults) >= 60
+    for fault in faults:
+        text = fault.place().read_text(encoding="utf-8")
+        wrong = text.replace(fault.old, fault.new)
+        assert ast.dump(ast.parse(wrong)) != ast.dump(ast.parse(text)), fault.name
+
+
 def test_another_error_inside_an_extra_is_not_hidden():
     with pytest.raises(ZeroDivisionError), needs_extra("gym"):
         raise ZeroDivisionError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "needed"),
     [

@@ -9,7 +9,6 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from command import run
 from uvms_mj import Trace
@@ -21,7 +20,6 @@ ROOT = Path(__file__).parents[1]
 SHORT = ("--set", "simulation.duration=0.05")
 
 
-@pytest.mark.slow
 def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
     """The first run compiles everything, the second loads it from the cache. A broken cache entry is recompiled."""
     environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}

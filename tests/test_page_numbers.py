@@ -10,7 +10,6 @@ FOLDERS = {"validation": "UVMS_MJ_POOL_DATA"}
 """Environment variables with the folders of pages whose numbers come from data that are not in the repository."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in PAGES.glob("*.py")))
 def test_numbers_of_a_page_are_those_of_its_runs(name):
     numbers, given = script(name).numbers, []

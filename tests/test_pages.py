@@ -21,7 +21,6 @@ from markdown_it import MarkdownIt
 
 from uvms_mj.cli import main
 
-pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(page for part in ("start", "how_to") for page in sorted(ROOT.glob(f"docs/{part}/*.md")))]
 EXTRAS = {"learn": ("gymnasium", "dm_control"), "tune": ("optuna",)}

@@ -83,12 +83,10 @@ def native(law, values, seconds):
     return samples(simulate(scenario, engine="free_body", log_rate=1.0 / build_pool.SAMPLE_S))
 
 
-@pytest.mark.slow
 def test_the_module_uses_four_functions_of_mathematics_and_nothing_else(loops):
     assert undefined(build_pool.module(loops)) == set(build_pool.LIBRARY)
 
 
-@pytest.mark.slow
 @needs_chromium
 @pytest.mark.parametrize("law", LAWS)
 def test_a_run_of_other_numbers_begins_with_the_record_of_a_native_run(browser, loops, law):
@@ -98,7 +96,6 @@ def test_a_run_of_other_numbers_begins_with_the_record_of_a_native_run(browser, 
     assert np.array_equal(start, loops.image(build_pool.simulation(law, CHANGED[law])))
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_another_desired_stiffness_brings_its_damping(browser, loops):
     """D_d is that of another eigenvalue solver: it agrees to rounding. Every other number is equal."""
@@ -124,7 +121,6 @@ def has_the_mathematics_of_this_machine(browser) -> bool:
     return all([getattr(math, name)(each) for each in x] == theirs[name] for name, x in arguments.items())
 
 
-@pytest.mark.slow
 @needs_chromium
 @pytest.mark.parametrize("law", LAWS)
 def test_the_default_run_is_that_of_free_body_bit_for_bit(browser, law):
@@ -161,7 +157,6 @@ RESTS = [
 ]
 
 
-@pytest.mark.slow
 @needs_chromium
 @pytest.mark.parametrize(("law", "values"), RESTS)
 def test_the_closed_form_of_the_page_is_that_of_the_law(browser, law, values):
@@ -175,7 +170,6 @@ def test_the_closed_form_of_the_page_is_that_of_the_law(browser, law, values):
         assert ours["force"] == pytest.approx(theirs.force, rel=1e-7, abs=1e-9)
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_numbers_change_during_a_run_as_those_of_a_simulation(browser):
     """Another wall, current, rate and gain while the vehicle pushes."""
@@ -215,7 +209,6 @@ def opened(browser, site, page: str, width: int = 1280, scheme: str = "light") -
     assert said == ""
 
 
-@pytest.mark.slow
 @needs_chromium
 @pytest.mark.parametrize(
     ("page", "width", "scheme"),
@@ -237,7 +230,6 @@ def test_a_page_shows_the_pool_and_is_no_wider_than_its_window(browser, site, pa
     assert (pixels.mean() > 128) == (scheme == "light")
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_the_pool_is_small_and_asks_nobody(browser, site):
     assert sum(file.stat().st_size for file in site.iterdir()) < MOST_BYTES
@@ -247,7 +239,6 @@ def test_the_pool_is_small_and_asks_nobody(browser, site):
     assert [url for url in asked if not url.startswith((site.as_uri(), "blob:", "data:"))] == []
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_the_page_follows_the_readers_wishes(browser, site):
     """It begins paused for who wants less motion, and has the theme of the page around it."""
@@ -269,7 +260,6 @@ def test_the_page_follows_the_readers_wishes(browser, site):
     assert shown == ["Play", "0.0 s", True, False]
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_what_the_page_shows_is_the_run(browser, site):
     """A run with the clock, held after a while: its time and its distance to the wall."""
@@ -294,7 +284,6 @@ def test_what_the_page_shows_is_the_run(browser, site):
     assert shown[1] == "1.498 N"
 
 
-@pytest.mark.slow
 @needs_chromium
 @pytest.mark.parametrize("law", LAWS)
 def test_the_scenario_of_the_page_is_one_that_runs_alike(browser, site, tmp_path, law):

@@ -20,7 +20,6 @@ def test_the_api_has_every_public_name():
     assert sorted(listed) == sorted(uvms_mj.__all__)
 
 
-@pytest.mark.slow
 def test_the_site(tmp_path, subtests):
     """One test, because the build takes a minute and more. Notebooks and the programs of the gallery run in it."""
     pytest.importorskip("sphinx", reason="the site needs the extra docs")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.actuation import Constrained, Weighted
 from uvms_mj.actuation.constrained import quadratic
 
@@ -136,20 +136,3 @@ def test_the_loss_is_recorded_only_where_it_may_be_asked_for():
     for own, there in (({}, False), ({"actuation.name": "weighted"}, True), ({"thrusters.name": "t200"}, True)):
         with Simulation(Scenario.load("push_wall", own), **FREE) as sim:
             assert ("tau_lost" in [signal.name for signal in sim.recorded]) == there
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"name": "weighted", "weights": [1.0, 2.0]}, r"actuation.weights: has 2 values; the vehicle has 6 thrusters"),
-        ({"name": "weighted", "weights": [0.0] * 6}, r"actuation.weights\[0\]: .*from 0.001 to 1000"),
-        ({"name": "constrained", "weights": [1.0, 2.0]}, r"actuation.weights: .* has 2 values; 6 are needed$"),
-        (
-            {"name": "constrained", "weights": [1.0, 1.0, 1.0, -5.0, 5.0, 5.0]},
-            r"^push_wall: actuation.weights\[3\]: -5.0 must be from 0.001 to 1000$",
-        ),
-    ],
-)
-def test_bad_weights_are_said(settings, said):
-    with pytest.raises(InputError, match=said):
-        Simulation(Scenario.load("push_wall", {f"actuation.{k}": v for k, v in settings.items()}), **FREE)

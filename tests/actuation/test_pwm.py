@@ -102,32 +102,6 @@ def test_pulse_widths_of_a_law_are_recorded():
     assert np.abs(pulses - near).max() <= 0.5 + 1e-9
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"thrusters__name": "ideal"}, "actuation.name: pwm needs thrusters.name = t200, or general with a curve"),
-        (
-            {"thrusters__assumed_voltage": 12.0},
-            "thrusters.assumed_voltage: with actuation.name = pwm nothing is assumed",
-        ),
-        (
-            {
-                "thrusters__name": "general",
-                "thrusters__curve_command": [-1.0, 1.0],
-                "thrusters__curve_thrust": [-1.0, 1.0],
-            },
-            "thrusters.curve_command: is not a curve of pulse widths",
-        ),
-    ],
-)
-def test_thrusters_without_the_curve_are_refused(settings, said):
-    scenario = BY_HAND | {"actuation.name": "pwm"} | {key.replace("__", "."): value for key, value in settings.items()}
-    if settings.get("thrusters__name", "t200") != "t200":
-        del scenario["thrusters.lag"]
-    with pytest.raises(InputError, match=said):
-        Simulation(Scenario.load("push_wall", scenario), **FREE)
-
-
 @pytest.mark.parametrize("pulse", [0.0, 1099.0, 1901.0, np.nan])
 def test_a_pulse_width_that_no_speed_controller_takes_is_refused_by_name(pulse):
     with Simulation(scenario_with("pwm"), **FREE) as sim:

@@ -256,33 +256,6 @@ REAL = {
 """All elements at once."""
 
 
-def test_both_engines_step_the_same_thrusters():
-    mine, theirs = (simulate(Scenario.load("push_wall", REAL, "impedance"), engine=e) for e in ("free_body", "mujoco"))
-    assert np.abs(mine.u).max() > 5.0
-    assert np.abs(mine.u - mine.u_cmd).max() > 1.0
-    for name in ("u", "u_cmd", "nu", "tau_lost"):
-        assert np.abs(mine[name] - theirs[name]).max() < 1e-6, name
-
-
-def test_a_reset_with_another_voltage_is_a_new_simulation():
-    """The curve, the limits of the allocation and the memory of the thrusters are those of the scenario."""
-    start = Scenario.load("push_wall", REAL, "impedance")
-    other = {"thrusters.voltage": 12.0, "thrusters.lag": "first_order", "thrusters.failed": 0}
-    with Simulation(start, **FREE) as sim, Simulation(start.updated(other), **FREE) as new:
-        sim.step(500)
-        sim.reset(overrides=other)
-        for each in (sim, new):
-            each.step(800)
-        assert np.array_equal(sim.signals.u, new.signals.u)
-        assert np.array_equal(sim._stages.allocation["u_max"], new._stages.allocation["u_max"])
-        sim.reset()
-        sim.step(800)
-        changed = sim.signals.u.copy()
-    with Simulation(start, **FREE) as again:
-        again.step(800)
-        assert np.array_equal(again.signals.u, changed)
-
-
 def test_a_log_has_the_command_and_the_thrusters(tmp_path):
     trace = simulate(Scenario.load("push_wall", REAL, "impedance"), **FREE)
     trace.save(tmp_path / "run.mcap")
@@ -364,35 +337,6 @@ def test_the_lost_command_is_of_the_one_that_the_allocation_is_given():
     assert np.abs(trace.tau_lost).max() > 1.0
     given = trace.tau_lost + trace.u_cmd @ B.T
     assert np.abs(given[10:] - trace.tau_cmd[:-10]).max() < 1e-9  # rows are 1 ms apart
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"name": "t300"}, r"thrusters.name: no thruster model 't300'; did you mean 't200'"),
-        ({"name": "ideal", "period": 0.01}, r"thrusters.period: ideal thrusters have no period"),
-        ({"name": "t200", "voltage": 24.0}, r"thrusters.voltage: .*from 10 to 20 V"),
-        ({"name": "t200", "lag": "slow"}, r"thrusters.lag: .*'none', 'first_order' or 'third_order'"),
-        ({"name": "t200", "curve_thrust": [0.0, 1.0]}, r"thrusters.curve_thrust: t200 has no such setting"),
-        ({"name": "general", "failed": -1}, r"thrusters.failed: -1 must be at least 0"),
-        ({"name": "general", "failed_stuck": True, "failed_fraction": 0.5}, r"set failed_fraction or failed_stuck"),
-        ({"name": "general", "curve_command": [1.0, 2.0], "curve_thrust": [0.0]}, r"has 1 values, and .* has 2"),
-        ({"name": "general", "curve_command": [1.0], "curve_thrust": [0.0]}, r"has one point"),
-        ({"name": "general", "curve_command": [1.0, 1.0], "curve_thrust": [0.0, 1.0]}, r"1 follows 1: .* increase"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [0.0, -1.0]}, r"-1 N follows 0 N: .* fall"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [2.0, 3.0]}, r"must pass through zero"),
-        ({"name": "general", "curve_command": [0.0, 1.0], "curve_thrust": [0.0, 0.0]}, r"must pass through zero"),
-        ({"name": "general", "curve_command": [0, 1, 2], "curve_thrust": [0, 3, 3]}, r"3 N twice: .* at zero only"),
-    ],
-)
-def test_bad_settings_are_said(settings, said):
-    with pytest.raises(InputError, match=said):
-        Scenario.load("push_wall", {f"thrusters.{key}": value for key, value in settings.items()})
-
-
-def test_a_thruster_that_the_vehicle_does_not_have_is_said():
-    with pytest.raises(InputError, match=r"thrusters.failed: 7: the vehicle has 6 thrusters"):
-        Simulation(Scenario.load("push_wall", {"thrusters.name": "general", "thrusters.failed": 7}), **FREE)
 
 
 def test_settings_that_depend_on_each_other_are_checked_in_a_reset():

@@ -81,7 +81,6 @@ class Endless(Controller):
 """
 
 
-@pytest.mark.slow
 def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
     """The machine code never returns to Python. A second thread handles the second signal."""
     (tmp_path / "law.py").write_text(ENDLESS)

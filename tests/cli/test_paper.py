@@ -11,8 +11,6 @@ from pages import complete_by_itself
 from uvms_mj.cli.paper import paper
 from uvms_mj.reproduce.paper.claims import CLAIMS
 
-pytestmark = pytest.mark.slow  # the runs of the whole study
-
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 
 

@@ -174,7 +174,6 @@ def test_a_pgf_has_the_texts_for_latex_or_one_message_without_it(log, tmp_path, 
     assert not list(tmp_path.glob("y.*"))
 
 
-@pytest.mark.slow
 def test_formats_widths_and_fonts_for_a_paper(log, tmp_path):
     """The width of a PDF is in its page, its fonts by their names in it."""
     out = tmp_path / "force.pdf"

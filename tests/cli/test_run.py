@@ -14,7 +14,6 @@ from uvms_mj import Status, Trace
 SHORT = ("--set", "simulation.duration=0.05")
 
 
-@pytest.mark.slow
 def test_a_run_writes_what_it_says_and_says_it_as_json(here, tmp_path):
     done = here("run", "--controller", "gsta", "--json", "--out", "here")
     assert done.exit_code == 0, done.stderr
@@ -173,7 +172,6 @@ def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
         assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]
 
 
-@pytest.mark.slow
 def test_settings_that_another_law_does_not_take_over_are_named_once(tmp_path):
     """Of a scenario and of a log alike; the period belongs to the loop and stays."""
     short = ("--set", "simulation.duration=0.02", "--quiet")

@@ -29,7 +29,6 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(here, study_file):
     assert [path.name for path in Path().iterdir()] == ["s.toml"]
 
 
-@pytest.mark.slow
 def test_a_study_prints_its_head_and_a_table_or_one_object(here, study_file):
     done = here("study", "s.toml", "--out", "out", "design.runs=3", "-j", "1")
     assert done.exit_code == 0, done.output
@@ -44,7 +43,6 @@ def test_a_study_prints_its_head_and_a_table_or_one_object(here, study_file):
     assert here("study", "out", "-q").output == ""
 
 
-@pytest.mark.slow
 def test_the_engines_are_compared_and_a_difference_fails_the_study(here, monkeypatch):
     Path("s.toml").write_text(study_text(runs=4, engine="auto"))
     done = here("study", "s.toml", "-o", "out", "-j", "2", "--json")

@@ -12,7 +12,6 @@ from command import run
 from uvms_mj import InputError, Study, Trace
 from uvms_mj.studies.tune import Tuning
 
-pytestmark = pytest.mark.slow
 TRACE = "from pathlib import Path\nPath({trace!r}).touch()\n"
 LAW = """
 from dataclasses import dataclass

@@ -32,7 +32,6 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(here, tuning_file):
     assert [path.name for path in Path().iterdir()] == ["t.toml"]
 
 
-@pytest.mark.slow
 def test_a_tuning_prints_one_object_and_writes_its_files(here):
     Path("t.toml").write_text(tuning_text(trials=4, duration=0.5, more=f"[keep]\nlogs = 'none'\n#{HOSTILE}"))
     done = here("tune", "t.toml", "--out", "out", "-j", "1", "--json")
@@ -49,7 +48,6 @@ def test_a_tuning_prints_one_object_and_writes_its_files(here):
     assert here("run", "out/found.toml", "-q", "--out", "r", "simulation.duration=0.01").exit_code == 0
 
 
-@pytest.mark.slow
 def test_no_feasible_trial_is_an_error_with_its_reason(here):
     limit = '[[constraint]]\nmetric = "contact.peak_N"\nat_most = 1e-3\n'
     Path("t.toml").write_text(tuning_text(trials=2, duration=0.05, constraint=limit))

@@ -423,6 +423,18 @@ def entries_of_new_arrays(g, o):
     o.s[27:30] = stored_in(once * 3.0)
 
 
+def of_the_turn_before(g, o):
+    """A name for the array of the turn before, beside one that stands for the same memory in every turn."""
+    before = g.x
+    o.x[:] = 0.0
+    for i in range(5):
+        now = g.x * (i + 1.0)
+        o.x += before
+        before = now
+        same = g.y
+        o.s[i] = same[i]
+
+
 def stored_in(x):
     x[0] += 1.0
     return x
@@ -434,6 +446,7 @@ def stored_in(x):
         entries_of_new_arrays,
         views_of_new_arrays,
         left_early,
+        of_the_turn_before,
         arithmetic,
         in_place,
         slicing,
@@ -465,6 +478,7 @@ def branching(a):
         a.x = eval("a.x")  # beyond the language
 
 
+@pytest.mark.slow
 def test_a_functions_tree_is_the_tree_of_its_source():
     functions = {f for module in list(sys.modules.values()) for f in [*vars(module).values()] if inspect.isfunction(f)}
     ours = [f for f in functions if str(f.__module__).startswith("uvms_mj.") and f.__code__.co_filename.endswith(".py")]

@@ -224,6 +224,7 @@ def test_the_standard_super_twistings_band_is_exactly_proportional_to_the_square
     assert (band[0][0] > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beta", [0.0, 5.0])
 @pytest.mark.parametrize(("k_1", "k_2"), [(5.0, 10.0), (2.0, 10.0)])
 def test_the_lyapunov_function_falls_along_every_solution(k_1, k_2, beta, rng):
@@ -274,6 +275,7 @@ def test_beyond_half_of_k_2_a_constant_rate_keeps_a_residual_that_grows(beta):
         assert np.allclose(k_2 * phi_2[2:], rates[2:], rtol=1e-6)  # where z_dot can follow the rate again
 
 
+@pytest.mark.slow
 def test_weak_k_1_loses_to_the_worst_rate_below_half_of_k_2():
     """Weak k_1 lowers the tolerable rate below k_2/2 = 5: 3 is certified, and the limit is 4.38, 1.46 times 3."""
     k_1, k_2 = 2.0, 10.0

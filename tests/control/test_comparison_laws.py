@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import SteadyState
@@ -341,35 +341,7 @@ def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
     assert ages == pytest.approx([0.0, 0.003, 0.01], abs=1e-12)
 
 
-def test_a_reset_takes_the_new_inertia_to_the_admittance():
-    changed = {"impedance.M_d": [9.0, 15.0, 18.0, 0.3, 0.3, 0.3], "controller.k_p": 200.0}
-    overrides = AT_WALL | {"simulation.duration": 1.0}
-    with Simulation(Scenario.load("push_wall", overrides, "admittance"), engine="free_body") as sim:
-        sim.reset(overrides=changed)
-        sim.step(10000)
-        after = np.array(sim.signals.p_WB), np.array(sim.signals.nu)
-    with Simulation(Scenario.load("push_wall", overrides | changed, "admittance"), engine="free_body") as sim:
-        sim.step(10000)
-        np.testing.assert_array_equal(after[0], sim.signals.p_WB)
-        np.testing.assert_array_equal(after[1], sim.signals.nu)
-
-
 # attacks
-
-
-@pytest.mark.parametrize(
-    ("law", "key", "value", "message"),
-    [
-        ("pid", "limit", [-1.0, *[1.0] * 5], "must not have a negative entry"),
-        ("aismc", "epsilon", 0.0, "must not have a zero or negative entry"),
-        ("dob_impedance", "bandwidth", [1.0] * 5, "6 are needed"),
-        ("admittance", "k_p", 0.0, "must be positive"),
-        ("parallel", "k_j", 1.0, "k_i"),
-    ],
-)
-def test_a_bad_gain_is_named(law, key, value, message):
-    with pytest.raises(InputError, match=rf"controller\.{key}.*{message}"):
-        Scenario.load("push_wall", {f"controller.{key}": value}, law)
 
 
 def test_parallel_control_without_a_desired_force_says_so():

@@ -26,6 +26,7 @@ def notes(**overrides) -> list[str]:
     return list(free_motion_notes(set_up(Scenario.load("tool_push", overrides))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
     [

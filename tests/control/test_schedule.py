@@ -75,26 +75,6 @@ def test_an_entry_may_begin_where_the_one_before_it_ends():
     assert [change.time for change in scenario_of(schedule).impedance.schedule] == [0.1, 0.3]
 
 
-@pytest.mark.parametrize(
-    ("schedule", "message"),
-    [
-        (
-            [{"time": 5.0, "ramp": 3.0}, {"time": 7.0}],
-            r"impedance.schedule: .* at 7 s, .* ends at 8 s",
-        ),
-        ([{"time": 5.0}, {"time": 5.0}], r"impedance.schedule: .* an entry at 5 s"),
-        ([{"time": 5.0, "K_f": [-1.0] * 6}], r"impedance.schedule\[0\].K_f\[0\]: -1.0 must be from 0"),
-        ([{"time": 5.0, "F_d": [1.0]}], r"impedance.schedule\[0\].F_d: .* 6 are needed"),
-        ([{"time": 5.0, "Kf": [1.0] * 6}], r"impedance.schedule\[0\].Kf: no such key; did you mean 'K_f'"),
-        ([{"K_f": [1.0] * 6}], r"impedance.schedule\[0\].time: lacks this key"),
-        ([{"time": float(k)} for k in range(101)], r"impedance.schedule: .* at most 100"),
-    ],
-)
-def test_a_wrong_schedule_is_refused(schedule, message):
-    with pytest.raises(InputError, match=message):
-        scenario_of(schedule)
-
-
 def test_reset_changes_the_entries():
     with Simulation(scenario_of(), engine="free_body") as sim:
         sim.step(9000)

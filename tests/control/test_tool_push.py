@@ -30,6 +30,7 @@ def test_super_twisting_rests_at_the_force_of_the_turned_stiffness(estimates):
     assert trace.notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "duration"), [("fosm", 16.0), ("impedance", 40.0)])
 def test_the_other_laws_rest_at_their_own_closed_forms(law, duration):
     trace = push(law, duration, **({"controller.epsilon": 3e-3} if law == "fosm" else {}))
@@ -52,6 +53,7 @@ def check_rest(trace: Trace) -> None:
     assert force == pytest.approx(demanded_force(trace.scenario), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("azimuth", [0.0, 75.0, 180.0, -45.0])
 def test_it_stands_a_current_from_any_side(azimuth):
     """Towards the wall, too: no motion is free that the current could drive."""
@@ -85,7 +87,7 @@ def test_the_alpha_5_holds_its_tool_where_its_gears_do_not_stick(azimuth):
 def test_a_run_that_does_not_rest_says_so_before_it_starts(seed):
     """Random currents up to 0.8 m/s, start postures and levels of the posture."""
     rng, orders = np.random.default_rng(seed), (["attitude", "joints"], ["joints"], ["attitude"], ["station", "joints"])
-    for k in range(16):
+    for k in range(8):
         direction, q = rng.normal(size=3), rng.uniform((-1.4, 0.2), (0.4, 2.0))
         pitch = float(np.degrees(q.sum()))
         given = {

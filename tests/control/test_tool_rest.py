@@ -13,7 +13,8 @@ from uvms_mj.control.design import demanded_force
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 
-COARSE = {"simulation.timestep": 2e-4}
+COARSE, FINE = {"simulation.timestep": 4e-4}, {"simulation.timestep": 2e-4}
+"""A rest does not depend on the time step; at a coarse one the first-order law chatters."""
 
 
 @pytest.fixture(scope="module")
@@ -57,20 +58,21 @@ def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_too
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
-def test_fifty_random_postures_walls_and_gains(model):
-    check(pushes(model, 4, 50))
+def test_twenty_random_postures_walls_and_gains(model):
+    check(pushes(model, 4, 20))
 
 
 WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm", "inertia": 0.7, "restoring": 1.6}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "overrides"),
     [
         ("impedance", {"current.speed": 0.2}),
         ("impedance", {"current.speed": 0.2, "estimates.links": WRONG}),
-        ("fosm", {"controller.epsilon": 2e-3}),
-        ("fosm", {"controller.epsilon": 3e-3, "estimates.links": WRONG, "wall.damping": 50.0}),
+        ("fosm", FINE | {"controller.epsilon": 2e-3}),
+        ("fosm", FINE | {"controller.epsilon": 3e-3, "estimates.links": WRONG, "wall.damping": 50.0}),
     ],
 )
 def test_a_law_without_an_integral_rests_where_the_whole_tree_leaves_it(model, law, overrides):
@@ -82,10 +84,9 @@ def test_a_law_without_an_integral_rests_where_the_whole_tree_leaves_it(model, l
         "reference.target": [0.86, 0.0, 0.1],
         "reference.attitude_deg": [5.73, 34.38, 5.73],
         "wall.position": 0.85,
-        "simulation.timestep": 2e-4,
         "simulation.duration": 24.0,
     }
-    trace = simulate(Scenario.load("push_wall", base | overrides, law), log_rate=50)
+    trace = simulate(Scenario.load("push_wall", base | COARSE | overrides, law), log_rate=50)
     state = trace.analytic
     assert not isinstance(state, NoClosedForm), state.reason
     assert state.force > 0.5

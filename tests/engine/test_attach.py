@@ -235,27 +235,6 @@ def test_dm_control_can_step_the_vehicle():
     assert np.allclose(physics.data.qpos, data.qpos, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "reason"),
-    [
-        (lambda m: setattr(m.opt, "solver", mujoco.mjtSolver.mjSOL_PGS), "PGS"),
-        (lambda m: setattr(m.opt, "noslip_iterations", 3), "noslip"),
-        (lambda m: setattr(m.opt, "integrator", 4), "integrator"),
-        (lambda m: setattr(m.opt, "enableflags", int(mujoco.mjtEnableBit.mjENBL_SLEEP)), "sleep"),
-        (lambda m: setattr(m.opt, "enableflags", int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)), "diagexact"),
-        (lambda m: setattr(m.opt, "disableflags", int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)), "actuation"),
-        (lambda m: m.dof_damping.__setitem__(slice(0, 6), 0.1), "joint damping"),
-        (lambda m: setattr(m.opt, "density", 1000.0), "density"),
-    ],
-)
-def test_what_would_lose_the_water_is_refused(spoil, reason):
-    model, _ = load(STILL)
-    spoil(model)
-    with pytest.raises(InputError, match=reason):
-        attach(model, mujoco.MjData(model))
-    assert mujoco.get_mjcb_control() is None
-
-
 def test_attaching_twice_or_over_somebody_elses_callback_is_refused():
     model, data = load(STILL)
     with attach(model, data), pytest.raises(InputError, match="already"):

@@ -1,7 +1,6 @@
 """The closed loop agrees with the independent twin, and with itself at other rates, steps and threads."""
 
 import re
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -76,23 +75,25 @@ LAWS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("case", LAWS)
 def test_the_loop_is_the_twins(case):
-    """Position agrees within 1e-4 m at all times, the peak force within 2 %, from free motion to rest at the wall."""
-    law, duration = case.split()[0], 7.0
+    """From free motion to rest at the wall, in both engines: position within 1e-4 m at all times, of free_body within
+    1e-6 m before the contact; the peak force within 2 %."""
+    law, duration = case.split()[0], 5.0
     ours, theirs = LAWS[case]
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": duration, **ours}, law))
-    twin = simulate_fixed_step(TwinParameters(law=law, duration=duration, **theirs))
-    every = slice(None, None, 10)
-    assert np.allclose(trace.t, twin["t"][every], atol=1e-9)
-    assert np.abs(trace.p_WB - twin["p"][every]).max() < 1e-4
-    assert np.abs(trace.quat_WB - twin["quat"][every]).max() < 1e-3
-    peak = twin["force"].max()
-    assert abs(trace.force_peak[-1] - peak) <= 0.02 * peak
-    if case == "impedance":
-        assert peak == 0.0
-    else:
-        assert peak > 1.0
-    rest = trace.t > 0.3  # the first steps of a switching law depend on the time step
-    assert np.sqrt(np.mean((trace.s - twin["s"][every])[rest] ** 2)) < 2e-3
+    twin = simulate_fixed_step(TwinParameters(law=law, duration=duration, **({"x_c": 0.9} | theirs)))
+    every, peak = slice(None, None, 10), twin["force"].max()
+    assert peak > 1.0
+    for engine in ("mujoco", "free_body"):
+        overrides = {"simulation.duration": duration, "wall.position": 0.9} | ours
+        trace = simulate(Scenario.load("push_wall", overrides, law), engine=engine)
+        assert np.allclose(trace.t, twin["t"][every], atol=1e-9)
+        apart = np.abs(trace.p_WB - twin["p"][every]).max(axis=1)
+        assert apart.max() < 1e-4
+        if engine == "free_body":
+            assert apart[trace.t < trace.first_contact[-1]].max() < 1e-6
+        assert np.abs(trace.quat_WB - twin["quat"][every]).max() < 1e-3
+        assert abs(trace.force_peak[-1] - peak) <= 0.02 * peak
+        rest = trace.t > 0.3  # the first steps of a switching law depend on the time step
+        assert np.sqrt(np.mean((trace.s - twin["s"][every])[rest] ** 2)) < 2e-3
 
 
 CROSS = np.zeros((6, 6))
@@ -150,19 +151,6 @@ def test_implicitfast_converges_to_the_same_motion(smooth_overrides):
         for i in ("euler", "implicitfast")
     ]
     assert np.abs(runs[0].p_WB - runs[1].p_WB).max() < 1e-6
-
-
-def test_every_rate_gives_the_same_samples():
-    """Rows at any rate are bit for bit those of the full rate."""
-    scenario = Scenario.load(
-        "push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001}
-    )
-    full = simulate(scenario, log_rate="full")
-    assert full.touches[-1] > 0
-    for rate, stride in ((1000.0, 10), (500, 20), (10, 1000)):
-        some = simulate(scenario, log_rate=rate)
-        for name in full:
-            assert np.array_equal(some[name], full[name][::stride], equal_nan=True), name
 
 
 def test_a_row_has_the_state_and_its_own_contact_force():
@@ -291,18 +279,3 @@ def test_an_unstable_run_stops_at_the_step_and_keeps_what_it_has():
     for name in trace:
         assert np.isfinite(trace[name]).all(), name
     assert len(trace) == trace.steps // 10 + (trace.steps % 10 > 0)
-
-
-def test_runs_beside_each_other_are_each_as_alone():
-    """Two scenarios with different laws run in two threads of one process, bit for bit as alone."""
-    scenarios = [
-        Scenario.load("push_wall", {"simulation.duration": 2.0, "reference.step_time": 0.0, "wall.position": 0.05}, law)
-        for law in ("gsta", "fosm")
-    ]
-    alone = [simulate(scenario) for scenario in scenarios]
-    with ThreadPoolExecutor(2) as pool:
-        beside = list(pool.map(simulate, scenarios))
-    for one, other in zip(alone, beside, strict=True):
-        assert one.touches[-1] > 0
-        for name in one:
-            assert np.array_equal(one[name], other[name], equal_nan=True), name

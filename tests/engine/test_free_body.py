@@ -1,7 +1,6 @@
 """The engine free_body computes what the engine mujoco computes, and obeys the same laws by itself."""
 
 import dataclasses
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -9,8 +8,8 @@ import numpy as np
 import pytest
 
 from compare_engines import differences, drawn
-from twin import TwinParameters, simulate_fixed_step, simulate_smooth
-from uvms_mj import Diverged, InputError, Scenario, Simulation, Trace, simulate
+from twin import TwinParameters, simulate_smooth
+from uvms_mj import Diverged, InputError, Scenario, Simulation, simulate
 from uvms_mj.control.base import SteadyState
 from uvms_mj.engine.free_engine import refusals
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
@@ -20,23 +19,6 @@ from uvms_mj.setup.base import set_up
 from vehicles import random_parameters, vehicle_xml
 
 FREE = {"engine": "free_body"}
-USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
-OF_EACH_ROOM = {
-    "navigation.name": f"{USERS}:Noisy",
-    "reference.name": f"{USERS}:Circle",
-    "controller.name": f"{USERS}:Pid",
-    "actuation.name": f"{USERS}:Lag",
-}
-AT_WALL = {
-    "simulation.duration": 0.3,
-    "wall.position": -1e-5,
-    "wall.friction": 0.3,
-    "reference.step_time": 0.0,
-    "reference.target": [0.05, 0.02, 0.0],
-    "initial.attitude_deg": [3.0, -2.0, 5.0],
-    "disturbance.amplitude": [1.0] * 3 + [0.1] * 3,
-    "disturbance.frequency_hz": [3.0] * 6,
-}
 
 
 def close(scenario: Scenario) -> dict:
@@ -136,19 +118,6 @@ def test_the_depth_of_the_probe_in_the_wall_is_mujocos():
     assert pairs[0].contact.normal_W.tolist() == [-1.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("law", ["gsta", "fosm", "impedance"])
-def test_a_run_is_the_twins(law):
-    """The independent simulation, from free flight to the wall."""
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 5.0, "wall.position": 0.9}, law), **FREE)
-    twin = simulate_fixed_step(TwinParameters(law=law, duration=5.0, x_c=0.9))
-    apart = np.abs(trace.p_WB - twin["p"][::10]).max(axis=1)
-    flight = trace.t < (trace.first_contact[-1] if trace.touches[-1] else 5.0)
-    assert apart[flight].max() < 1e-6  # the twin's reference is a filter, not its closed form
-    assert apart.max() < 1e-4
-    peak = twin["force"].max()
-    assert abs(trace.force_peak[-1] - peak) <= 2e-2 * peak
-
-
 def test_the_order_of_convergence_is_one(smooth_overrides):
     twin = simulate_smooth(
         TwinParameters(
@@ -214,58 +183,6 @@ def test_it_rests_at_the_closed_form(law):
     np.testing.assert_allclose(trace.p_WB[-1], trace.analytic.position, rtol=0, atol=1e-5)
 
 
-def final(sim: Simulation) -> np.ndarray:
-    return np.concatenate([np.ravel(sim.signals[name]) for name in sim.signals])
-
-
-def test_in_parts_after_a_reset_and_beside_others_it_is_the_same_run():
-    scenario = Scenario.load("push_wall", AT_WALL)
-    trace = simulate(scenario, log_rate="full", **FREE)
-    other = {"wall.position": 2e-3, "wall.stiffness": 5e4, "initial.position": [-0.01, 0.0, 0.0], "current.speed": 0.1}
-    with Simulation(scenario, **FREE) as sim, Simulation(scenario.updated(other), **FREE) as beside:
-        for k in range(500):
-            assert np.array_equal(sim.signals.p_WB, trace.p_WB[k])
-            sim.step()
-            assert np.array_equal(sim.signals.nu_dot, trace.nu_dot[k])
-            assert np.array_equal(sim.signals.f_contact_W, trace.f_contact_W[k])
-        beside.step(1500)
-        sim.reset(overrides=other)
-        sim.step(1500)
-        assert np.array_equal(final(sim), final(beside))
-        sim.reset()
-        sim.step(100)
-        touches = sim.signals.touches
-        sim.set({"wall.position": 1.0})
-        sim.step(2000)
-        assert sim.signals.touches == touches
-        assert sim.signals.p_WB[0] > 2e-4
-        sim.reset()
-        sim.step(3000)
-        sim.finish()
-        assert np.array_equal(sim.signals.p_WB, trace.p_WB[-1])
-    assert trace.touches[-1] > 0
-
-
-def test_stages_in_plain_python_run_in_it_too(monkeypatch):
-    from uvms_mj.engine.native import pipeline
-    from uvms_mj.engine.native.compilation import NotCompiled
-
-    plant = {key: value for key, value in AT_WALL.items() if not key.startswith("reference")}
-    scenario = Scenario.load("push_wall", plant | {"simulation.duration": 0.01, **OF_EACH_ROOM})
-    compiled = simulate(scenario, **FREE)
-    theirs = simulate(scenario)
-
-    def refuse(its):
-        raise NotCompiled("a test")
-
-    monkeypatch.setattr(pipeline.CompiledStage, "_compiled", refuse)
-    with pytest.warns(UserWarning, match="plain Python"):
-        plain = simulate(scenario, **FREE)
-    for name in compiled:
-        np.testing.assert_allclose(plain[name], compiled[name], rtol=1e-9, atol=1e-12, err_msg=name)
-        np.testing.assert_allclose(theirs[name], compiled[name], rtol=1e-3, atol=1e-3, err_msg=name)
-
-
 def test_a_run_that_leaves_its_bounds_says_so():
     overrides = {"controller.K_s": 1e6, "simulation.duration": 0.5, "estimates.inertia": 50.0}
     scenario = Scenario.load("push_wall", overrides, "fosm")
@@ -306,14 +223,3 @@ def test_a_key_that_it_does_not_know_is_refused_by_name():
     assert refusals(dataclasses.replace(setup, scenario=scenario)) == [
         "cable.stiffness is not computed by the engine free_body; use the engine mujoco"
     ]
-
-
-def test_a_log_has_the_engine_and_repeats_with_it(tmp_path):
-    scenario = Scenario.load("push_wall", AT_WALL)
-    for engine in ("free_body", "mujoco"):
-        trace = simulate(scenario, engine=engine)
-        trace.save(tmp_path / f"{engine}.mcap")
-        loaded = Trace.load(tmp_path / f"{engine}.mcap")
-        assert loaded.header.engine == trace.header.engine == engine
-        again = simulate(loaded.scenario, engine=loaded.header.engine, mjcf=loaded.header.mjcf)
-        assert all(np.array_equal(again[name], trace[name]) for name in trace)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from two_joints import STILL, two_joints
-from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import warnings_of
 
@@ -189,15 +189,6 @@ def test_reset_changes_the_target_and_the_held_position(scenario):
         assert held.signals.q == pytest.approx([0.5, 0.0], abs=1e-3)
 
 
-def test_a_log_of_a_run_with_joints_is_read_as_it_was(scenario, tmp_path):
-    own = {"joints.name": scenario.push, "encoder.name": "encoder", "simulation.duration": 0.02}
-    trace = simulate(scenario(own))
-    trace.save(tmp_path / "run.mcap")
-    read = Trace.load(tmp_path / "run.mcap")
-    for name in ("q", "q_dot", "tau_q", "tau_q_cmd", "q_m", "q_dot_m", "pushed"):
-        assert np.array_equal(read[name], trace[name]), name
-
-
 # the encoder
 
 
@@ -270,12 +261,6 @@ def test_a_joint_out_of_range_is_told_in_its_own_unit(scenario, key, joints, mes
 def test_solver_settings_of_the_file_are_refused(scenario):
     with pytest.raises(InputError, match=r'solreflimit="0.01 1">: friction and stops of a joint'):
         Simulation(scenario(hinge='solreflimit="0.01 1"'))
-
-
-@pytest.mark.parametrize("key", ["joints.name", "encoder.name"])
-def test_a_rigid_vehicle_has_no_joints(key):
-    with pytest.raises(InputError, match="is for a vehicle with joints; bluerov1 has none"):
-        Simulation(Scenario.load("push_wall", {key: "position" if key[0] == "j" else "encoder"}))
 
 
 def test_the_path_of_a_motion_is_relative_to_the_scenario_file(tmp_path):

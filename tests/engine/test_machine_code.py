@@ -38,11 +38,11 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_everything_runs_as_plain_python_on_demand(tmp_path):
+@pytest.mark.slow
+def test_everything_runs_as_plain_python_on_demand():
     """With UVMS_MJ_PLAIN, neither kernels nor stages are compiled, for a debugger; the numbers are the same."""
     code = """if True:
-        import sys, warnings
-        warnings.simplefilter("ignore")
+        import sys
         from uvms_mj import Scenario, simulate
         scenario = Scenario.load("push_wall", {"simulation.duration": 0.002, "wall.position": 1e-4})
         for engine in ("mujoco", "free_body"):
@@ -52,11 +52,7 @@ def test_everything_runs_as_plain_python_on_demand(tmp_path):
     """
     outputs = []
     for plain in ("1", "0"):
-        environment = os.environ | {
-            "UVMS_MJ_CACHE_DIR": str(tmp_path),
-            "UVMS_MJ_PLAIN": plain,
-            "PYTHONWARNINGS": "ignore",
-        }
+        environment = os.environ | {"UVMS_MJ_PLAIN": plain, "PYTHONWARNINGS": "ignore"}
         done = subprocess.run(
             [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
         )
@@ -152,4 +148,5 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
                 file = folder.with_suffix(".py")
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
+    assert set(compilation._sources()) == {path.read_bytes() for path in covered}
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}

@@ -120,20 +120,6 @@ def test_motion_without_a_level_comes_to_rest(at_rest):
     assert speeds[1] > 0.05
 
 
-def test_a_reset_gives_the_same_posture_as_a_new_simulation(at_rest):
-    changes = {"posture.joints": [0.2] * 4, "posture.order": ["joints", "station"], "posture.station_frequency": 1.0}
-    base = scenario(at_rest)
-    with Simulation(base) as sim, Simulation(base.updated(changes)) as new:
-        sim.step(30)
-        sim.reset(overrides=changes)
-        for each in (sim, new):
-            each.step(100)
-        assert np.array_equal(sim.signals.q, new.signals.q)
-        assert np.array_equal(sim.signals.tau_q, new.signals.tau_q)
-        with pytest.raises(InputError, match=r"posture\.joints: has 2 values; 4 are needed, for joint1, joint2"):
-            sim.reset(overrides={"posture.joints": [0.0, 0.1]})
-
-
 @pytest.mark.parametrize(
     ("posture", "message"),
     [
@@ -149,11 +135,6 @@ def test_errors_name_the_key_the_value_and_what_would_be_right(at_rest, posture,
     with pytest.raises(InputError) as refused, Simulation(scenario(at_rest, **posture)):
         pass
     assert message in str(refused.value)
-
-
-def test_a_rigid_vehicle_has_no_posture():
-    with pytest.raises(InputError, match="posture: the vehicle 'bluerov1' has no joints, so the task leaves nothing"):
-        simulate(Scenario.load("push_wall", {"posture.order": ["joints"]}))
 
 
 def test_joints_that_hold_themselves_have_no_posture(at_rest):

@@ -215,30 +215,6 @@ def test_reference_and_desired_inertia_are_those_of_the_tool_at_the_start(arm_of
         np.testing.assert_allclose(sim.setup.design.M, sim.signals.M_hat, rtol=0, atol=1e-11)
 
 
-OTHER = {
-    "initial.joints": [0.2, -0.5, 0.9, 0.1],
-    "estimates.links": [{"name": "link2", "inertia": 1.5, "damping": 0.5}],
-}
-
-
-def test_reset_with_other_joints_and_estimates_is_a_new_simulation(arm_of_four):
-    with Simulation(at(arm_of_four)) as sim, Simulation(at(arm_of_four, OTHER)) as other:
-        sim.step(20)
-        sim.reset(overrides=OTHER)
-        np.testing.assert_array_equal(sim.signals.M_d, other.signals.M_d)
-        assert np.abs(sim.signals.M_d - sim.signals.M_hat).max() > 1e-3
-        sim.step(50)
-        other.step(50)
-        for name in ("p_WT", "nu_T", "q", "tau_cmd", "D_hat_nu", "manipulability"):
-            np.testing.assert_array_equal(sim.signals[name], other.signals[name], name)
-        first = sim.signals.p_WT.copy()
-        with pytest.raises(InputError, match="reset can't change the frame of the task"):
-            sim.reset(overrides={"task.frame": "body"})
-        sim.reset(overrides=OTHER)
-        sim.step(50)
-        np.testing.assert_array_equal(sim.signals.p_WT, first)
-
-
 def test_a_delay_of_zero_changes_nothing(arm_of_four):
     settings = {"reference.attitude_deg": [-16.0, 23.0, -45.0], "simulation.duration": 0.05}
     now, later = (simulate(at(arm_of_four, settings | delay)) for delay in ({}, {"controller.delay": 0.0}))
@@ -273,13 +249,6 @@ def test_a_joint_without_a_motor_is_noted(arm_of_four, tmp_path):
     path.write_text(armed_xml(4, motors=False))
     assert "no motor drives joint1, joint2, joint3, joint4" in " ".join(warnings_of(set_up(at(path))))
     assert "no motor" not in " ".join(warnings_of(set_up(at(arm_of_four))))
-
-
-def test_a_factor_of_friction_without_joints_is_refused(tmp_path):
-    path = tmp_path / "rigid.xml"
-    path.write_text(armed_xml(0))
-    with pytest.raises(InputError, match=r"vehicle\.coulomb_friction: has no effect: rov has no joints"):
-        set_up(at(path, {"task.frame": "body", "vehicle.coulomb_friction": 0.5}))
 
 
 def test_the_engine_without_joints_refuses_a_tool(tmp_path):

@@ -88,23 +88,6 @@ class Leaky(Controller):
         Scenario.load("push_wall", {"controller.rat": 1.0}, f"{path}:Leaky")
 
 
-def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
-    scenario = Scenario.load(
-        "push_wall", {"simulation.duration": 0.05, "wall.position": 1e-4, "reference.step_time": 0.0}
-    )
-    compiled = simulate(scenario)
-
-    def refuse(its):
-        raise compilation.NotCompiled("for the test")
-
-    monkeypatch.setattr("uvms_mj.engine.native.pipeline.CompiledStage._compiled", refuse)
-    with pytest.warns(PlainPythonWarning, match="for the test"):
-        plain = simulate(scenario)
-    assert plain.touches[-1] > 0
-    for name in compiled:
-        assert np.allclose(plain[name], compiled[name], rtol=1e-9, atol=1e-12, equal_nan=True), name
-
-
 def test_a_gain_may_have_any_name_that_numpy_uses_too(tmp_path, monkeypatch):
     """In `gains.T`, T is the gain, compiled or not."""
     names = ("T", "mean", "shape", "dtype", "view", "itemsize")

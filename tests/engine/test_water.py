@@ -180,16 +180,6 @@ def signals(trace) -> dict:
     return {name: trace[name] for name in trace}
 
 
-def test_both_engines_have_the_same_water():
-    """Under a law without switching, which would amplify rounding."""
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO, "impedance")
-    one, two = (simulate(scenario, log_rate=100, engine=engine) for engine in ("mujoco", "free_body"))
-    for name in ("p_WB", "nu", "v_c_W", "v_c_dot_W", "a_c_W", "tau_dist"):
-        scale = np.abs(one[name]).max()
-        assert scale > 0.01
-        assert np.allclose(one[name], two[name], rtol=0.0, atol=1e-8 * scale), name
-
-
 def test_the_recorded_derivative_is_that_of_the_recorded_current():
     """v_c_dot_W is taken along the vehicle's path: v_c_W is its integral, by the trapezoidal rule."""
     smooth = {name: value for name, value in IN_A_SCENARIO.items() if "deviation" not in name}
@@ -198,48 +188,6 @@ def test_the_recorded_derivative_is_that_of_the_recorded_current():
     integral = np.cumsum(0.5 * h * (trace.v_c_dot_W[1:] + trace.v_c_dot_W[:-1]), axis=0)
     assert np.allclose(trace.v_c_W[1:] - trace.v_c_W[0], integral, rtol=0.0, atol=2.0 * h)
     assert np.abs(trace.v_c_dot_W - trace.a_c_W).max() > 1e-3  # the vehicle crosses the shear
-
-
-def test_the_same_seed_is_the_same_run_in_any_chunks_and_another_seed_another_run():
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO | {"simulation.duration": 0.2})
-    full, coarse = (simulate(scenario, log_rate=rate, engine="free_body") for rate in ("full", 100))
-    n = (len(full) - 1) // (len(coarse) - 1)
-    for name, values in signals(coarse).items():
-        if not name.endswith(("_low", "_high")) or name.startswith("final"):  # bands are of the steps between rows
-            assert np.array_equal(values, full[name][::n]), name
-    with Simulation(scenario, engine="free_body") as sim:
-        for steps in (1, 7, 500, 1492):
-            sim.step(steps)
-        assert np.array_equal(sim.signals.p_WB, full.p_WB[-1])
-        sim.reset(seed=1)
-        sim.step(2000)
-        assert not np.array_equal(sim.signals.p_WB, full.p_WB[-1])
-        other = sim.signals.p_WB.copy()
-    other_seed = simulate(scenario.updated({"simulation.seed": 1}), engine="free_body")
-    assert np.array_equal(other, other_seed.p_WB[-1])
-
-
-@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
-@pytest.mark.parametrize("start", [IN_A_SCENARIO, {}], ids=["from moving water", "from a constant current"])
-def test_a_reset_to_other_water_and_back_is_the_run_of_a_new_simulation(start, engine):
-    """Tables of other lengths, other processes, no processes."""
-    scenario = Scenario.load("push_wall", start)
-    worlds = [
-        {},
-        {"current.table": [[0.0, 0.1, 0.0, 0.0], [0.1, 0.2, 0.0, 0.0], [0.3, 0.0, 0.0, 0.1]], "current.shear": None},
-        {"current.deviation": [0.0] * 3, "disturbance.deviation": [0.0] * 6, "tether.length": 0.0},
-        {"disturbance.correlation_time": 5.0, "disturbance.table": None, "simulation.seed": 4},
-        {name: IN_A_SCENARIO[name] for name in IN_A_SCENARIO if name.startswith(("current", "disturbance", "tether"))},
-        {},
-    ]
-    with Simulation(scenario, engine=engine) as sim:
-        for world in worlds:
-            sim.reset(overrides=world)
-            sim.step(500)
-            with Simulation(scenario.updated(world), engine=engine) as new:
-                new.step(500)
-                assert np.array_equal(sim.signals.p_WB, new.signals.p_WB)
-                assert np.array_equal(sim.signals.tau_dist, new.signals.tau_dist)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "free_body"])

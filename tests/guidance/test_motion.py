@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.setup.base import set_up
 from uvms_mj.stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
@@ -81,6 +81,7 @@ def test_each_derivative_is_the_derivative(name):
         assert np.median(fine) < max(0.3 * np.median(coarse), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STAGES)
 def test_position_velocity_acceleration_and_attitude_are_continuous(name):
     h = 5e-3
@@ -195,18 +196,3 @@ def test_nu_e_is_the_rate_of_the_pose_error_while_the_reference_turns(name):
         errors.append([np.abs(v_e - nu_e[:, :3]).max(), np.abs(omega_e - nu_e[:, 3:]).max()])
     assert max(errors[1]) < 0.01 * np.abs(nu_e).max()
     assert np.allclose(errors[1], 0.5 * np.array(errors[0]), rtol=0.05)
-
-
-@pytest.mark.parametrize(
-    ("overrides", "said"),
-    [
-        ({"wall.present": False}, r"reference.name: along_wall follows \[wall\], and wall.present is false"),
-        (
-            {"vehicle.contact_bodies": [{"position": [0.2, 0.0, 0.0], "radius": 0.05}]},
-            "reference.name: along_wall pushes with the sphere about the origin, and the scenario has ",
-        ),
-    ],
-)
-def test_a_push_along_a_wall_that_nothing_can_press_on_as_it_takes_is_refused(overrides, said):
-    with pytest.raises(InputError, match=said):
-        Simulation(Scenario.load("push_wall", {"reference.name": "along_wall"} | overrides), engine="free_body")

@@ -1,4 +1,8 @@
-"""A study of short runs that touch the wall."""
+"""A study of short runs that touch the wall, and an executor that needs no process of its own."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+HERE = ThreadPoolExecutor(1)
 
 STUDY = """
 [base]

@@ -244,27 +244,7 @@ def test_the_force_sensor_has_the_errors_of_a_channel():
     assert abs(correlation).max() < 4.0 / np.sqrt(len(at_imu))
 
 
-def test_one_seed_is_one_run():
-    """Whatever the chunks and the log rate, and in both engines; another seed is another run."""
-    scenario = Scenario.load("push_wall", MOVING | {"simulation.duration": 0.5})
-    full = simulate(scenario, engine="free_body", log_rate="full")
-    coarse = simulate(scenario, engine="free_body", log_rate=100.0)
-    mujoco = simulate(scenario, log_rate=100.0)
-    other = simulate(scenario.updated({"simulation.seed": 1}), engine="free_body", log_rate=100.0)
-    for name in ("p_WB_m", "nu_m", "nees", "b_g_true", "tau"):
-        assert np.array_equal(full[name][::100], coarse[name]), name
-        assert mujoco[name] == pytest.approx(coarse[name], abs=1e-6 * max(1.0, abs(coarse[name]).max())), name
-        assert not np.array_equal(other[name], coarse[name]), name
-
-
-def test_periods_that_do_not_fit_are_refused_together():
-    wrong = {"navigation.period": 0.002, "navigation.dvl_period": 0.007, "navigation.force_delay": 0.003}
-    with pytest.raises(InputError) as raised:
-        Simulation(Scenario.load("push_wall", MOVING | wrong), engine="free_body")
-    said = str(raised.value)
-    assert "navigation.imu_period: 0.005 s is not a multiple of the period of this stage, 0.002 s" in said
-    assert "navigation.dvl_period: 0.007 s is not a multiple of imu_period, 0.005 s" in said
-    assert "navigation.force_delay: 0.003 s is not a multiple of the sensors' period 0.002 s" in said
+def test_a_reset_refuses_a_period_that_does_not_fit_and_takes_one_that_does():
     with Simulation(Scenario.load("push_wall", MOVING | {"controller.period": 0.002}), engine="free_body") as sim:
         with pytest.raises(InputError, match=r"navigation.imu_period: 0.00105 s is not"):
             sim.reset(overrides={"navigation.imu_period": 0.00105})

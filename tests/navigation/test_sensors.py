@@ -6,9 +6,9 @@ import pytest
 from scipy import signal, stats
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.navigation import PRESETS, Sensors
-from uvms_mj.navigation.channel import IN_FLIGHT, MEMORY, Channel, measure
+from uvms_mj.navigation.channel import MEMORY, Channel, measure
 from uvms_mj.physics.random import random_bits
 from uvms_mj.stages.base import is_shipped
 
@@ -65,6 +65,7 @@ def errors(quantity, settings, samples, period):
 QUANTITIES = ["position", "attitude", "velocity", "angular_velocity", "force"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_noise_has_its_variance_in_each_axis_and_is_white(quantity):
     sigma, n = np.array([0.01, 0.02, 0.03]), 20_000
@@ -234,29 +235,6 @@ def test_sensors_without_errors_are_perfect_bit_for_bit(engine):
     assert all(np.array_equal(perfect[name], sensors[name]) for name in perfect)
 
 
-def test_a_seed_decides_the_noise_at_any_log_rate():
-    settings = {"navigation.name": "rov", "simulation.duration": 1.0, "navigation.velocity_dropout": 0.1}
-    one = trace_of(settings)
-    rare = simulate(Scenario.load("push_wall", settings), engine="free_body", log_rate=100.0)
-    assert all(np.array_equal(one[name][::100], rare[name]) for name in ("p_WB_m", "nu_m", "f_contact_m_W", "tau"))
-    other = trace_of(settings | {"simulation.seed": 1})
-    assert not np.array_equal(one.p_WB_m, other.p_WB_m)
-
-
-def test_reset_changes_the_numbers_of_a_channel():
-    settings = STILL | {"navigation.velocity_delay": 4 * H}
-    changes = {"navigation.velocity_noise": 0.1, "navigation.velocity_delay": 2 * H, "simulation.seed": 5}
-    with Simulation(Scenario.load("push_wall", settings), engine="free_body") as sim:
-        sim.step(10)
-        sim.reset(overrides=changes)
-        sim.step(50)
-        after = sim.signals.nu.copy(), sim.signals.nu_m.copy()
-    with Simulation(Scenario.load("push_wall", settings | changes), engine="free_body") as sim:
-        sim.step(50)
-        assert np.array_equal(after[0], sim.signals.nu)
-        assert np.array_equal(after[1], sim.signals.nu_m)
-
-
 def test_plain_python_gives_the_same_measurements():
     channel = Channel(period=3 * H, delay=4 * H, jitter=2 * H, noise=(0.1, 0.2, 0.3), bias=(1.0, 0.0, 0.0), dropout=0.2)
     given = {f"navigation.position_{name}": value for name, value in vars(channel).items() if value is not None}
@@ -295,21 +273,3 @@ def test_presets_are_sensors_with_other_numbers(cls):
     assert "trust" in cls.__doc__ or "ASSUMPTION" in cls.__doc__
     for h in (1e-3, 1e-4, 2e-4, 5e-4):
         assert not [fault for q in ("position", "velocity", "force") for fault in stage.channel(q).faults(h)]
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("force_period", 0.00015, "0.00015 s is not a multiple of the sensors' period 0.001 s; the nearest are 0 and"),
-        ("velocity_delay", 2.0, f"2 s with the jitter is too long for a sample every 0.001 s; at most {IN_FLIGHT - 2}"),
-        ("force_noise", -1.0, "-1.0 must not be negative"),
-        ("force_noise", [1.0, 2.0], "has 2 values; 3 are needed"),
-        ("force_dropout", 1.0, "1.0 must be less than 1"),
-        ("force_bais", 1.0, "did you mean 'force_bias'?"),
-    ],
-)
-def test_bad_settings_are_refused(key, value, message):
-    with pytest.raises(InputError) as raised:
-        Simulation(Scenario.load("push_wall", STILL | {f"navigation.{key}": value}), engine="free_body")
-    assert f"navigation.{key}: " in str(raised.value)
-    assert message in str(raised.value)

@@ -195,14 +195,3 @@ def test_a_run_with_a_wrist_sensor_has_no_closed_form_of_its_rest(tmp_path):
     own = {"vehicle.model": str(arm_file(tmp_path)), "wrist.name": "sensor", "wrist.site": "hand", "task.frame": "tool"}
     with Simulation(Scenario.load("push_wall", STILL | own)) as sim:
         assert "with a wrist sensor" in sim.scenario.controller.at_rest(sim.setup)
-
-
-def test_reset_changes_the_model_and_the_place_of_the_sensor(scenario):
-    """With another link behind the sensor it is as if it had been made so."""
-    tree = replace(random_tree(5, 3, chain=1.0), v_c_W=np.zeros(3))
-    with Simulation(scenario(tree, 1)) as sim, Simulation(scenario(tree, 3, {"wrist.compensation": "none"})) as other:
-        sim.reset(overrides={"wrist.site": "link3", "wrist.compensation": "none"})
-        for each in (sim, other):
-            each.step(50)
-        for name in ("wrench_S", "wrench_m_S", "f_contact_m_W"):
-            assert np.array_equal(sim.signals[name], other.signals[name])

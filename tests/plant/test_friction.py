@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pressed import K_C, PUSH, M, pressed
 from twin import TwinParameters, matrix_acceleration, rotation
-from uvms_mj import Controller, InputError, Scenario, Trace, gain, simulate
+from uvms_mj import Controller, Scenario, Trace, gain, simulate
 from uvms_mj.physics.pairs import pair_force
 from uvms_mj.setup.checks import SamplingWarning
 
@@ -177,19 +177,13 @@ def test_gsta_slides_along_the_wall_without_spikes(mu, speed, engine):
     assert trace.force_peak[-1] == trace.force_peak[trace.t > 7.5][0]
 
 
-def test_friction_too_stiff_for_the_step_is_refused_and_badly_resolved_friction_noted():
+def test_badly_resolved_friction_is_noted():
     base = Scenario.load("push_wall", {"wall.friction": 0.2, "simulation.duration": 0.01})
-    with pytest.raises(InputError, match=r"wall\.tangential_stiffness: 1e\+10 N/m is too stiff"):
-        simulate(base.updated({"wall.tangential_stiffness": 1e10}))
-    with pytest.raises(InputError, match=r"wall\.tangential_damping: 1e\+07 N s/m is too much"):
-        simulate(base.updated({"wall.tangential_damping": 1e7}))
     with pytest.warns(SamplingWarning, match="sticking friction is badly resolved"):
         simulate(base.updated({"wall.tangential_stiffness": 6e7, "wall.tangential_damping": 0.0}))
 
 
-def test_settings_of_friction_without_friction_are_noted_and_a_default_is_named():
+def test_settings_of_friction_without_friction_are_noted():
     scenario = Scenario.load("push_wall", {"wall.tangential_stiffness": 1e4, "simulation.duration": 1e-3})
     with pytest.warns(SamplingWarning, match=r"no effect: wall\.friction is 0"):
         simulate(scenario)
-    with pytest.raises(InputError, match="by default critical damping for 1e"):
-        simulate(scenario.updated({"wall.friction": 0.1, "wall.tangential_stiffness": 1e9}))

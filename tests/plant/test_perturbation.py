@@ -207,23 +207,6 @@ def test_a_log_replays_the_same_vehicle(tmp_path):
     assert trace.push.max() > 10.0
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("vehicle.mass", 0.0, "must be from 0.001 to 1000"),
-        ("vehicle.added_mass", -0.1, "must be from 0 to 1000"),
-        ("vehicle.damping", 2.0, "no such key; did you mean"),
-        ("vehicle.thruster_offset", [[0.0, 0.0]], "has 2 values; 3 are needed"),
-        ("vehicle.thruster_offset", [[0.0, 0.0, 0.0]] * 3, "has 3 offsets; 6 are needed, of"),
-    ],
-)
-def test_bad_input_is_one_sentence_that_names_its_key(key, value, words):
-    with pytest.raises(InputError) as raised:
-        set_up(Scenario.load("push_wall", {key: value}))
-    assert words in str(raised.value)
-    assert "vehicle." in str(raised.value)
-
-
 def test_a_pure_moment_has_no_offset():
     moved = Scenario.load("push_wall", {"vehicle.thruster_offset": [[0.0] * 3] * 5 + [[0.1, 0.0, 0.0]]})
     with pytest.raises(InputError, match=r"thruster_offset\[5\]: m5 is a pure moment"):

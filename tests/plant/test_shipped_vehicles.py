@@ -113,6 +113,7 @@ def state_after(
     return np.concatenate([data.qpos, rotation(data.qpos[3:7]).T @ data.qvel[:3], data.qvel[3:]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOURCES)
 def test_free_motion_is_that_of_fossens_equations(name):
     """Against SciPy on the numbers of the source, cross damping, weight, buoyancy and current included."""
@@ -207,6 +208,7 @@ def test_the_front_is_where_the_file_says(name):
     assert Mjcf.find(name).geometry.reach == pytest.approx(float(said[1]), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "engine"),
     [("bluerov2_heavy", "free_body"), ("bluerov2_heavy", "mujoco"), ("bluerov2_heavy_tuhh", "free_body")],

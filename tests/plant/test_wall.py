@@ -33,6 +33,7 @@ def test_the_push_after_the_impact_does_not_depend_on_the_step():
     assert np.ptp(peaks) < 0.01 * peaks[-1]
 
 
+@pytest.mark.slow
 def test_the_impact_is_that_of_the_continuous_loop():
     """Peak force and impulse of the paper's scenario converge with order 1 and are accurate at the default step.
 
@@ -51,6 +52,7 @@ def test_the_impact_is_that_of_the_continuous_loop():
         assert (values[0] - limit) / (values[1] - limit) == pytest.approx(2.0, rel=0.05)  # order 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [8e5, 8.5e5, 3e6])
 def test_a_stiff_wall_comes_to_rest_where_the_law_runs_at_every_step(stiffness):
     trace = simulate(Scenario.load("push_wall", {"wall.stiffness": stiffness}), log_rate=100)

@@ -53,7 +53,6 @@ def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
     assert not np.array_equal(changed.tau, original.tau)
 
 
-@pytest.mark.slow
 def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "secret_place" / "my_law.py"
@@ -146,7 +145,6 @@ def test_what_a_law_raises_is_logged_without_folders(tmp_path, said):
     assert message.endswith("in N/m and 'm/s', http://a.b/c")
 
 
-@pytest.mark.slow
 def test_no_path_of_a_users_is_in_a_warning(tmp_path):
     path = tmp_path / "secret_place" / "slow.py"
     path.parent.mkdir()

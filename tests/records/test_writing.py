@@ -66,7 +66,6 @@ STORM = """if True:
 """
 
 
-@pytest.mark.slow
 def test_no_interrupt_at_any_moment_hangs_a_run_or_loses_a_row(request):
     command = [sys.executable, "-X", "faulthandler", "-c", STORM, "1"]
     subprocess.run(command, cwd=request.path.parent, check=True, timeout=120.0)

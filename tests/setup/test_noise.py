@@ -41,6 +41,7 @@ def compared(settings, law="impedance"):
     return found, trace, settled
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "levels"),
     [("force", (0.2, 1.0, 5.0)), ("position", (1e-4, 1e-3, 5e-3)), ("velocity", (1e-3, 5e-3, 2e-2))],
@@ -75,6 +76,7 @@ def test_slow_late_sensors_and_a_slow_law():
     assert found.push > 2.0 * fast.push
 
 
+@pytest.mark.slow
 def test_every_axis_of_a_vehicle_without_contact():
     settings = {"navigation.position_noise": [0.01, 0.005, 0.002], "navigation.attitude_noise": [0.002, 0.004, 0.006]}
     found, trace, settled = compared(FREE | settings)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from short_study import HERE
 from uvms_mj import InputError, McapLog, Scenario, Study, Trace, simulate
 from uvms_mj.records.mcap import read_files
 from uvms_mj.studies.plan import Plan
@@ -70,7 +71,7 @@ def study(tmp_path):
 
 
 def test_files_travel_to_workers_and_are_in_the_digest_and_in_the_log(study, tmp_path):
-    ran = Study.load(study()).run(tmp_path / "out", workers=1)
+    ran = Study.load(study()).run(tmp_path / "out", executor=HERE)
     assert ran.frame.iloc[0][["status", "one"]].tolist() == ["completed", 1.5]
     names = json.loads((tmp_path / "out" / "version.json").read_text())["files"]
     ends = sorted(name.partition("/")[2] for name in names)
@@ -128,5 +129,5 @@ def test_files_that_are_too_large_are_refused(tmp_path):
 
 def test_a_file_that_is_not_listed_is_missed_before_the_first_run(study, tmp_path):
     with pytest.raises(InputError, match=r"(?s)travel to a worker: .*FileNotFoundError.*policy.npz.*; a class lists"):
-        Study.load(study(files="pass")).run(tmp_path / "out", workers=1)
+        Study.load(study(files="pass")).run(tmp_path / "out", executor=HERE)
     assert not (tmp_path / "out" / "study.toml").exists()

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from short_study import HERE
 from uvms_mj import InputError, Study
 from uvms_mj.studies.report.numbers import latex, statistics, to_csv, to_latex
 
@@ -23,7 +24,7 @@ def study(tmp_path_factory):
         "laws": ["impedance", {"name": "gsta", "label": "gsta_2 & 50 % #1"}],
         "vary": [{"key": "current.speed", "low": 0.1, "high": 0.5, "number": 5}],
     }
-    return Study.from_dict(tables).run(tmp_path_factory.mktemp("study") / "small", workers=1)
+    return Study.from_dict(tables).run(tmp_path_factory.mktemp("study") / "small", executor=HERE)
 
 
 def test_the_numbers_are_those_of_the_rows(study):

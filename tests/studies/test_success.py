@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from short_study import HERE
 from uvms_mj import InputError, Study
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.plan.metrics import COMPONENTS, MEANINGS, succeeded, successes
@@ -102,7 +103,7 @@ def test_a_run_is_a_success_if_it_completed_within_every_limit(row, given, met):
 def test_rows_of_a_folder_have_the_column_and_logs_take_the_same_names(plan, tmp_path):
     keep = TABLES["keep"] | {"logs": {"kind": "worst", "k": 1, "metric": "own.py:far"}}
     made = plan({"far": [0.4, 1.0]}, keep=keep)
-    frame = Study(made).run(tmp_path / "out", workers=1).frame
+    frame = Study(made).run(tmp_path / "out", executor=HERE).frame
     assert frame["success"].dtype == bool
     assert frame["success"].tolist() == [False, True]
     assert np.isposinf(frame["both.infinite"]).all()

@@ -12,6 +12,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from command import COMMAND
+from short_study import HERE
 from short_tuning import force_at, stiffness_for, tuning_text
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.studies.tune import Tuning
@@ -51,7 +52,7 @@ def whole(tmp_path_factory):
     """The folder of a tuning of twelve trials that ran without an interruption, with one worker."""
     path = tmp_path_factory.mktemp("whole") / "t.toml"
     path.write_text(tuning_text(duration=0.5))
-    Tuning.load(path).run(path.with_name("out"), workers=1)
+    Tuning.load(path).run(path.with_name("out"), executor=HERE)
     return path.with_name("out")
 
 
@@ -100,7 +101,7 @@ def test_the_result_is_the_same_for_any_number_of_workers_and_after_an_interrupt
 def test_more_trials_go_on_with_a_search(whole, tuning_file, tmp_path):
     path = tuning_file(duration=0.5)
     for trials in (7, 12):
-        Tuning.load(path, {"tune.trials": trials}).run(tmp_path / "out", workers=1)
+        Tuning.load(path, {"tune.trials": trials}).run(tmp_path / "out", executor=HERE)
     same(whole, tmp_path / "out")
 
 
@@ -115,7 +116,7 @@ def test_a_killed_search_loses_the_trial_in_hand_alone(whole, tuning_file, tmp_p
             os.kill(process.pid, signal.SIGKILL)
         process.wait()
         assert lines(out) >= trials
-    Tuning.load(path).run(out, workers=1)
+    Tuning.load(path).run(out, executor=HERE)
     same(whole, out)
 
 
@@ -130,7 +131,7 @@ def test_a_trial_without_all_its_numbers_is_incomplete_and_kept(tuning_file, tmp
     path = tuning_file()
     path.write_text(text)
     tuning = Tuning.load(path)
-    tuning.run(tmp_path / "out", workers=1)
+    tuning.run(tmp_path / "out", executor=HERE)
     trials = tuning.trials(tmp_path / "out")
     assert len(trials) == 25
     for each in trials:
@@ -163,7 +164,7 @@ def test_a_folder_of_another_tuning_is_refused(whole, tuning_file):
     path.write_text(path.read_text().replace("high = 400.0", "high = 500.0"))
     other = Tuning.load(path, {"tune.seed": 2})
     with pytest.raises(InputError, match=r"differs in gain\[0\]\.high, tune\.seed; choose another folder"):
-        other.run(whole, workers=1)
+        other.run(whole, executor=HERE)
 
 
 def test_every_error_of_a_file_is_reported_at_once(tuning_file):

@@ -12,7 +12,9 @@ from uvms_mj.views import rerun as rerun_view
 def trace(tmp_path_factory) -> Trace:
     """A run that touches the wall, from its log."""
     log = tmp_path_factory.mktemp("log") / "run.mcap"
-    simulate(Scenario.load("push_wall", {"simulation.duration": 7.0})).save(log)
+    soon = {"reference.step_time": 0.0, "reference.bandwidth": 5.0, "wall.position": 0.5}
+    soon |= {"reference.target": [0.51, 0.0, 0.0], "simulation.duration": 3.0}
+    simulate(Scenario.load("push_wall", soon)).save(log)
     return Trace.load(log)
 
 

@@ -137,7 +137,6 @@ def test_a_run_streams_to_the_viewer(headless, monkeypatch):
     assert names >= {"Vehicle and wall (arrows: 0.05 m/N)", "Contact force [N]"}
 
 
-@pytest.mark.slow
 @needs_vulkan
 @pytest.mark.parametrize("end", [signals.SIGKILL, signals.SIGSTOP], ids=["closed", "hung"])
 @pytest.mark.parametrize("when", [0.0, 0.5])
@@ -254,7 +253,6 @@ def test_a_taken_port_is_named(server, recording):
         pass
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
     browser = Chromium(tmp_path)

@@ -96,7 +96,6 @@ def read_back(path) -> tuple[int, list[Image.Image]]:
     return len(pictures), [Image.fromarray(pictures[k]) for k in (0, -1)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", CODERS)
 def test_a_video_has_its_pictures_and_replaces_the_file_when_it_is_whole(driver, push, tmp_path, kind):
     pytest.importorskip("imageio_ffmpeg")
@@ -160,7 +159,6 @@ def test_a_missing_extra_and_a_missing_driver_are_named(push, tmp_path, monkeypa
     assert sys.platform == "darwin" or "apt install libegl1 libgl1-mesa-dri" in str(told.value)
 
 
-@pytest.mark.slow
 def test_the_command_draws_a_still_and_a_video_as_the_calls_do(driver, push, tmp_path, here):
     pytest.importorskip("imageio_ffmpeg")
     command = importlib.import_module("uvms_mj.cli.video")
