@@ -75,13 +75,9 @@ def quadratic(B: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @kernel
 def solved_before(tau_cmd, memory, u) -> bool:
     """Whether the last solution is for the same command; u is set to it. Commands are held for a control period."""
-    for i in range(6):
-        if tau_cmd[i] != memory.solved_tau[i]:
-            return False
-    if memory.solved[0] == 0.0:
+    if memory.solved[0] == 0.0 or np.any(tau_cmd != memory.solved_tau):
         return False
-    for k in range(u.shape[0]):
-        u[k] = memory.solution[k]
+    u[:] = memory.solution[: len(u)]
     return True
 
 
@@ -89,10 +85,7 @@ def solved_before(tau_cmd, memory, u) -> bool:
 def keep(tau_cmd, memory, u):
     """Keep a command and its solution."""
     memory.solved[0] = 1.0
-    for i in range(6):
-        memory.solved_tau[i] = tau_cmd[i]
-    for k in range(u.shape[0]):
-        memory.solution[k] = u[k]
+    memory.solved_tau[:], memory.solution[: len(u)] = tau_cmd, u
 
 
 @kernel

@@ -53,8 +53,7 @@ def model_wrenches(link, gravity, R, nu, C_nu, D_nu, g_eta):
         turn_momentum(nu, C_A_nu)
     else:
         coriolis_added_mass(M_A, nu, C_A_nu)
-    for i in range(6):
-        C_nu[i] += C_A_nu[i]
+    C_nu += C_A_nu
     if link.D_diagonal != 0:
         for i in range(6):
             D_nu[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
@@ -74,18 +73,14 @@ def reveal(coefficients, water, signals, truth, work):
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
     relative_velocity(water, signals.R_WB, nu, nu_r)
     to_body(signals.R_WB, water.v_c_W, work)
-    nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c
-    nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
-    nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
+    nu_c_dot[:3] = np.cross(work[:3], nu[3:])  # -omega x v_c
     gravity_W, R_WB = coefficients.gravity_W, signals.R_WB
     model_wrenches(coefficients, gravity_W, R_WB, nu_r, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
     if water.unsteady != 0:
         to_body(signals.R_WB, water.v_c_dot_W, work)
-        for i in range(3):
-            nu_c_dot[i] += work[i]
+        nu_c_dot[:3] += work[:3]
         accelerated_frame(coefficients, water, signals.R_WB, work, truth.g_eta, truth.tau_dist)
-    for i in range(6):
-        truth.tau_dist[i] = water.tau_dist[i]
+    truth.tau_dist[:] = water.tau_dist
 
 
 @kernel
@@ -99,8 +94,7 @@ def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
     for i in range(3):
         work[i] = coefficients.gravity_W[i] - water.v_c_dot_W[i]
     restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
-    for i in range(6):
-        g_eta[i] += g_buoyancy[i]
+    g_eta += g_buoyancy
 
 
 @dataclass(frozen=True)
@@ -115,7 +109,5 @@ class Truth(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        for i in range(6):
-            for j in range(6):
-                out.M[i, j] = settings.M[i, j]
+        out.M[:] = settings.M
         reveal(settings, state.plant.water, given, out, out.g_eta)

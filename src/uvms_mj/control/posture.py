@@ -157,12 +157,10 @@ class PostureBelowTool(Stage):
         free_of_tool(own.M_inv, model.MJ_T, model.J_bar, N, own.P)
         product(own.P, N, N, own.h, 1, own.free)
         product(model.J_bar, N, 6, model.J_dot_zeta, 1, own.a)
-        for i in range(N):
-            own.a[i] = -own.a[i]
-            own.free[i] -= own.a[i]
+        own.free += own.a
+        own.a[:] = -own.a
         posture(settings, given, own.zeta, q, N, M, own.M_inv, own.P, own)
-        for i in range(N):
-            own.a[i] += own.free[i]
+        own.a += own.free
         product(M, N, N, own.a, 1, out)
 
 
@@ -181,21 +179,15 @@ class PostureBesideBase(PostureBelowTool):
         cholesky(M, N, L)
         inverse(L, N, own.M_inv)
         free_of_base(M, N, own.P_qq, own.X, own.P)
-        for i in range(N):
-            own.a[i] = 0.0
+        own.a[:] = 0.0
         posture(settings, given, own.zeta, q, N, M, own.M_inv, own.P, own)
         product(M, N, N, own.a, 1, out)
-        for i in range(6, N):
-            out[i] += own.h[i]
+        out[6:] += own.h[6:]
 
 
 @kernel
 def measure(model, given, q_dot):
     """Set zeta and h (N,) of the posture's memory from the measurements at B and the law's model."""
-    N, own = model.tau.shape[0], model.posture
-    for i in range(6):
-        own.zeta[i] = given.nu[i]
-    for k in range(q_dot.shape[0]):
-        own.zeta[6 + k] = q_dot[k]
-    for i in range(N):
-        own.h[i] = model.C[i] + model.D[i] + model.g[i]
+    own = model.posture
+    own.zeta[:6], own.zeta[6:] = given.nu, q_dot
+    own.h[:] = model.C + model.D + model.g

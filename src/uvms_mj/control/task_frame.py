@@ -66,15 +66,12 @@ class ModelAtBody(Stage):
         frames = measured_frames(state, model.frames)
         move_model(model, frames, given.R_WB, given.nu, q_dot)
         estimate_wrenches(model, frames, given.R_WB, q_dot)
-        for i in range(6):
-            out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = model.C[i], model.D[i], model.g[i]
+        out.C_hat_nu[:], out.D_hat_nu[:], out.g_hat[:] = model.C[:6], model.D[:6], model.g[:6]
         N = model.tau.shape[0]
         if N > 6:  # noqa: SIM102  # known when compiling: the inertia of a rigid vehicle is constant
             if given.instant % int(settings.every) == 0:
                 estimate_inertia(model, frames)
-        for i in range(6):
-            for j in range(6):
-                out.M_hat[i, j] = model.M[N * i + j]
+        out.M_hat[:] = model.M.reshape(N, N)[:6, :6]
 
 
 @dataclass(frozen=True)
@@ -99,10 +96,7 @@ class ModelAtTool(ModelAtBody):
         tool = model.tool
         compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
         attitude(out.R_WB, out.quat_WB)
-        for i in range(3):
-            out.f_contact_m_W[i] = given.f_contact_m_W[i]
-        for i in range(6):
-            out.nu[i] = model.nu_T[i]
+        out.f_contact_m_W[:], out.nu[:] = given.f_contact_m_W, model.nu_T
         wrench_at(tool.R_BT, tool.p_BT, given.tau_contact_m_B, out.tau_contact_m_B)
 
 
@@ -129,10 +123,7 @@ class ResolveAtBody(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         tau = state.model.tau
-        for i in range(6):
-            tau[i] = given.tau_cmd[i]
-        for i in range(6, tau.shape[0]):
-            tau[i] = 0.0
+        tau[:6], tau[6:] = given.tau_cmd, 0.0
         deliver(state.model, out, state.joints.tau_q_cmd)
 
 
@@ -153,22 +144,15 @@ class ResolveAtTool(ResolveAtBody):
 @kernel
 def deliver(model, tau_B, tau_q_cmd):
     """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
-    tau = model.tau
-    for i in range(tau.shape[0]):
-        tau[i] += model.tau_posture[i]
-    for i in range(6):
-        tau_B[i] = tau[i]
-    for k in range(tau_q_cmd.shape[0]):
-        tau_q_cmd[k] = tau[6 + k]
+    model.tau += model.tau_posture
+    tau_B[:], tau_q_cmd[:] = model.tau[:6], model.tau[6:]
 
 
 @kernel
 def move_model(model, frames, R_WB, nu, q_dot):
     """Set velocities and accelerations of all links from the measured state."""
     base = model.links[0]
-    for i in range(6):
-        base.V[i] = nu[i]
-        base.A[i] = 0.0
+    base.V[:], base.A[:] = nu, 0.0
     to_body(R_WB, model.gravity_W, model.gravity_B)
     move_links(model.links, frames, q_dot, 0)
 
@@ -184,9 +168,8 @@ def estimate_wrenches(model, frames, R_WB, q_dot):
         C_nu, D_nu, g_eta, M_a = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
         model_wrenches(link, model.gravity_B, R, link.nu, C_nu, D_nu, g_eta)
         matvec(link.M, link.a, M_a)
-        for i in range(6):
-            C_nu[i] += link.coriolis * M_a[i]
-            link.F_C[i], link.F_D[i], link.F[i] = 0.0, 0.0, 0.0
+        C_nu += link.coriolis * M_a
+        link.F_C[:], link.F_D[:], link.F[:] = 0.0, 0.0, 0.0
         add_wrench_from(R, p, C_nu, link.F_C)
         add_wrench_from(R, p, D_nu, link.F_D)
         add_wrench_from(R, p, g_eta, link.F)
@@ -196,56 +179,46 @@ def estimate_wrenches(model, frames, R_WB, q_dot):
         C[5 + k] = along_joint(frame.S, link.F_C)
         D[5 + k] = along_joint(frame.S, link.F_D) + model.gear[k - 1] * q_dot[k - 1]
         g[5 + k] = along_joint(frame.S, link.F)
-        for i in range(6):
-            parent.F_C[i] += link.F_C[i]
-            parent.F_D[i] += link.F_D[i]
-            parent.F[i] += link.F[i]
-    for i in range(6):
-        C[i], D[i], g[i] = base.F_C[i], base.F_D[i], base.F[i]
+        parent.F_C += link.F_C
+        parent.F_D += link.F_D
+        parent.F += link.F
+    C[:6], D[:6], g[:6] = base.F_C, base.F_D, base.F
 
 
 @kernel
 def estimate_inertia(model, frames):
     """Set M (N, N)."""
-    links, N, M = model.links, model.tau.shape[0], model.M
+    links, N = model.links, model.tau.shape[0]
+    M = model.M.reshape(N, N)
     compose_links(links, frames)
     whole(links[0].composite, model.M_BB)
-    for i in range(6):
-        for j in range(6):
-            M[N * i + j] = model.M_BB[i, j]
+    M[:6, :6] = model.M_BB
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]
         row, above = 5 + k, k
         for j in range(6, row):
-            M[N * row + j] = 0.0
-            M[N * j + row] = 0.0
+            M[row, j], M[j, row] = 0.0, 0.0
         joint_column(link, frame.S)
-        F = link.F
         for _ in range(frame.depth):
             joint = frames[above]
-            entry = along_joint(joint.S, F)
-            M[N * row + 5 + above] = entry
-            M[N * (5 + above) + row] = entry
+            entry = along_joint(joint.S, link.F)
+            M[row, 5 + above], M[5 + above, row] = entry, entry
             above = joint.parent
-        M[N * row + row] += model.armature[k - 1]
-        for j in range(6):
-            M[N * row + j] = F[j]
-            M[N * j + row] = F[j]
+        M[row, row] += model.armature[k - 1]
+        M[row, :6], M[:6, row] = link.F, link.F
 
 
 @kernel
 def place_tool(model, frames):
     """Set the pose of the tool in B, and J^T (N, 6)."""
-    tool, J_T = model.tool, model.J_T
+    tool, rows = model.tool, model.J_T.reshape(model.tau.shape[0], 6)
     frame = frames[tool.link]
     compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
-    base_rows(tool, J_T)
+    base_rows(tool, model.J_T)
     above = tool.link
     for _ in range(frame.depth):  # the rows of all other joints are zero
         joint = frames[above]
-        motion_at(tool.R_BT, tool.p_BT, joint.S, model.work)
-        for i in range(6):
-            J_T[6 * (5 + above) + i] = model.work[i]
+        motion_at(tool.R_BT, tool.p_BT, joint.S, rows[5 + above])
         above = joint.parent
 
 
@@ -260,15 +233,13 @@ def estimate_lambda(model):
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
     N = model.tau.shape[0]
-    Lambda, work, J_bar = model.Lambda, model.work, model.J_bar
+    Lambda, J_bar, Lambda_J_dot_zeta = model.Lambda, model.J_bar, np.zeros(6)
     tool, link = model.tool, model.links[model.tool.link]
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
     transposed_product(J_bar, N, 6, model.C, out.C_hat_nu)
     transposed_product(J_bar, N, 6, model.D, out.D_hat_nu)
     transposed_product(J_bar, N, 6, model.g, out.g_hat)
-    product(Lambda, 6, 6, model.J_dot_zeta, 1, work)
-    for i in range(6):
-        out.C_hat_nu[i] -= work[i]
-        for j in range(6):
-            out.M_hat[i, j] = Lambda[6 * i + j]
+    product(Lambda, 6, 6, model.J_dot_zeta, 1, Lambda_J_dot_zeta)
+    out.C_hat_nu -= Lambda_J_dot_zeta
+    out.M_hat[:] = Lambda.reshape(6, 6)

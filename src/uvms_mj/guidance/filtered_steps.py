@@ -112,6 +112,7 @@ class FilteredSteps(Guidance):
     def step(settings, state, given, state_dot, out):
         start, times, positions, bandwidth = settings.start, settings.times, settings.positions, settings.bandwidth
         out.p_d[:], out.p_d_dot[:], out.p_d_ddot[:], out.quat_d[:] = start, 0.0, 0.0, settings.quat_d
+        before = start
         for n in range(times.shape[0]):
             x = bandwidth * (given.t - times[n])
             if x <= 0.0:
@@ -122,8 +123,8 @@ class FilteredSteps(Guidance):
                 g = 1.0 - decay * (1.0 + x + 0.5 * x * x)
                 g_dot = bandwidth * decay * 0.5 * x * x
                 g_ddot = bandwidth * bandwidth * decay * (x - 0.5 * x * x)
-            for i in range(3):
-                height = positions[n, i] - (start[i] if n == 0 else positions[n - 1, i])
-                out.p_d[i] += height * g
-                out.p_d_dot[i] += height * g_dot
-                out.p_d_ddot[i] += height * g_ddot
+            height = positions[n] - before
+            out.p_d += height * g
+            out.p_d_dot += height * g_dot
+            out.p_d_ddot += height * g_ddot
+            before = positions[n]

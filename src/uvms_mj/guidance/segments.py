@@ -106,21 +106,6 @@ def _rest(pose: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def polynomial(c, n, j, order, x) -> float:
-    """The derivative of an order 0 to 2 of the polynomial j of piece n."""
-    value, rate, half = 0.0, 0.0, 0.0
-    for k in range(6):
-        half = half * x + rate
-        rate = rate * x + value
-        value = value * x + c[n, k, j]
-    if order == 0:
-        return value
-    if order == 1:
-        return rate
-    return 2.0 * half
-
-
-@kernel
 def follow(begins, coefficients, t, out):
     """Set the reference ``out`` to the motion of :func:`pack` at the time t."""
     n, size = 0, begins.shape[0]
@@ -128,33 +113,20 @@ def follow(begins, coefficients, t, out):
         size = size >> 1
         if begins[n + size] <= t:
             n += size
-    x, c = t - begins[n], coefficients
-    for i in range(3):
-        out.p_d[i] = polynomial(c, n, i, 0, x)
-        out.p_d_dot[i] = polynomial(c, n, i, 1, x)
-        out.p_d_ddot[i] = polynomial(c, n, i, 2, x)
-    for i in range(4):
-        out.quat_d[i] = polynomial(c, n, 3 + i, 0, x)
-    Q = out.quat_d
-    square = Q[0] * Q[0] + Q[1] * Q[1] + Q[2] * Q[2] + Q[3] * Q[3]
-    turn(Q, c, n, 1, x, out.omega_d)
-    turn(Q, c, n, 2, x, out.omega_d_dot)
-    grown = 0.0  # Q Q_dot
-    for i in range(4):
-        grown += Q[i] * polynomial(c, n, 3 + i, 1, x)
-    for i in range(3):
-        out.omega_d[i] *= 2.0 / square
-        out.omega_d_dot[i] = 2.0 / square * (out.omega_d_dot[i] - grown * out.omega_d[i])
-    length = math.sqrt(square)
-    for i in range(4):
-        out.quat_d[i] /= length
+    x, value, rate, half = t - begins[n], np.zeros(7), np.zeros(7), np.zeros(7)
+    for k in range(6):  # of the seven polynomials, with the first derivative and half the second
+        half[:] = half * x + rate
+        rate[:] = rate * x + value
+        value[:] = value * x + coefficients[n, k]
+    Q, Q_dot, Q_ddot = value[3:], rate[3:], 2.0 * half[3:]
+    square = Q @ Q
+    out.p_d[:], out.p_d_dot[:], out.p_d_ddot[:] = value[:3], rate[:3], 2.0 * half[:3]
+    out.quat_d[:] = Q / math.sqrt(square)
+    out.omega_d[:] = turning(Q_dot, Q) * (2.0 / square)
+    out.omega_d_dot[:] = 2.0 / square * (turning(Q_ddot, Q) - (Q @ Q_dot) * out.omega_d)
 
 
 @kernel
-def turn(Q, c, n, order, x, out):
-    """Set out (3,) to the vector part of the product of a derivative of Q with the conjugate of Q."""
-    w, a = polynomial(c, n, 3, order, x), polynomial(c, n, 4, order, x)
-    b, d = polynomial(c, n, 5, order, x), polynomial(c, n, 6, order, x)
-    out[0] = Q[0] * a - w * Q[1] - (b * Q[3] - d * Q[2])
-    out[1] = Q[0] * b - w * Q[2] - (d * Q[1] - a * Q[3])
-    out[2] = Q[0] * d - w * Q[3] - (a * Q[2] - b * Q[1])
+def turning(P, Q):
+    """The vector part (3,) of the product of P (4,) with the conjugate of Q (4,)."""
+    return Q[0] * P[1:] - P[0] * Q[1:] - np.cross(P[1:], Q[1:])

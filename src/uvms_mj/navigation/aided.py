@@ -46,8 +46,7 @@ def begin(settings, state, given, out):
         P[16 * (9 + i)] = k * settings.gyro_bias * settings.gyro_bias
         P[16 * (12 + i)] = k * settings.accelerometer_bias * settings.accelerometer_bias
     turned(given.quat_WB, state.correction[0], state.correction[1], state.correction[2], state.quat)
-    for i in range(4):
-        state.quat_before[i] = given.quat_WB[i]
+    state.quat_before[:] = given.quat_WB
     rotation(state.quat, out.R_WB)
 
 
@@ -84,7 +83,7 @@ def predict(settings, state, given, out):
         new = v[i] + R[i, 0] * push[0] + R[i, 1] * push[1] + R[i, 2] * push[2] + h * settings.gravity_W[i]
         p[i] += 0.5 * h * (v[i] + new)
         v[i] = new
-        state.omega[i] = turn[i] / h
+    state.omega[:] = turn / h
     turned(state.quat.copy(), turn[0], turn[1], turn[2], state.quat)
     rotation(state.quat, R)
 
@@ -113,8 +112,7 @@ def velocity_fix(settings, state, given, out):
         v = np.zeros(3)
         to_body(R, state.v, v)
         measured = given.nu[i] + settings.dvl_noise * standard_normal(given.key, given.instant, _DVL + i)
-        for j in range(3):
-            H[3 + j] = R[j, i]
+        H[3:6] = R[:, i]
         next_axis, last_axis = (i + 1) % 3, (i + 2) % 3
         H[6 + next_axis], H[6 + last_axis] = -v[last_axis], v[next_axis]
         apply(state, measured - v[i], sigma, out)
@@ -170,13 +168,7 @@ def estimation_error(state, given, error):
 def publish(state, out):
     """Set the measured pose and velocity to the estimate, and the recorded standard deviations."""
     to_body(out.R_WB, state.v, out.nu)
-    for i in range(3):
-        out.p_WB[i] = state.p[i]
-        out.nu[3 + i] = state.omega[i]
-        state.sigma_p[i] = math.sqrt(state.P[16 * i])
-        state.sigma_v[i] = math.sqrt(state.P[16 * (3 + i)])
-        state.sigma_theta[i] = math.sqrt(state.P[16 * (6 + i)])
-        state.sigma_b_g[i] = math.sqrt(state.P[16 * (9 + i)])
-        state.sigma_b_a[i] = math.sqrt(state.P[16 * (12 + i)])
-    for i in range(4):
-        out.quat_WB[i] = state.quat[i]
+    out.p_WB[:], out.quat_WB[:], out.nu[3:] = state.p, state.quat, state.omega
+    sigma = np.sqrt(state.P[::16])  # of the diagonal
+    state.sigma_p[:], state.sigma_v[:], state.sigma_theta[:] = sigma[:3], sigma[3:6], sigma[6:9]
+    state.sigma_b_g[:], state.sigma_b_a[:] = sigma[9:12], sigma[12:]

@@ -81,16 +81,9 @@ class Navigation(Stage):
 @kernel
 def perfect(true, measured):
     """Set the measurements ``measured`` to the truth. A stage that calls it first changes only the rest."""
-    for i in range(3):
-        measured.p_WB[i] = true.p_WB[i]
-        measured.f_contact_m_W[i] = true.f_springs_W[i]
-        for j in range(3):
-            measured.R_WB[i, j] = true.R_WB[i, j]
-    for i in range(4):
-        measured.quat_WB[i] = true.quat_WB[i]
-    for i in range(6):
-        measured.nu[i] = true.nu[i]
-        measured.tau_contact_m_B[i] = true.tau_springs_B[i]
+    measured.p_WB[:], measured.quat_WB[:], measured.R_WB[:] = true.p_WB, true.quat_WB, true.R_WB
+    measured.nu[:] = true.nu
+    measured.f_contact_m_W[:], measured.tau_contact_m_B[:] = true.f_springs_W, true.tau_springs_B
 
 
 @dataclasses.dataclass(frozen=True)

@@ -153,8 +153,7 @@ def measure(channel, memory, truth, first, instant, key, index, measured):
 def measure_attitude(channel, memory, quat, instant, key, index, measured):
     """Measure a unit quaternion (4,); the other arguments are those of :func:`measure`."""
     if channel[PERIOD] == 0.0:
-        for i in range(4):
-            measured[i] = quat[i]
+        measured[:] = quat
         return
     if instant % int(channel[PERIOD]) == 0:
         draw_error(channel, memory, instant, key, index)

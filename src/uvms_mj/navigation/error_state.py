@@ -18,17 +18,16 @@ A matrix (15, 15) is 225 numbers, row by row.
 
 import math
 
+import numpy as np
+
 from ..physics.kernels import kernel
 
 
 @kernel
 def transition(R, push, turn, interval, A, E):
     """Set the blocks of F, (9,) each, row by row: A = -R [push]x of dv' over dtheta, and E = Exp(turn)^T."""
-    x, y, z = push[0], push[1], push[2]
     for i in range(3):
-        A[3 * i] = R[i, 2] * y - R[i, 1] * z
-        A[3 * i + 1] = R[i, 0] * z - R[i, 2] * x
-        A[3 * i + 2] = R[i, 1] * x - R[i, 0] * y
+        A[3 * i : 3 * i + 3] = np.cross(push, R[i])
     x, y, z = turn[0], turn[1], turn[2]
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
@@ -61,14 +60,14 @@ def advance(P, R, A, E, h, out):
 @kernel
 def add_noise(P, h, var_push, var_turn, var_gyro_walk, var_accelerometer_walk):
     """Add the noise of an interval: variances of the increments of velocity and attitude, and of the biases' steps."""
-    for i in range(3):
-        P[16 * i] += 0.25 * h * h * var_push  # 16: from one entry of the diagonal to the next
-        P[15 * i + 3 + i] += 0.5 * h * var_push
-        P[15 * (3 + i) + i] += 0.5 * h * var_push
-        P[16 * (3 + i)] += var_push
-        P[16 * (6 + i)] += var_turn
-        P[16 * (9 + i)] += var_gyro_walk
-        P[16 * (12 + i)] += var_accelerometer_walk
+    diagonal = P[::16]
+    diagonal[:3] += 0.25 * h * h * var_push
+    P[3:48:16] += 0.5 * h * var_push  # of position and velocity
+    P[45:90:16] += 0.5 * h * var_push
+    diagonal[3:6] += var_push
+    diagonal[6:9] += var_turn
+    diagonal[9:12] += var_gyro_walk
+    diagonal[12:] += var_accelerometer_walk
 
 
 @kernel

@@ -8,7 +8,9 @@ its noise and its biases alone.
 
 import math
 
-from ..physics.frames import multiply
+import numpy as np
+
+from ..physics.frames import multiply, to_world
 from ..physics.kernels import kernel
 
 
@@ -20,22 +22,19 @@ def turned(quat, x, y, z, out):
     if angle > 0.0:
         scale = math.sin(0.5 * angle) / angle
     multiply(quat[0], quat[1], quat[2], quat[3], w, scale * x, scale * y, scale * z, 0, out)
-    norm = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
-    for i in range(4):
-        out[i] = out[i] / norm
+    out /= math.sqrt(out @ out)
 
 
 @kernel
 def rotation_vector(start, end, out):
     """Set out (3,) [rad] so that end = start * Exp(out). Below 0.3 rad the relative error is below 1e-8."""
-    w = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
+    w = start @ end
     out[0] = start[0] * end[1] - start[1] * end[0] - start[2] * end[3] + start[3] * end[2]
     out[1] = start[0] * end[2] + start[1] * end[3] - start[2] * end[0] - start[3] * end[1]
     out[2] = start[0] * end[3] - start[1] * end[2] + start[2] * end[1] - start[3] * end[0]
-    square = out[0] * out[0] + out[1] * out[1] + out[2] * out[2]  # sin^2 of half the angle
+    square = out @ out  # sin^2 of half the angle
     scale = 2.0 + square * (1.0 / 3.0 + square * (3.0 / 20.0 + square * 5.0 / 56.0))  # of the arcsine
-    for i in range(3):
-        out[i] = out[i] * (scale if w >= 0.0 else -scale)
+    out *= scale if w >= 0.0 else -scale
 
 
 @kernel
@@ -45,16 +44,10 @@ def increments(given, quat_before, v_before_W, gravity_W, interval, turn, push):
     attitude and velocity there; they are set to those of now."""
     rotation_vector(quat_before, given.quat_WB, turn)
     w, x, y, z = quat_before[0], quat_before[1], quat_before[2], quat_before[3]
-    R, nu = given.R_WB, given.nu
-    v_0 = R[0, 0] * nu[0] + R[0, 1] * nu[1] + R[0, 2] * nu[2]
-    v_1 = R[1, 0] * nu[0] + R[1, 1] * nu[1] + R[1, 2] * nu[2]
-    v_2 = R[2, 0] * nu[0] + R[2, 1] * nu[1] + R[2, 2] * nu[2]
-    a = v_0 - v_before_W[0] - interval * gravity_W[0]
-    b = v_1 - v_before_W[1] - interval * gravity_W[1]
-    c = v_2 - v_before_W[2] - interval * gravity_W[2]
+    v_W = np.zeros(3)
+    to_world(given.R_WB, given.nu, v_W)
+    a, b, c = v_W - v_before_W - interval * gravity_W
     push[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y + w * z) * b + 2 * (x * z - w * y) * c
     push[1] = 2 * (x * y - w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z + w * x) * c
     push[2] = 2 * (x * z + w * y) * a + 2 * (y * z - w * x) * b + (1 - 2 * (x * x + y * y)) * c
-    v_before_W[0], v_before_W[1], v_before_W[2] = v_0, v_1, v_2
-    for i in range(4):
-        quat_before[i] = given.quat_WB[i]
+    v_before_W[:], quat_before[:] = v_W, given.quat_WB

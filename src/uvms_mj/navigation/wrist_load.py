@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from ..physics.frames import add_wrench_from, compose_poses, to_body, to_world, wrench_at
 from ..physics.kernels import kernel
 from ..physics.tree import (
@@ -27,8 +29,7 @@ def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part)
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]
         move(link, frame.S, links[frame.parent], q_dot[k - 1])
-        for i in range(6):
-            link.A[i] += frame.S[i] * q_ddot[k - 1]
+        link.A += frame.S * q_ddot[k - 1]
         move_frame(link, frame)
     for k in range(first, links.shape[0]):
         link, frame = links[k], frames[k]
@@ -52,28 +53,22 @@ def place_sensor(sensor, frame):
 def felt_wrench(run, true, out):
     """Set out (6,) to the true wrench of the parent on the links behind the sensor, in S."""
     wrist, water, frames, q_dot, q_ddot = run.wrist, run.plant.water, run.plant.frames, run.encoder.q_dot, run.q_ddot
-    rigid, wet, nu, v_c, first = wrist.rigid[0], wrist.wet[0], true.nu, wrist.work, wrist.sensor.link
+    rigid, wet, nu, nu_dot, first = wrist.rigid[0], wrist.wet[0], true.nu, true.nu_dot, wrist.sensor.link
+    v_c, v_c_dot = np.zeros(3), np.zeros(3)
     to_body(true.R_WB, true.v_c_W, v_c)
-    for i in range(3):
-        rigid.V[i], rigid.V[i + 3] = nu[i], nu[i + 3]
-        rigid.A[i], rigid.A[i + 3] = true.nu_dot[i], true.nu_dot[i + 3]
-        wet.V[i], wet.V[i + 3] = nu[i] - v_c[i], nu[i + 3]
-        wet.A[i + 3] = true.nu_dot[i + 3]
-    p, q_B, r = nu[3], nu[4], nu[5]
-    a_x = true.nu_dot[0] + q_B * v_c[2] - r * v_c[1]  # v_r_dot = v_dot + omega x v_c - R^T v_c_dot
-    a_y = true.nu_dot[1] + r * v_c[0] - p * v_c[2]
-    a_z = true.nu_dot[2] + p * v_c[1] - q_B * v_c[0]
-    to_body(true.R_WB, water.v_c_dot_W, v_c)
-    wet.A[0], wet.A[1], wet.A[2] = a_x - v_c[0], a_y - v_c[1], a_z - v_c[2]
+    to_body(true.R_WB, water.v_c_dot_W, v_c_dot)
+    rigid.V[:], rigid.A[:] = nu, nu_dot
+    wet.V[:3], wet.V[3:], wet.A[3:] = nu[:3] - v_c, nu[3:], nu_dot[3:]
+    p, q_B, r = nu[3], nu[4], nu[5]  # v_r_dot = v_dot + omega x v_c - R^T v_c_dot
+    wet.A[0] = nu_dot[0] + q_B * v_c[2] - r * v_c[1] - v_c_dot[0]
+    wet.A[1] = nu_dot[1] + r * v_c[0] - p * v_c[2] - v_c_dot[1]
+    wet.A[2] = nu_dot[2] + p * v_c[1] - q_B * v_c[0] - v_c_dot[2]
     to_body(true.R_WB, wrist.gravity_W, wrist.rigid_gravity_B)
-    for i in range(3):
-        wrist.moment[i] = wrist.gravity_W[i] - water.a_c_W[i]  # of the displaced water
-    to_body(true.R_WB, wrist.moment, wrist.wet_gravity_B)
+    to_body(true.R_WB, wrist.gravity_W - water.a_c_W, wrist.wet_gravity_B)  # of the displaced water
     carried_wrench(wrist.rigid, frames, wrist.rigid_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
     carried_wrench(wrist.wet, frames, wrist.wet_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
     solid, around = wrist.rigid[first], wrist.wet[first]
-    for i in range(6):
-        solid.F[i] += around.F[i]
+    solid.F += around.F
     if run.carriers.shape[0] != 0:
         release(run, solid)
     place_sensor(wrist.sensor, frames[first])
@@ -83,9 +78,7 @@ def felt_wrench(run, true, out):
 @kernel
 def release(run, first):
     """Subtract the contact forces on the links behind the sensor from F of the first of them."""
-    frames, wrist, tau_B = run.plant.frames, run.wrist, run.wrist.work
-    for i in range(6):
-        tau_B[i] = 0.0
+    frames, wrist, tau_B = run.plant.frames, run.wrist, np.zeros(6)
     for k in range(run.carriers.shape[0]):
         carrier = run.carriers[k]
         above = carrier.link
@@ -93,8 +86,7 @@ def release(run, first):
             if above == wrist.sensor.link:
                 add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, tau_B)
             above = frames[above].parent
-    for i in range(6):
-        first.F[i] -= tau_B[i]
+    first.F -= tau_B
 
 
 @kernel
@@ -102,13 +94,10 @@ def modelled_wrench(run, instant, period, R_WB, nu):
     """Set ``modelled`` (6,) to the wrench without contacts by the model, from the measured state."""
     wrist, q_dot = run.wrist, run.joints.q_dot_m
     base, first, before, q_ddot = wrist.model[0], wrist.sensor.link, wrist.nu_before, wrist.q_ddot
-    for i in range(6):
-        base.V[i] = nu[i]
-        base.A[i] = (nu[i] - before[i]) / period if instant > 0 else 0.0
-        before[i] = nu[i]
-    for k in range(q_dot.shape[0]):
-        q_ddot[k] = (q_dot[k] - wrist.q_dot_before[k]) / period if instant > 0 else 0.0
-        wrist.q_dot_before[k] = q_dot[k]
+    base.V[:], base.A[:], q_ddot[:] = nu, 0.0, 0.0
+    if instant > 0:
+        base.A[:], q_ddot[:] = (nu - before) / period, (q_dot - wrist.q_dot_before) / period
+    before[:], wrist.q_dot_before[:] = nu, q_dot
     to_body(R_WB, wrist.gravity_W, wrist.gravity_B)
     frames = measured_frames(run, wrist.frames)
     carried_wrench(wrist.model, frames, wrist.gravity_B, first, wrist.dynamic, q_dot, q_ddot, wrist.work)
@@ -119,11 +108,12 @@ def modelled_wrench(run, instant, period, R_WB, nu):
 @kernel
 def contact_behind(wrist, R_WB, out):
     """Set the measured contact force in W and the wrench at B of ``out`` to what the model leaves of the reading."""
-    reading, f, tau = wrist.reading, wrist.work, out.tau_contact_m_B
-    for i in range(6):
-        f[i] = (wrist.modelled[i] if wrist.weighs != 0 else 0.0) - reading[i]
-        tau[i] = 0.0
-    add_wrench_from(wrist.sensor.R_BT, wrist.sensor.p_BT, f, tau)
+    contact, tau = np.zeros(6), out.tau_contact_m_B  # contact: in S
+    if wrist.weighs != 0:
+        contact[:] = wrist.modelled
+    contact -= wrist.reading
+    tau[:] = 0.0
+    add_wrench_from(wrist.sensor.R_BT, wrist.sensor.p_BT, contact, tau)
     to_world(R_WB, tau, out.f_contact_m_W)
 
 

@@ -9,8 +9,6 @@ A contact is computed in the frame C that its body is fixed to, as that of a rig
 of a link, or that of a site.
 """
 
-import math
-
 import numpy as np
 
 from .frames import add_wrench_from, compose_poses, motion_at
@@ -129,7 +127,7 @@ def force_of_step(run):
         if pair.solved != 0:
             found = 1.0 if solved[0] != 0.0 else 0.0
             f_W[:] = contact.f_tangential_W + found * solved[1:]
-            f_n = found * math.sqrt(solved[1] * solved[1] + solved[2] * solved[2] + solved[3] * solved[3])
+            f_n = found * np.linalg.norm(solved[1:])
         run.push[0] += f_n
         row.f_contact_W += f_W
         run.carriers[pair.carrier].f_W += f_W

@@ -229,7 +229,7 @@ def current_at(plant, numbers, t, p_WB, R_WB, nu):
     if plant.shear_rows > 0:
         factor, slope = np.zeros(1), np.zeros(1)
         add_interpolated(numbers, plant.shear, plant.shear_rows, -p_WB[2], factor, slope)
-        v_z = R_WB[2, 0] * nu[0] + R_WB[2, 1] * nu[1] + R_WB[2, 2] * nu[2]
+        v_z = R_WB[2] @ nu[:3]
         upwards = -slope[0] * v_c[:2]  # derivative by z
         v_c[:2] *= factor[0]
         along_path[:2] = factor[0] * along_path[:2] + v_z * upwards

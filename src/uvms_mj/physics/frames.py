@@ -37,8 +37,7 @@ def to_body(R_WB, a_W, a_B):
 def body_velocity(R_WB, qvel, nu):
     """Set nu (6,) = T qvel, the free joint's velocity in B."""
     to_body(R_WB, qvel, nu)
-    for i in range(3, 6):
-        nu[i] = qvel[i]
+    nu[3:] = qvel[3:6]
 
 
 @kernel
@@ -48,92 +47,55 @@ def body_acceleration(R_WB, qacc, nu, nu_dot):
     B rotates, so v_dot = R_WB^T a_W - omega x v. omega_dot is already in B.
     """
     to_body(R_WB, qacc, nu_dot)
-    nu_dot[0] -= nu[4] * nu[2] - nu[5] * nu[1]
-    nu_dot[1] -= nu[5] * nu[0] - nu[3] * nu[2]
-    nu_dot[2] -= nu[3] * nu[1] - nu[4] * nu[0]
-    for i in range(3, 6):
-        nu_dot[i] = qacc[i]
+    nu_dot[:3] -= np.cross(nu[3:], nu[:3])
+    nu_dot[3:] = qacc[3:6]
 
 
 @kernel
 def compose_poses(R_1, p_1, R_2, p_2, R, p):
     """Set R (3, 3), p (3,) to the pose of a frame in a first one, from its pose R_2, p_2 in a second one and the pose
     R_1, p_1 of that."""
-    x, y, z = p_2[0], p_2[1], p_2[2]
-    a_x, a_y, a_z, b_x, b_y, b_z = R_2[0, 0], R_2[0, 1], R_2[0, 2], R_2[1, 0], R_2[1, 1], R_2[1, 2]
-    c_x, c_y, c_z = R_2[2, 0], R_2[2, 1], R_2[2, 2]
     for i in range(3):
-        a, b, c = R_1[i, 0], R_1[i, 1], R_1[i, 2]
-        p[i] = p_1[i] + (a * x + b * y + c * z)
-        R[i, 0], R[i, 1], R[i, 2] = (
-            a * a_x + b * b_x + c * c_x,
-            a * a_y + b * b_y + c * c_y,
-            a * a_z + b * b_z + c * c_z,
-        )
+        p[i], R[i] = p_1[i] + R_1[i] @ p_2, R_1[i] @ R_2
 
 
 @kernel
 def motion_at(R, p, motion, out):
     """Set out (6,) to a velocity or an acceleration (6,) at the origin of a frame as one at the origin and in the axes
     of a second frame, whose pose in the first is R (3, 3), p (3,) and which is fixed to the same body."""
-    a, b, c = motion[3], motion[4], motion[5]
-    x = motion[0] + (b * p[2] - c * p[1])
-    y = motion[1] + (c * p[0] - a * p[2])
-    z = motion[2] + (a * p[1] - b * p[0])
-    out[0], out[1], out[2], out[3], out[4], out[5] = (  # at once, so that R is read once
-        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
-        R[0, 0] * a + R[1, 0] * b + R[2, 0] * c,
-        R[0, 1] * a + R[1, 1] * b + R[2, 1] * c,
-        R[0, 2] * a + R[1, 2] * b + R[2, 2] * c,
-    )
+    v, omega = motion[:3], motion[3:]
+    to_body(R, v + np.cross(omega, p), out)
+    to_body(R, omega, out[3:])
 
 
 @kernel
 def motion_from(R, p, motion, out):
     """Set out (6,), at the origin of a frame, to a velocity or an acceleration (6,) at the origin and in the axes of a
     second frame, whose pose in the first is R (3, 3), p (3,) and which is fixed to the same body."""
-    u, v, w, a, b, c = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
-    x = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
-    y = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
-    z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
-    out[0] = (R[0, 0] * u + R[0, 1] * v + R[0, 2] * w) + (p[1] * z - p[2] * y)
-    out[1] = (R[1, 0] * u + R[1, 1] * v + R[1, 2] * w) + (p[2] * x - p[0] * z)
-    out[2] = (R[2, 0] * u + R[2, 1] * v + R[2, 2] * w) + (p[0] * y - p[1] * x)
-    out[3], out[4], out[5] = x, y, z
+    v, omega = np.zeros(3), np.zeros(3)
+    to_world(R, motion, v)
+    to_world(R, motion[3:], omega)
+    out[:3], out[3:] = v + np.cross(p, omega), omega
 
 
 @kernel
 def wrench_at(R, p, wrench, out):
     """Set out (6,) to a wrench (6,) at the origin of a frame as one at the origin and in the axes of a second frame,
     whose pose in the first is R (3, 3), p (3,)."""
-    x, y, z = wrench[0], wrench[1], wrench[2]
-    a = wrench[3] - (p[1] * z - p[2] * y)
-    b = wrench[4] - (p[2] * x - p[0] * z)
-    c = wrench[5] - (p[0] * y - p[1] * x)
-    for i in range(3):
-        out[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
-        out[i + 3] = R[0, i] * a + R[1, i] * b + R[2, i] * c
+    f, moment = wrench[:3], wrench[3:]
+    to_body(R, moment - np.cross(p, f), out[3:])
+    to_body(R, f, out)
 
 
 @kernel
 def add_wrench_from(R, p, wrench, out):
     """Add to out (6,), a wrench at the origin of a frame, a wrench (6,) at the origin and in the axes of a second
     frame, whose pose in the first is R (3, 3), p (3,)."""
-    f_x, f_y, f_z, a, b, c = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
-    x = R[0, 0] * f_x + R[0, 1] * f_y + R[0, 2] * f_z
-    y = R[1, 0] * f_x + R[1, 1] * f_y + R[1, 2] * f_z
-    z = R[2, 0] * f_x + R[2, 1] * f_y + R[2, 2] * f_z
-    m_x = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c + (p[1] * z - p[2] * y)
-    m_y = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c + (p[2] * x - p[0] * z)
-    m_z = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c + (p[0] * y - p[1] * x)
-    out[0] += x
-    out[1] += y
-    out[2] += z
-    out[3] += m_x
-    out[4] += m_y
-    out[5] += m_z
+    f, moment = np.zeros(3), np.zeros(3)
+    to_world(R, wrench, f)
+    to_world(R, wrench[3:], moment)
+    out[:3] += f
+    out[3:] += moment + np.cross(p, f)
 
 
 @kernel
@@ -183,8 +145,7 @@ def quat_error(quat_d, quat, out):
     """
     multiply(quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3], quat[0], quat[1], quat[2], quat[3], 0, out)
     if out[0] < 0.0:
-        for i in range(4):
-            out[i] = -out[i]
+        out[:] = -out
 
 
 @functools.lru_cache(maxsize=64)  # a Simulation computes the same ones at each reset

@@ -54,16 +54,14 @@ WATER = np.dtype(
 def added_inertia(M_A, R_WB, lower):
     """Set lower (21,) to the lower triangle of T^T M_A T, row by row, as MuJoCo stores it for a free joint."""
     n = 0
-    for i in range(3):  # R_WB M_A[:3, :3] R_WB^T
-        a = R_WB[i, 0] * M_A[0, 0] + R_WB[i, 1] * M_A[1, 0] + R_WB[i, 2] * M_A[2, 0]
-        b = R_WB[i, 0] * M_A[0, 1] + R_WB[i, 1] * M_A[1, 1] + R_WB[i, 2] * M_A[2, 1]
-        c = R_WB[i, 0] * M_A[0, 2] + R_WB[i, 1] * M_A[1, 2] + R_WB[i, 2] * M_A[2, 2]
+    for i in range(3):
+        turned = R_WB[i] @ M_A[:3, :3]  # of R_WB M_A[:3, :3] R_WB^T
         for j in range(i + 1):
-            lower[n] = a * R_WB[j, 0] + b * R_WB[j, 1] + c * R_WB[j, 2]
+            lower[n] = turned @ R_WB[j]
             n += 1
     for i in range(3, 6):
-        for j in range(3):  # M_A[3:, :3] R_WB^T
-            lower[n] = M_A[i, 0] * R_WB[j, 0] + M_A[i, 1] * R_WB[j, 1] + M_A[i, 2] * R_WB[j, 2]
+        for j in range(3):
+            lower[n] = M_A[i, :3] @ R_WB[j]  # of M_A[3:, :3] R_WB^T
             n += 1
         for j in range(3, i + 1):
             lower[n] = M_A[i, j]
@@ -96,9 +94,7 @@ def factor(lower, L, D_inverse):
 def relative_velocity(water, R_WB, nu, nu_r):
     """Set nu_r (6,) to the velocity relative to the current, from nu (6,) [m/s, rad/s, B]."""
     to_body(R_WB, water.v_c_W, nu_r)
-    for i in range(3):
-        nu_r[i] = nu[i] - nu_r[i]
-        nu_r[i + 3] = nu[i + 3]
+    nu_r[:3], nu_r[3:] = nu[:3] - nu_r[:3], nu[3:]
 
 
 @fused
@@ -115,53 +111,36 @@ def water_wrench(plant, R_WB, nu, out):
     links, frames, water, part = plant.links, plant.frames, plant.water, np.zeros(6)
     base, nu_r, a = links[0], plant.nu_r, links[0].A
     relative_velocity(water, R_WB, nu, nu_r)
-    for i in range(6):
-        base.V[i] = nu_r[i]
-        base.F[i] = water.tau_dist[i]
-        a[i] = 0.0
+    base.V[:], base.F[:], a[:] = nu_r, water.tau_dist, 0.0
     if water.unsteady != 0:
         to_body(R_WB, water.v_c_dot_W, a)
-    a[0] = -(nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1] + a[0])  # omega x v_r + R^T v_c_dot
-    a[1] = -(nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2] + a[1])
-    a[2] = -(nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0] + a[2])
+    a[:3] = -(np.cross(nu_r[3:], nu_r[:3]) + a[:3])  # omega x v_r + R^T v_c_dot
     move_links(links, frames, plant.qvel, 6)
     subtract_water(base, base.F)
-    add_buoyancy(base, plant, R_WB, base.r_b[0], base.r_b[1], base.r_b[2])
+    add_buoyancy(base, plant, R_WB, base.r_b)
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]
-        R, p, r = frame.R_BL, frame.p_BL, link.r_b
-        for i in range(6):
-            part[i] = 0.0
-            link.F[i] = link.f_ext[i]
+        part[:], link.F[:] = 0.0, link.f_ext
         subtract_water(link, part)
-        add_wrench_from(R, p, part, link.F)
-        x = p[0] + (R[0, 0] * r[0] + R[0, 1] * r[1] + R[0, 2] * r[2])
-        y = p[1] + (R[1, 0] * r[0] + R[1, 1] * r[1] + R[1, 2] * r[2])
-        z = p[2] + (R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2])
-        add_buoyancy(link, plant, R_WB, x, y, z)
+        add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
+        add_buoyancy(link, plant, R_WB, frame.p_BL + frame.R_BL @ link.r_b)
     gather_wrenches(links, frames, out)
 
 
 @kernel
 def subtract_water(link, out):
     """Subtract C_A nu_r + D nu_r + M_A a of a link from out (6,), at its origin in its axes."""
-    C_nu, D_nu = np.zeros(6), np.zeros(6)
-    momenta(link, C_nu)
+    C_nu, D_nu, M_a = np.zeros(6), np.zeros(6), np.zeros(6)
+    momenta(link, C_nu, M_a)
     damping_wrench(link, D_nu)
-    for i in range(6):
-        out[i] = out[i] - C_nu[i] - D_nu[i] - link.work[i]
+    out[:] = out - C_nu - D_nu - M_a
 
 
 @kernel
-def add_buoyancy(link, plant, R_WB, x, y, z):
-    """Add the buoyancy of a link to its wrench F about B's origin, at its centre (x, y, z) in B: that of gravity minus
-    the acceleration of the water."""
-    d, F, f, gravity_W, a_c_W = link.displaced_mass, link.F, np.zeros(3), plant.gravity_W, plant.water.a_c_W
-    for i in range(3):
-        f[i] = -(d * gravity_W[i]) + d * a_c_W[i]
-    to_body(R_WB, f, f)
-    for i in range(3):
-        F[i] += f[i]
-    F[3] += y * f[2] - z * f[1]
-    F[4] += z * f[0] - x * f[2]
-    F[5] += x * f[1] - y * f[0]
+def add_buoyancy(link, plant, R_WB, centre):
+    """Add the buoyancy of a link to its wrench F about B's origin, at its centre (3,) in B: that of gravity minus the
+    acceleration of the water."""
+    d, f = link.displaced_mass, np.zeros(3)
+    to_body(R_WB, -(d * plant.gravity_W) + d * plant.water.a_c_W, f)
+    link.F[:3] += f
+    link.F[3:] += np.cross(centre, f)

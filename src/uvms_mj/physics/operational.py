@@ -51,16 +51,10 @@ TOOL = np.dtype(
 @kernel
 def base_rows(tool, J_T):
     """Set the first six rows of J^T: the velocity of T by that of the base."""
-    R, p = tool.R_BT, tool.p_BT
+    rows, R = J_T[:36].reshape(6, 6), tool.R_BT
+    rows[:3, :3], rows[:3, 3:], rows[3:, 3:] = R, 0.0, R
     for i in range(3):
-        x, y, z = R[0, i], R[1, i], R[2, i]
-        for j in range(3):
-            J_T[6 * j + i] = R[j, i]
-            J_T[6 * j + 3 + i] = 0.0
-            J_T[18 + 6 * j + 3 + i] = R[j, i]
-        J_T[18 + i] = p[1] * z - p[2] * y  # R^T (omega x p)
-        J_T[24 + i] = p[2] * x - p[0] * z
-        J_T[30 + i] = p[0] * y - p[1] * x
+        rows[3:, i] = np.cross(tool.p_BT, R[:, i])  # R^T (omega x p)
 
 
 @kernel
@@ -70,8 +64,7 @@ def task_inertia(M, N, J_T, L, MJ_T, L_task, Lambda, J_bar, manipulability):
     L (N, N) is set to the factor of M (N, N), and L_task (6, 6) to that of J M^-1 J^T.
     """
     cholesky(M, N, L)
-    for i in range(6 * N):
-        MJ_T[i] = J_T[i]
+    MJ_T[:] = J_T
     forward(L, N, MJ_T, 6)
     gram(MJ_T, N, 6, Lambda)
     backward(L, N, MJ_T, 6)

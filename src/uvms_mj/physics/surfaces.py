@@ -80,7 +80,7 @@ def signed_distance(surface, c_W, n_W) -> float:
     q, R = c_W - surface.p_WS, surface.R_WS
     if surface.kind == PLANE:
         n_W[:] = -R[:, 0]
-        return -(R[0, 0] * q[0] + R[1, 0] * q[1] + R[2, 0] * q[2])
+        return -(R[:, 0] @ q)
     to_body(R, q, q)
     distance = 0.0
     if surface.kind == BOX:
@@ -96,7 +96,7 @@ def signed_distance(surface, c_W, n_W) -> float:
 @kernel
 def normalise(q) -> float:
     """Make q (3,) a unit vector, -x if it is zero, and return its length."""
-    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    size = math.sqrt(q @ q)
     if size == 0.0:
         q[0], q[1], q[2] = -1.0, 0.0, 0.0
     else:
@@ -125,18 +125,11 @@ def from_box(q, half) -> float:
 def nearest_on_segment(surface, a_W, b_W) -> float:
     """Where on the segment from a_W (3,) to b_W (3,) the point nearest to the centre of a sphere, or to the axis of a
     cylinder, is: 0 at a_W, 1 at b_W, 0.5 if the segment is parallel to the axis."""
-    R = surface.R_WS
-    along, size = 0.0, 0.0
-    axial, shift = 0.0, 0.0
-    for i in range(3):
-        d, e = b_W[i] - a_W[i], surface.p_WS[i] - a_W[i]
-        along += d * e
-        size += d * d
-        axial += d * R[i, 2]
-        shift += e * R[i, 2]
-    length = size
+    d, e, axis = b_W - a_W, surface.p_WS - a_W, surface.R_WS[:, 2]
+    along, size, length = d @ e, d @ d, d @ d
     if surface.kind == CYLINDER:  # across the axis only
-        along -= axial * shift
+        axial = d @ axis
+        along -= axial * (e @ axis)
         size -= axial * axial
     if size <= 1e-12 * length:
         return 0.5

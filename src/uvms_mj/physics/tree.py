@@ -42,7 +42,7 @@ import math
 
 import numpy as np
 
-from .fossen import damping, turn_momentum
+from .fossen import damping, matvec, turn_momentum
 from .frames import add_wrench_from, compose_poses, motion_at, motion_from
 from .kernels import fused, kernel
 
@@ -94,7 +94,6 @@ LINK = np.dtype(
         ("A", "f8", (6,)),
         ("nu", "f8", (6,)),  # the same at the link's origin in its axes
         ("a", "f8", (6,)),
-        ("work", "f8", (6,)),
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
         ("F_C", "f8", (6,)),  # of a law's model, those of C and D; F is then that of g
         ("F_D", "f8", (6,)),
@@ -110,14 +109,9 @@ LINK = np.dtype(
 def place(frame, parent, q):
     """Set the pose of a link in B and the motion S of its joint, at the joint position q [rad or m]; ``parent`` is the
     frame of the link that carries it."""
-    R, p, anchor, c, s = frame.R_PL, frame.p_PL, frame.anchor, math.cos(q), math.sin(q)
-    for i in range(3):
-        a = frame.R_still[i, 0] + (c * frame.R_cos[i, 0] + s * frame.R_sin[i, 0])
-        b = frame.R_still[i, 1] + (c * frame.R_cos[i, 1] + s * frame.R_sin[i, 1])
-        e = frame.R_still[i, 2] + (c * frame.R_cos[i, 2] + s * frame.R_sin[i, 2])
-        R[i, 0], R[i, 1], R[i, 2] = a, b, e
-        p[i] = (frame.p_0[i] + frame.slope[i] * q) - (a * anchor[0] + b * anchor[1] + e * anchor[2])
-    compose_poses(parent.R_BL, parent.p_BL, R, p, frame.R_BL, frame.p_BL)
+    frame.R_PL[:] = frame.R_still + (math.cos(q) * frame.R_cos + math.sin(q) * frame.R_sin)
+    frame.p_PL[:] = (frame.p_0 + frame.slope * q) - frame.R_PL @ frame.anchor
+    compose_poses(parent.R_BL, parent.p_BL, frame.R_PL, frame.p_PL, frame.R_BL, frame.p_BL)
     motion_from(frame.R_BL, frame.p_BL, frame.axis, frame.S)
 
 
@@ -125,23 +119,16 @@ def place(frame, parent, q):
 def move(link, S, parent, q_dot):
     """Set V and A of a link from those of its parent, at the velocity q_dot [rad/s or m/s] of its joint with the motion
     S (6,)."""
-    V, A, before, at = link.V, link.A, parent.V, parent.A
-    v_x, v_y, v_z, p, q, r = before[0], before[1], before[2], before[3], before[4], before[5]
-    x, y, z, a, b, c = S[0] * q_dot, S[1] * q_dot, S[2] * q_dot, S[3] * q_dot, S[4] * q_dot, S[5] * q_dot
-    V[0], V[1], V[2], V[3], V[4], V[5] = v_x + x, v_y + y, v_z + z, p + a, q + b, r + c
-    A[0] = at[0] + ((q * z - r * y) + (v_y * c - v_z * b))
-    A[1] = at[1] + ((r * x - p * z) + (v_z * a - v_x * c))
-    A[2] = at[2] + ((p * y - q * x) + (v_x * b - v_y * a))
-    A[3] = at[3] + (q * c - r * b)
-    A[4] = at[4] + (r * a - p * c)
-    A[5] = at[5] + (p * b - q * a)
+    v, omega, own = parent.V[:3], parent.V[3:], S * q_dot
+    link.V[:] = parent.V + own
+    link.A[:3] = parent.A[:3] + (np.cross(omega, own[:3]) + np.cross(v, own[3:]))  # (V x) S q_dot
+    link.A[3:] = parent.A[3:] + np.cross(omega, own[3:])
 
 
 @kernel
 def move_base(base):
     """Set nu and a of the base from V and A."""
-    for i in range(6):
-        base.nu[i], base.a[i] = base.V[i], base.A[i]
+    base.nu[:], base.a[:] = base.V, base.A
 
 
 @kernel
@@ -152,29 +139,24 @@ def move_frame(link, frame):
 
 
 @kernel
-def momenta(link, out):
-    """Set out (6,) to C(nu) nu, and ``link.work`` (6,) to M a, of a link at its origin."""
-    M, nu, a, work = link.M, link.nu, link.a, link.work
+def momenta(link, C_nu, M_a):
+    """Set C(nu) nu and M a (6,) of a link at its origin."""
+    M, nu, a = link.M, link.nu, link.a
     if link.M_diagonal != 0:
         for i in range(6):
-            out[i] = M[i, i] * nu[i]
-            work[i] = M[i, i] * a[i]
+            C_nu[i], M_a[i] = M[i, i] * nu[i], M[i, i] * a[i]
     else:
-        x_0, x_1, x_2, x_3, x_4, x_5 = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
-        y_0, y_1, y_2, y_3, y_4, y_5 = a[0], a[1], a[2], a[3], a[4], a[5]
-        for i in range(6):
-            b, c, d, e, f, g = M[i, 0], M[i, 1], M[i, 2], M[i, 3], M[i, 4], M[i, 5]
-            out[i] = (b * x_0 + c * x_1) + (d * x_2 + e * x_3) + (f * x_4 + g * x_5)
-            work[i] = (b * y_0 + c * y_1) + (d * y_2 + e * y_3) + (f * y_4 + g * y_5)
-    turn_momentum(nu, out)
+        matvec(M, nu, C_nu)
+        matvec(M, a, M_a)
+    turn_momentum(nu, C_nu)
 
 
 @kernel
 def coriolis_wrench(link, out):
     """Set out (6,) to M a + C(nu) nu of a link at its origin, without the links that it carries."""
-    momenta(link, out)
-    for i in range(6):
-        out[i] = link.coriolis * (out[i] + link.work[i])
+    M_a = np.zeros(6)
+    momenta(link, out, M_a)
+    out[:] = link.coriolis * (out + M_a)
 
 
 @kernel
@@ -192,8 +174,7 @@ def damping_wrench(link, out):
 def add_to_base(frame, wrench, out):
     """Add to out (6,), a wrench about B's origin in B, a wrench (6,) at the origin of a link in its axes."""
     if frame.depth == 0:
-        for i in range(6):
-            out[i] += wrench[i]
+        out += wrench
     else:
         add_wrench_from(frame.R_BL, frame.p_BL, wrench, out)
 
@@ -202,21 +183,15 @@ def add_to_base(frame, wrench, out):
 def restoring_wrench(link, frame, gravity_B, out):
     """Set out (6,) to the restoring wrench g of a link about B's origin in B, minus its weight and its buoyancy, for
     the acceleration of gravity (3,) in B [m/s^2]."""
-    m, d, r_g, r_b, R, p = link.mass, link.displaced_mass, link.r_g, link.r_b, frame.R_BL, frame.p_BL
-    g_x, g_y, g_z = gravity_B[0], gravity_B[1], gravity_B[2]
-    a, b, c = m * r_g[0] - d * r_b[0], m * r_g[1] - d * r_b[1], m * r_g[2] - d * r_b[2]
-    x = (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c) + (m - d) * p[0]
-    y = (R[1, 0] * a + R[1, 1] * b + R[1, 2] * c) + (m - d) * p[1]
-    z = (R[2, 0] * a + R[2, 1] * b + R[2, 2] * c) + (m - d) * p[2]
-    out[0], out[1], out[2] = (d - m) * g_x, (d - m) * g_y, (d - m) * g_z
-    out[3], out[4], out[5] = z * g_y - y * g_z, x * g_z - z * g_x, y * g_x - x * g_y
+    m, d = link.mass, link.displaced_mass
+    moment = frame.R_BL @ (m * link.r_g - d * link.r_b) + (m - d) * frame.p_BL  # of the masses [kg m]
+    out[:3], out[3:] = (d - m) * gravity_B, np.cross(gravity_B, moment)
 
 
 @kernel
 def hand_down(link, parent):
     """Add the wrench F of a link to that of its parent."""
-    for i in range(6):
-        parent.F[i] += link.F[i]
+    parent.F += link.F
 
 
 @kernel
@@ -250,8 +225,7 @@ def gather_wrenches(links, frames, out):
         link, frame = links[k], frames[k]
         out[5 + k] = along_joint(frame.S, link.F)
         hand_down(link, links[frame.parent])
-    for i in range(6):
-        out[i] = links[0].F[i]
+    out[:6] = links[0].F
 
 
 @kernel
@@ -259,8 +233,7 @@ def base_inertia(base):
     """Set the composite inertia of the base to its own."""
     M, J = base.M, base.composite
     for i in range(3):
-        for j in range(3):
-            J[i, j], J[3 + i, j], J[6 + i, j] = M[i, j], M[i, 3 + j], M[3 + i, 3 + j]
+        J[i], J[3 + i], J[6 + i] = M[i, :3], M[i, 3:], M[3 + i, 3:]
 
 
 @kernel
@@ -275,22 +248,12 @@ def own_inertia(link, frame):
         turn_diagonal(M, R, p, J)
         return
     turn_blocks(M, R, J)
-    x, y, z = p[0], p[1], p[2]
     for i in range(3):
-        a, b, c = J[3, i], J[4, i], J[5, i]
-        J[6 + i, 0] -= b * z - c * y
-        J[6 + i, 1] -= c * x - a * z
-        J[6 + i, 2] -= a * y - b * x
+        J[6 + i] -= np.cross(J[3:6, i], p)
     for i in range(3):
-        a, b, c = J[i, 0], J[i, 1], J[i, 2]
-        J[3 + i, 0] -= b * z - c * y
-        J[3 + i, 1] -= c * x - a * z
-        J[3 + i, 2] -= a * y - b * x
+        J[3 + i] -= np.cross(J[i], p)
     for j in range(3):
-        a, b, c = J[3, j], J[4, j], J[5, j]
-        J[6, j] += y * c - z * b
-        J[7, j] += z * a - x * c
-        J[8, j] += x * b - y * a
+        J[6:, j] += np.cross(p, J[3:6, j])
 
 
 @kernel
@@ -323,45 +286,38 @@ def turn_diagonal(M, R, p, J):
 @kernel
 def turn_blocks(M, R, out):
     """Set out (9, 3) to R (block) R^T of the blocks A, B and D of an inertia M (6, 6)."""
-    for block in range(3):
-        first, second = 3 * (block // 2), 3 * ((block + 1) // 2)
-        for i in range(3):
-            for j in range(3):
-                a, b, c = M[first, second + j], M[first + 1, second + j], M[first + 2, second + j]
-                out[3 * block + i, j] = R[i, 0] * a + R[i, 1] * b + R[i, 2] * c
-        for i in range(3):
-            a, b, c = out[3 * block + i, 0], out[3 * block + i, 1], out[3 * block + i, 2]
-            for j in range(3):
-                out[3 * block + i, j] = a * R[j, 0] + b * R[j, 1] + c * R[j, 2]
+    turn_block(M[:3, :3], R, out[:3])
+    turn_block(M[:3, 3:], R, out[3:6])
+    turn_block(M[3:, 3:], R, out[6:])
+
+
+@kernel
+def turn_block(block, R, out):
+    """Set out (3, 3) to R (block) R^T."""
+    for i in range(3):
+        out[i] = R[i] @ block @ R.T
 
 
 @kernel
 def add_composite(link, parent):
     """Add the composite inertia of a link to that of its parent."""
-    own, out = link.composite, parent.composite
-    for i in range(9):
-        for j in range(3):
-            out[i, j] += own[i, j]
+    parent.composite += link.composite
 
 
 @kernel
 def whole(blocks, M):
     """Set M (6, 6) to the inertia with the blocks (9, 3) of a composite inertia."""
     for i in range(3):
-        for j in range(3):
-            M[i, j], M[3 + i, 3 + j] = blocks[i, j], blocks[6 + i, j]
-            M[i, 3 + j], M[3 + j, i] = blocks[3 + i, j], blocks[3 + i, j]
+        M[i, :3], M[i, 3:], M[3:, i], M[3 + i, 3:] = blocks[i], blocks[3 + i], blocks[3 + i], blocks[6 + i]
 
 
 @kernel
 def joint_column(link, S):
     """Set F of a link to its composite inertia times the motion S (6,) of its joint: the wrench that accelerates the
     joint alone."""
-    J, F, x, y, z, a, b, c = link.composite, link.F, S[0], S[1], S[2], S[3], S[4], S[5]
+    A, G, D, v, omega = link.composite[:3], link.composite[3:6], link.composite[6:], S[:3], S[3:]
     for i in range(3):
-        F[i] = (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z) + (J[3 + i, 0] * a + J[3 + i, 1] * b + J[3 + i, 2] * c)
-        turned = J[3, i] * x + J[4, i] * y + J[5, i] * z
-        F[3 + i] = turned + (J[6 + i, 0] * a + J[6 + i, 1] * b + J[6 + i, 2] * c)
+        link.F[i], link.F[3 + i] = A[i] @ v + G[i] @ omega, G[:, i] @ v + D[i] @ omega
 
 
 @kernel

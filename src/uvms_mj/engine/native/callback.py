@@ -9,6 +9,8 @@ mjData.
 import functools
 from typing import Any
 
+import numpy as np
+
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
@@ -98,13 +100,9 @@ def passive_with_water(plant):
 @kernel
 def keep_passive(plant, first, end):
     """Set entries of ``passive_before`` to mjData.qfrc_passive, unless the callback has left these entries."""
-    passive, same = floats(plant.mujoco.passive_at, plant.wrench.shape[0]), True
-    for i in range(first, end):
-        if passive[i] != plant.passive_left[i]:
-            same = False
-    if not same:
-        for i in range(first, end):
-            plant.passive_before[i] = passive[i]
+    passive = floats(plant.mujoco.passive_at, plant.wrench.shape[0])[first:end]
+    if np.any(passive != plant.passive_left[first:end]):
+        plant.passive_before[first:end] = passive
 
 
 @kernel

@@ -42,8 +42,7 @@ def observe(run):
     run.t = run.step * run.timestep
     plant, true, qpos = run.plant, run.true, run.plant.qpos
     true.p_WB[:] = qpos[:3]
-    norm = math.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
-    true.quat_WB[:] = qpos[3:7] / norm
+    true.quat_WB[:] = qpos[3:7] / math.sqrt(qpos[3:7] @ qpos[3:7])
     rotation(true.quat_WB, true.R_WB)
     body_velocity(true.R_WB, plant.qvel, true.nu)
     if run.tau_q.shape[0] != 0:
