@@ -200,7 +200,6 @@ def model_dtype(n: int, encoded: bool) -> np.dtype:
             ("manipulability", "f8", (1,)),
             ("J_dot_zeta", "f8", (6,)),
             ("nu_T", "f8", (6,)),
-            ("work", "f8", (6,)),
         ],
         align=True,
     )
@@ -222,7 +221,6 @@ def wrist_dtype(n: int, encoded: bool) -> np.dtype:
             ("nu_before", "f8", (6,)),
             ("modelled", "f8", (6,)),
             ("work", "f8", (6,)),
-            ("moment", "f8", (3,)),
         ],
         align=True,
     )
