@@ -15,7 +15,7 @@ from uvms_mj.engine.native.compilation import link
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
 
 LAWS = ["gsta", f"{Path(__file__).parents[2] / 'examples' / 'pd.py'}:Pd"]
-LIBRARY = {"exp", "log", "sin", "cos", "memcpy", "memset"}
+LIBRARY = {"exp", "log", "sin", "cos", "memcpy", "memmove", "memset"}
 OWN = {WASM: {"__linear_memory", "__stack_pointer"}, AARCH64: {"sincos"}}
 """What else a target's linker or C library has."""
 
