@@ -172,7 +172,7 @@ def each_call(
         _wait(flying)
         for future in [future for future in flying if future.done()]:
             call, ended = flying.pop(future)
-            answer = _result(future, getattr(executor, "lost", WorkerLost))
+            answer = _result(future, getattr(executor, "worker_lost", WorkerLost))
             if isinstance(answer, BrokenExecutor):  # it starts anew, or refuses the call
                 again.append((call, ended))
             elif isinstance(answer, WorkerLost) and (smaller := parts(call)):
