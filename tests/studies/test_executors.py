@@ -85,3 +85,8 @@ def test_progress_is_told_while_a_call_takes_long():
 
 def _interrupt():
     raise KeyboardInterrupt
+
+
+def test_without_calls_there_is_nothing_to_tell():
+    with ThreadPoolExecutor(1) as executor:
+        each_call(executor, squares, [], lambda call, answer: None, _interrupt)

@@ -164,11 +164,11 @@ def each_call(
                 flying[executor.submit(function, *following[0])] = following
         except (RuntimeError, OSError, CancelledError) as error:
             raise gave_up(error) from error
+        if not flying:
+            return
         if look:
             told = time.monotonic()
             tick()
-        if not flying:
-            return
         _wait(flying)
         for future in [future for future in flying if future.done()]:
             call, ended = flying.pop(future)
