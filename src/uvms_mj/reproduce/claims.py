@@ -129,7 +129,8 @@ def claims_in(file: Path, measures: Mapping[str, Callable[..., Measured]]) -> tu
     of the ``measures``, which is called with the results and the arguments ``of``."""
 
     def bound(measure: str, of: Sequence[Any] = ()) -> Callable[[Any], Measured]:
-        return lambda results: measures[measure](results, *of)
+        function = measures[measure]
+        return lambda results: function(results, *of)
 
     tables = tomllib.loads(file.read_text(encoding="utf-8"))
     call = {name: bound(table.pop("measure"), table.pop("of", ())) for name, table in tables.items()}

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 NARROW_IN = 5.0
 """Least width of a figure with panels that must stay side by side [in]."""
-PAGE = "report.html"
-"""Name of the page about the results, in their folder."""
 
 
 class Study:
@@ -210,7 +208,7 @@ class Study:
 
         rows = self.frame
         assert self.folder is not None
-        file = self.folder / PAGE if path is None else Path(path)
+        file = self.folder / pages.PAGE if path is None else Path(path)
         code = {}
         with contextlib.suppress(InputError):
             code = dict(version_of(self.folder)["code"])

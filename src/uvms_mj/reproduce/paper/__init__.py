@@ -2,12 +2,13 @@
 
 import csv
 import io
-import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+
+from .. import Progress, publish, running
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -20,7 +21,7 @@ def repeat(
     scenario: "Scenario | None" = None,
     gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     *,
-    progress: Callable[[int, int], None] | bool | None = None,
+    progress: Progress | bool | None = None,
     workers: int | None = None,
 ) -> "list[Row]":
     """Do what ``uvms-mj paper`` does: run everything, and write logs, figures, claims and report.html to a new folder.
@@ -36,7 +37,6 @@ def repeat(
     """
     from ...errors import InputError
     from ...scenario import Scenario
-    from ...views.progress import following
     from .runs import load, plan, run
 
     logs = Path(out, "logs")
@@ -44,12 +44,12 @@ def repeat(
         raise InputError(f"{logs}: exists; choose another folder")
     jobs = plan(scenario or Scenario(), gains)
     logs.mkdir(parents=True)
-    with following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told:
+    with running(progress) as told:
         run(jobs, logs, told, workers)
     return write(Path(out), load(logs, jobs), lambda done, total: None)
 
 
-def write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
+def write(folder: Path, runs: "Runs", progress: Progress) -> "list[Row]":
     """Write figures, claims.csv, claims.json and report.html to a folder, from the runs. Returns the claims."""
     from ...studies import pages
     from ...views import figures
@@ -64,7 +64,6 @@ def write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "
         progress(i, len(drawn))
         figures.save(figure, folder / name)
     dicts = [row.as_dict() for row in rows]
-    pages.write(folder / "claims.json", json.dumps(dicts, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     table = io.StringIO()
     writer = csv.DictWriter(table, dicts[0], lineterminator="\n")
     writer.writeheader()
@@ -73,5 +72,5 @@ def write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "
     traces = {LABELS[name]: trace for name, trace in runs.traces.items()}
     pictures = [report.Picture(name, report.CAPTIONS[name], drawn[name]) for name in report.CAPTIONS]
     title = "Super-twisting impedance control: the paper’s section 5, run again"
-    pages.write(folder / "report.html", report.page(title, traces, pictures, rows))
+    publish(folder, report.page(title, traces, pictures, rows), claims=dicts)
     return rows

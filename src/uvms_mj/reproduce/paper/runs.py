@@ -20,7 +20,7 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from ...setup.checks import SamplingWarning
-from ...studies.pool.executors import WorkerLost, each_call, executor_of
+from ...studies.pool.executors import WorkerLost, Workers, each_call
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def run(
         InputError: a job can't run. The other jobs are stopped.
     """
     total = sum(scenario.steps for scenario in jobs.values())
-    with tempfile.NamedTemporaryFile() as file, executor_of(None, workers) as pool:
+    with tempfile.NamedTemporaryFile() as file, Workers(workers) as pool:  # which waits until all logs have their end
         steps = np.memmap(file.name, np.int64, "w+", shape=len(jobs) + 1)  # of each job; not zero at the end: stop
         calls = ((name, each.to_dict(), folder, file.name, i) for i, (name, each) in enumerate(jobs.items()))
         try:
@@ -128,10 +128,9 @@ def run(
             raise
 
 
-def _ended(call: tuple[Any, ...], answer: Any) -> tuple[()]:
+def _ended(call: tuple[Any, ...], answer: Any) -> None:
     if isinstance(answer, WorkerLost):
-        raise InputError(f"{call[0]}: its worker process ended: {answer}")
-    return ()
+        raise InputError(f"{call[0]}: its worker processes ended: {answer}")
 
 
 def _log_run(name: str, tables: Mapping[str, Any], folder: Path, file: str, i: int) -> None:

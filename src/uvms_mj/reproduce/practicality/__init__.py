@@ -1,25 +1,24 @@
 """Practicality: the paper's laws on a real vehicle, from ideal to real along each axis."""
 
-import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .. import PAGE as PAGE
+from .. import Progress, publish, running
+
 if TYPE_CHECKING:
     from ..claims import Row
     from .results import Results
-
-PAGE = "report.html"
-"""Name of the page in the folder of the results."""
 
 
 def repeat(
     out: str | os.PathLike,
     overrides: Mapping[str, Any] = MappingProxyType({}),
     *,
-    progress: Callable[[int, int], None] | bool | None = None,
+    progress: Progress | bool | None = None,
     workers: int | None = None,
 ) -> "list[Row]":
     """Do what ``uvms-mj practicality`` does: run all studies, and write claims.json and report.html to the folder.
@@ -35,25 +34,19 @@ def repeat(
     studies.
     """
     from ...records.header import versions
-    from ...studies import pages
-    from ...views.progress import following
     from ..claims import judged
     from .claims import CLAIMS
     from .page import page
 
     folder = Path(out)
-    with following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told:
+    with running(progress) as told:
         results = _run(folder, overrides, told, workers)
     rows = judged(CLAIMS, results)
-    pages.write(folder / PAGE, page(results, rows, versions()))
-    claims = [row.as_dict() for row in rows]
-    pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
+    publish(folder, page(results, rows, versions()), claims=[row.as_dict() for row in rows])
     return rows
 
 
-def _run(
-    folder: Path, overrides: Mapping[str, Any], told: Callable[[int, int], None], workers: int | None
-) -> "Results":
+def _run(folder: Path, overrides: Mapping[str, Any], told: Progress, workers: int | None) -> "Results":
     """Run what the folder lacks of all studies."""
     from ...studies.pool.executors import executor_of
     from ...studies.study import Study

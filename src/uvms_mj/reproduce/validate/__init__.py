@@ -1,20 +1,18 @@
 """Runs that are compared with measurements in a pool."""
 
-import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-PAGE = "report.html"
-"""Name of the page in the folder of the results."""
+from .. import PAGE as PAGE
+from .. import Progress, publish, running
 
 
 def repeat(
     data: str | os.PathLike,
     out: str | os.PathLike,
     *,
-    progress: Callable[[int, int], None] | bool | None = None,
+    progress: Progress | bool | None = None,
     workers: int | None = None,
 ) -> dict[str, Any]:
     """Do what ``uvms-mj validate pool`` does: simulate each trial of a folder of records, and write report.html and
@@ -24,9 +22,7 @@ def repeat(
     of processes, by default one per core. Returns the numbers. Raises InputError if the records are not valid.
     """
     from ...records.header import versions
-    from ...studies import pages
     from ...studies.pool.executors import executor_of
-    from ...views.progress import following
     from .data import records
     from .page import numbers, page
     from .results import compute
@@ -35,11 +31,10 @@ def repeat(
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     with (
-        following(progress, "running", "{share:.0%}", lambda done, total: {"done": done, "total": total}) as told,
+        running(progress) as told,
         executor_of(None, workers) as executor,
     ):
         results = compute(trials, resting, executor, told)
     found = numbers(results)
-    pages.write(folder / PAGE, page(results, versions()))
-    pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
+    publish(folder, page(results, versions()), numbers=found)
     return found

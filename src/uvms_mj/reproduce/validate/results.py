@@ -211,11 +211,10 @@ def compute(
     calls += [(_SWING, Variant(name), swing()) for name in VARIANTS]
     total = len(calls) + 2 * len(trials)
 
-    def take(call: tuple[int, Variant, Motion], answer: Attitude) -> list[tuple[int, Variant, Motion]]:
+    def take(call: tuple[int, Variant, Motion], answer: Attitude) -> None:
         if isinstance(answer, WorkerLost):
             raise gave_up(answer)
         results.responses[call[:2]] = answer
-        return []
 
     def tick() -> None:
         progress(len(results.responses), total)

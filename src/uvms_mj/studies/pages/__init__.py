@@ -18,6 +18,9 @@ from ...files import atomic_write
 if TYPE_CHECKING:
     from ...views.figures.style import Figure
 
+PAGE = "report.html"
+"""Name of the page in the folder of results."""
+
 
 @dataclass(frozen=True)
 class Picture:

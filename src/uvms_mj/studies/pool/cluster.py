@@ -23,7 +23,7 @@ class Cluster(Executor):
     def __init__(self, address: str) -> None:
         with needs_extra("cluster"):
             import distributed
-        self.lost = distributed.KilledWorker  # of a call: Dask has tried several workers
+        self.worker_lost = distributed.KilledWorker  # Dask has tried several
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int, int], None]
 """Called with what is being done, the number of runs done, those of them that did not complete, and their total."""
-ATTEMPTS = 3
-"""Workers that a run may end before it is given up."""
 
 
 class Execution:
@@ -32,7 +30,6 @@ class Execution:
     ) -> None:
         self.plan, self.bundle, self.results, self.executor, self.progress = plan, bundle, results, executor, progress
         self._rows: dict[int, dict[int, dict[str, Any]]] = {}
-        self._attempts: dict[Any, int] = {}
         self.what, self.done, self.failures, self.total = "running", 0, 0, plan.runs
 
     def run(self) -> None:
@@ -48,7 +45,7 @@ class Execution:
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
             calls += [] if statuses else [(self.bundle, tuple(block))]
-        each_call(self.executor, rows_of, calls, self._take, self._tick)
+        each_call(self.executor, rows_of, calls, self._take, self._tick, run_by_run)
         self.results.finish()
         rows = frame(self.results.folder)
         self._check(rows)
@@ -57,18 +54,13 @@ class Execution:
     def _tick(self) -> None:
         self.progress(self.what, self.done, self.failures, self.total)
 
-    def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-        """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
+    def _take(self, call: tuple[Any, ...], answer: Any) -> None:
+        """Keep rows, and write the part of a block that is whole."""
         indices = call[1]
-        if isinstance(answer, WorkerLost):
-            if len(indices) > 1:
-                return [(self.bundle, (index,)) for index in indices]
-            if self._goes_on(indices):
-                return [call]
-            answer = [lost_row(self.plan, indices[0])]
+        rows = [lost_row(self.plan, indices[0])] if isinstance(answer, WorkerLost) else answer
         i = indices[0] // len(self.results.blocks[0])
         block = self._rows.setdefault(i, {})
-        for row in answer:
+        for row in rows:
             paths = self.plan.run(row["index"]).values if self.bundle.files else {}  # of this machine, not a worker's
             block[row["index"]] = row | paths
             self.done += 1
@@ -76,12 +68,6 @@ class Execution:
         if len(block) == len(self.results.blocks[i]):
             self.results.write(i, [block[index] for index in self.results.blocks[i]])
             del self._rows[i]
-        return []
-
-    def _goes_on(self, run: Any) -> bool:
-        """Whether a run that ended its worker is tried again: something else may have ended the worker."""
-        self._attempts[run] = self._attempts.get(run, 0) + 1
-        return self._attempts[run] < ATTEMPTS
 
     def _check(self, rows: Any) -> None:
         """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
@@ -119,15 +105,17 @@ class Execution:
         ended three workers, and the run."""
         self.what, self.done, self.total = what, 0, len(runs)
 
-        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-            lost = isinstance(answer, WorkerLost)
-            if lost and self._goes_on((what, *call[1:])):
-                return [call]
-            keep(None if lost else answer, *call[1:])
+        def take(call: tuple[Any, ...], answer: Any) -> None:
+            keep(None if isinstance(answer, WorkerLost) else answer, *call[1:])
             self.done += 1
-            return []
 
         each_call(self.executor, task, ((self.bundle, *run) for run in runs), take, self._tick)
+
+
+def run_by_run(call: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    """A call for several runs, which are its last argument, as one call for each of them."""
+    *before, indices = call
+    return [(*before, (index,)) for index in indices] if len(indices) > 1 else []
 
 
 def kept(plan: "Plan", rows: Any) -> list[int]:

@@ -27,6 +27,8 @@ _AHEAD = 3
 """Calls that an executor is given ahead, for each of its workers."""
 _LOOK_S = 0.2
 """Longest time from one look at the futures to the next."""
+ATTEMPTS = 3
+"""Workers that a call may end before it is given up."""
 _STARTS = 3
 """Processes that are started for a worker, if they end while they start."""
 _THREADS = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
@@ -134,39 +136,51 @@ def each_call(
     executor: Executor,
     function: Callable[..., Any],
     calls: Iterable[tuple[Any, ...]],
-    done: Callable[[tuple[Any, ...], Any], Sequence[tuple[Any, ...]]],
+    done: Callable[[tuple[Any, ...], Any], Any],
     tick: Callable[[], None],
+    parts: Callable[[tuple[Any, ...]], Sequence[tuple[Any, ...]]] = lambda call: (),
 ) -> None:
     """Make calls ``function(*call)`` on an executor, a few ahead for each of its workers.
 
-    ``done`` is called on this thread with a call and its result, or its :class:`WorkerLost`, and returns the calls to
-    make instead. ``tick`` is called after each call, and five times per second; an exception that it raises ends
-    everything. A future needs ``done()`` and ``result()``, as also the jobs of submitit have them.
+    A call whose worker ended is made again in its ``parts``. One without parts is given up after :data:`ATTEMPTS`
+    workers: something else may have ended the first ones.
+
+    Args:
+        done: is called on this thread with a call and its result; or with :class:`WorkerLost` if it was given up.
+        tick: is called after each call, and five times per second; an exception that it raises ends everything.
+
+    A future needs ``done()`` and ``result()``, as also the jobs of submitit have them.
 
     Raises:
         InputError: the executor or its workers can't go on.
     """
-    again: list[tuple[Any, ...]] = []
-    source, flying, told, room = iter(calls), dict[Any, tuple[Any, ...]](), -_LOOK_S, 0
+    again: list[tuple[tuple[Any, ...], int]] = []  # calls with the workers that they ended
+    source, flying, told, room = ((call, 0) for call in calls), dict[Any, tuple[tuple[Any, ...], int]](), -_LOOK_S, 0
     while True:
         look = time.monotonic() - told > _LOOK_S
         try:
             room = _AHEAD * size_of(executor) if look else room
-            while len(flying) < room and (call := again.pop(0) if again else next(source, None)) is not None:
-                flying[executor.submit(function, *call)] = call
+            while len(flying) < room and (following := again.pop(0) if again else next(source, None)) is not None:
+                flying[executor.submit(function, *following[0])] = following
         except (RuntimeError, OSError, CancelledError) as error:
             raise gave_up(error) from error
+        if not flying:
+            return
         if look:
             told = time.monotonic()
             tick()
-        if not flying:
-            return
         _wait(flying)
         for future in [future for future in flying if future.done()]:
-            call = flying.pop(future)
-            answer = _result(future, getattr(executor, "lost", WorkerLost))
-            # of a broken executor: it starts anew, or refuses the call
-            again.extend([call] if isinstance(answer, BrokenExecutor) else done(call, answer))
+            call, ended = flying.pop(future)
+            answer = _result(future, getattr(executor, "worker_lost", WorkerLost))
+            if isinstance(answer, BrokenExecutor):  # it starts anew, or refuses the call
+                again.append((call, ended))
+            elif isinstance(answer, WorkerLost) and (smaller := parts(call)):
+                again += [(each, 0) for each in smaller]
+            elif isinstance(answer, WorkerLost) and ended + 1 < ATTEMPTS:
+                again.append((call, ended + 1))
+            else:
+                done(call, answer)
             tick()
 
 

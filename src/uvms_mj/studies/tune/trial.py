@@ -13,7 +13,7 @@ from ...errors import InputError
 from ..plan import Plan
 from ..plan.places import overrides_at
 from ..pool.bundle import StudyBundle
-from ..pool.execution import ATTEMPTS
+from ..pool.execution import run_by_run
 from ..pool.executors import WorkerLost, each_call, size_of
 from ..rows import lost_row, one_row
 from .tables import Constraint, Measure, Objective
@@ -75,24 +75,15 @@ def rows(
 ) -> list[dict[str, Any]]:
     """The rows of all runs of a trial, in order. ``plan`` is the bundle's with these gains."""
     found: dict[int, dict[str, Any]] = {}
-    losses: dict[int, int] = {}
 
-    def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-        indices = call[2]
-        if isinstance(answer, WorkerLost):
-            if len(indices) > 1:
-                return [(bundle, values, (index,)) for index in indices]
-            losses[indices[0]] = losses.get(indices[0], 0) + 1
-            if losses[indices[0]] < ATTEMPTS:
-                return [call]
-            answer = [lost_row(plan, indices[0])]
-        found.update((row["index"], row) for row in answer)
-        return []
+    def take(call: tuple[Any, ...], answer: Any) -> None:
+        lost = isinstance(answer, WorkerLost)
+        found.update((row["index"], row) for row in ([lost_row(plan, call[2][0])] if lost else answer))
 
     size = -(-plan.runs // (_PER_WORKER * size_of(executor)))
     blocks = (tuple(range(i, min(i + size, plan.runs))) for i in range(0, plan.runs, size))
     calls = ((bundle, values, indices) for indices in blocks)
-    each_call(executor, rows_of, calls, take, tick)
+    each_call(executor, rows_of, calls, take, tick, run_by_run)
     return [found[index] for index in range(plan.runs)]
 
 

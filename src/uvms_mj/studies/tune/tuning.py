@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TUNING, TRIALS, FOUND = "tune.toml", "trials.parquet", "found.toml"
-PAGE = "report.html"
-"""Name of the page in the folder of the results."""
 Progress = Callable[[int, int, "float | None"], None]
 """Called with the number of trials done, their total, and the best feasible value so far."""
 
@@ -169,7 +167,7 @@ class Tuning(Problem):
         from .. import pages
         from .page import page
 
-        file, trials = Path(folder, PAGE), self.trials(folder)
+        file, trials = Path(folder, pages.PAGE), self.trials(folder)
         pages.write(file, page(self, trials, self._best(trials), str(folder)))
         return file
 
