@@ -22,7 +22,8 @@ def test_the_api_has_every_public_name():
 
 def test_the_site(tmp_path, subtests):
     """One test, because the build takes a minute and more. Notebooks and the programs of the gallery run in it."""
-    pytest.importorskip("sphinx", reason="the site needs the extra docs")
+    for module in ("sphinx", "ziglang"):
+        pytest.importorskip(module, reason="the site needs the extra docs")
     site = built(tmp_path)
     with subtests.test("no page loads anything from another address"):
         loads = re.compile(r"""<(?:script|img|link|iframe|source|video)\b[^>]*?\s(?:src|href)=["'](?:https?:)?//""")

@@ -267,6 +267,7 @@ def test_a_log_has_the_command_and_the_thrusters(tmp_path):
     assert np.abs(trace.tau_lost).max() < 1e-12  # within the limits
 
 
+@pytest.mark.slow
 def test_saturation_is_of_the_command_and_its_loss_is_recorded():
     """T200s at 10 V with a target that is far away: the surge thrusters stay at 28.7 N, whatever their efficiency."""
     far = {"reference.target": [40.0, 0.0, 0.0], "reference.bandwidth": 20.0, "wall.position": 50.0}

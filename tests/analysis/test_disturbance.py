@@ -107,6 +107,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_experienced_is_what_moves_s(case):
     """s_dot = -k_1 phi_1 + z + varphi of eq. (28), plus A s for GSTA alone, holds up to the inertia of the wall."""

@@ -86,6 +86,7 @@ def test_settling_time_of_an_exponential(synthetic):
     t = np.linspace(0.0, 10.0, 10_001)
     assert metrics.settling_time(t, 1.0 - np.exp(-t), 1.0, 0.02) == pytest.approx(math.log(50.0), abs=1e-3)
     assert metrics.settling_time(t, np.ones_like(t), 1.0, 0.02) == 0.0
+    assert metrics.settling_time(np.arange(5.0), np.array([5.0, 5.0, 0.1, 0.0, 0.0]), 0.0, 0.2) == 2.0
     assert metrics.settling_time(t, t, 20.0, 0.02) is None
     assert metrics.settling_time(t, np.where(t < 4.0, np.nan, 1.0), 1.0, 0.02) == pytest.approx(4.0, abs=2e-3)
     trace = synthetic(20.0, p_WB=lambda t: axis(1.0 - np.exp(-t), 0, 3))

@@ -1,10 +1,14 @@
 """Files with laws: what cannot be loaded is explained, and names of states are checked."""
 
+import os
+import sys
+
 import pytest
 
 from law_files import law_file, one_liner
 from uvms_mj import Controller, Gsta, Ideal, InputError, Scenario, Trace
 from uvms_mj.engine.native.run_memory import check_states
+from uvms_mj.stages.loader import load_file
 
 SHORT = {"simulation.duration": 0.2}
 
@@ -70,3 +74,17 @@ def test_updating_a_scenario_keeps_a_law_that_has_no_file():
     mine = dataclasses.replace(scenario, controller=Local(k_1=3.0)).updated({"controller.k_2": 4.0})
     assert mine.controller == Local(k_1=3.0, k_2=4.0)
     assert isinstance(mine.controller, Controller)
+
+
+def test_the_second_of_two_edits_within_a_second_is_seen(tmp_path):
+    """Also in a file that the first one imports. Byte code of the first edit would have the time and size of both."""
+    path, beside = tmp_path / "first_of_two.py", tmp_path / "second_of_two.py"
+    path.write_text("from second_of_two import x\n")
+    for value in (1, 2):
+        beside.write_text(f"x = {value}\n")
+        for each in (path, beside):
+            os.utime(each, (1e9, 1e9))
+        sys.modules.pop("second_of_two", None)
+        module = load_file(path, "controller.name")
+        assert module.x == value
+    assert not (tmp_path / "__pycache__").exists()

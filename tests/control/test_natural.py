@@ -68,6 +68,7 @@ NEAR = {"wall.position": 0.2, "reference.target": [0.3, 0.05, 0.0], "simulation.
 WRONG = NEAR | {"estimates.inertia": 1.3, "estimates.damping": 0.7, "current.speed": 0.1}
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("law", ["impedance", "pid", "dob_impedance", "parallel", "ideal", "aismc"])
 def test_for_a_rigid_vehicle_it_is_a_constant_inertia(law):

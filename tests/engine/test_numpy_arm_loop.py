@@ -57,6 +57,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the law sees a jump")
 @pytest.mark.parametrize("case", CASES)
 def test_the_loop_is_that_in_numpy(at_tool, case):

@@ -482,7 +482,7 @@ class Interrupted(Guidance):
     def step(settings, state, given, state_dot, out):
         station_keep(settings, given, out)
         state_dot.phase[0] = 1.0
-        out.p_d[0] = state.phase[0]
+        out.p_d[0], out.p_d[1] = state.phase[0], 1e-3 * given.instant
         if interrupts[:1] == [given.instant]:
             interrupts.clear()
             raise KeyboardInterrupt
@@ -491,7 +491,7 @@ class Interrupted(Guidance):
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 def test_a_plain_stage_that_was_interrupted_begins_its_instant_again(tmp_path, plain_python):
-    """Its states advance once."""
+    """Its states advance once, and its instants are counted once."""
     (tmp_path / "stage.py").write_text(INTERRUPTED)
     scenario = Scenario.load("push_wall", {**WALL, "reference.name": f"{tmp_path / 'stage.py'}:Interrupted"})
     with Simulation(scenario) as sim:

@@ -88,6 +88,7 @@ def nu_dot_of(parameters, quat, nu, v_c_W, along_path, of_water, tau) -> np.ndar
     return np.linalg.solve(M_RB(parameters) + M_A, load + M_A @ nu_c_dot)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_the_acceleration_is_that_of_the_equation_with_finite_differences_of_the_current(seed):

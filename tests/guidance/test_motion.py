@@ -196,3 +196,17 @@ def test_nu_e_is_the_rate_of_the_pose_error_while_the_reference_turns(name):
         errors.append([np.abs(v_e - nu_e[:, :3]).max(), np.abs(omega_e - nu_e[:, 3:]).max()])
     assert max(errors[1]) < 0.01 * np.abs(nu_e).max()
     assert np.allclose(errors[1], 0.5 * np.array(errors[0]), rtol=0.05)
+
+
+def test_a_circle_of_whole_turns_stops_as_smoothly_as_it_began():
+    """Also while it slows down the recorded rates are those of the motion, and it comes to rest where it started."""
+    turns = {"reference.name": "circle", "reference.turns": 1.0, "reference.radius": 0.1, "reference.heading": True}
+    scenario, h = Scenario.load("push_wall", turns), 1e-4
+    at = np.linspace(0.5, 9.0, 400)
+    before, here, after = (reference(scenario, at + shift) for shift in (-h, 0.0, h))
+    for motion, rate in (("p_d", "p_d_dot"), ("p_d_dot", "p_d_ddot"), ("omega_d", "omega_d_dot")):
+        found = (after[motion] - before[motion]) / (2.0 * h)
+        assert np.abs(found - here[rate]).max() < 1e-3, rate
+    assert np.abs(here.p_d_ddot).max() > 0.1
+    assert np.allclose(here.p_d[-1], here.p_d[0], atol=1e-12)
+    assert not here.p_d_dot[-1].any()

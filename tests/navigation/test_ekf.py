@@ -249,3 +249,17 @@ def test_a_reset_refuses_a_period_that_does_not_fit_and_takes_one_that_does():
         with pytest.raises(InputError, match=r"navigation.imu_period: 0.00105 s is not"):
             sim.reset(overrides={"navigation.imu_period": 0.00105})
         sim.reset(overrides={"navigation.imu_period": 0.001})
+
+
+def test_the_angular_velocity_has_the_bias_that_is_estimated_at_the_same_instant():
+    """Of a vehicle that stands still, with a gyro without noise, it is what the estimate lacks of the true bias."""
+    still = {"current.speed": 0.0, "wall.position": 50.0, "navigation.name": "ekf"}
+    still |= {"navigation.gyro_noise": 1e-9, "navigation.gyro_walk": 1e-9}
+    biases = []
+    with Simulation(Scenario.load("push_wall", still, "external"), engine="free_body") as sim:
+        for _ in range(200):
+            signals = sim.signals
+            assert signals.nu_m[3:] == pytest.approx(signals.b_g_true - signals.b_g, abs=1e-7)
+            biases.append(signals.b_g.copy())
+            sim.step(50)
+    assert np.ptp(biases, axis=0).max() > 1e-5

@@ -273,3 +273,15 @@ def test_presets_are_sensors_with_other_numbers(cls):
     assert "trust" in cls.__doc__ or "ASSUMPTION" in cls.__doc__
     for h in (1e-3, 1e-4, 2e-4, 5e-4):
         assert not [fault for q in ("position", "velocity", "force") for fault in stage.channel(q).faults(h)]
+
+
+def test_what_is_behind_the_force_sensor_pulls_where_it_is():
+    """Without a contact the measured moment is r x f of the measured force."""
+    r = [0.2, 0.1, -0.15]
+    behind = MOVING | {"navigation.mass_behind": 2.0, "navigation.mass_behind_at": r}
+    with Simulation(Scenario.load("push_wall", behind), engine="free_body") as sim:
+        for _ in range(20):
+            sim.step(5)
+            wrench = sim.signals.tau_contact_m_B
+            assert np.abs(wrench[:3]).min() > 1e-6
+            assert wrench[3:] == pytest.approx(np.cross(r, wrench[:3]), rel=1e-9)

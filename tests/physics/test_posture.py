@@ -191,6 +191,7 @@ def test_demands_beyond_the_freedom_are_met_in_the_least_squares_of_the_inertia(
         assert np.allclose(a, first + Z @ y, rtol=0.0, atol=1e-8 * (1.0 + np.abs(a).max()))
 
 
+@pytest.mark.slow
 def test_a_direction_that_loses_its_freedom_fades_without_a_jump():
     """The joints turn until they can no longer roll the base. Along the way the acceleration is continuous and bounded,
     and where the base can't roll it is not tried."""

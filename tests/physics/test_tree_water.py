@@ -197,6 +197,7 @@ def test_motion_in_a_current_is_motion_in_still_water_seen_from_the_water():
     assert np.allclose(*reached, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_fast_swing_of_the_joints_moves_the_base_as_the_twin_says():
     """Torques swing a joint by over half a radian within 0.3 s, the thrusters are off: 1e-6 over the run. The base gets
     its momentum from the arm and from the water."""

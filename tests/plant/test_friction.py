@@ -106,6 +106,7 @@ def test_friction_acts_at_the_contact_point_with_its_moment_about_b():
     assert np.allclose(trace.nu_dot[0], expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
     """Force over displacement is a parallelogram of slope k_t between +-mu F_n (Jenkins element).
 

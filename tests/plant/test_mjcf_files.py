@@ -70,6 +70,7 @@ def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
 TETRAHEDRON = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("files", "assets"),
     [

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pressed import PUSH, M
 from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
@@ -13,6 +14,7 @@ from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.design import demanded_force
 from uvms_mj.envs import push
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.physics.surfaces import signed_distance
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures.contact import expected_forces
@@ -52,6 +54,29 @@ def run(overrides: dict, law: object = None, **settings) -> Trace:
 def mean_push(trace: Trace) -> float:
     """Over the last 0.5 s: the sampled super-twisting alternates about its rest."""
     return float(trace.final_impulse[-1] / 0.5)
+
+
+@pytest.mark.parametrize("shape", [{"shape": "plane"}, {"shape": "sphere", "radius": 0.3}])
+def test_a_contact_at_rest_is_the_gradient_of_its_distance(shape):
+    """By the motion of the vehicle, in its axes: the virtual work of a force without friction."""
+    wall = shape | {"position": [1.5, 0.2, -0.1]}
+    body = {"position": [0.2, 0.1, -0.05], "radius": 0.05}
+    contacts = set_up(
+        Scenario.load("push_wall", NO_WALL | {"walls": [wall], "vehicle.contact_bodies": [body]})
+    ).contacts
+    surface = contacts.records(lambda _: 1.0)[0].view(np.recarray)[0]
+
+    def distance(p, R):
+        return signed_distance(surface, p + R @ np.array(body["position"]), np.zeros(3))
+
+    p, R, h = np.array([0.3, 0.1, 0.2]), rotation_matrix(quat_from_euler_deg(10.0, -20.0, 30.0)), 1e-6
+
+    def moved(e):
+        return distance(p + R @ e[:3], R @ Rotation.from_rotvec(e[3:]).as_matrix())
+
+    gradient = [(moved(e) - moved(-e)) / (2.0 * h) for e in h * np.eye(6)]
+    (contact,) = contacts.at_rest(p, R)
+    np.testing.assert_allclose(contact.normal, gradient, rtol=0, atol=1e-8)
 
 
 def test_a_plane_is_the_papers_wall():

@@ -168,6 +168,16 @@ def test_what_is_no_log_gets_one_clear_error(tmp_path, here, content, message):
         assert done.stderr.startswith("error: x.mcap")
 
 
+def test_a_log_without_a_checksum_is_damaged(logged, tmp_path):
+    """MCAP allows 0 for none, but a log always has one: who writes 0 may have changed any row."""
+    data = bytearray(logged[1].read_bytes())
+    crc = data.rindex(b"\x0f" + struct.pack("<Q", 4)) + 9
+    data[crc : crc + 4] = bytes(4)
+    (tmp_path / "x.mcap").write_bytes(data)
+    with pytest.raises(InputError, match="is damaged: its checksum does not match"):
+        Trace.load(tmp_path / "x.mcap")
+
+
 def test_a_pipe_is_no_log_and_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "run.mcap")
     with pytest.raises(InputError, match=r"run\.mcap: is not a regular file, but a pipe"):

@@ -112,6 +112,8 @@ def test_the_fit_finds_the_bottom_of_a_parabola_and_refuses_an_end():
     assert judging.fitted_height(errors, (1,)) == pytest.approx(0.023, abs=1e-9)
     assert judging.fitted_height(errors, (0, 1, 2)) == pytest.approx(0.023, abs=2e-4)
     assert len(judging.every_choice(errors)) == 4
+    level = np.repeat([[1.0], [2.0], [3.0], [4.0]], errors.shape[1], axis=1)  # each choice is judged on what it left
+    assert judging.every_choice(level) == pytest.approx([4.0, 3.0, 2.0, 1.0])
     with pytest.raises(InputError, match=r"no height of the centre of buoyancy from 0\.012 to 0\.036 m"):
         judging.fitted_height(np.array([heights, heights, heights]), (0, 1, 2))
 

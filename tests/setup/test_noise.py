@@ -3,13 +3,16 @@
 A run of 800 s has some 7000 time constants of the loop, so that the deviation of a run is known to 1 %.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from uvms_mj import Scenario, simulate
+from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.summary import summary
 from uvms_mj.navigation import Perfect
 from uvms_mj.setup.base import set_up
+from uvms_mj.setup.linear_loop import RestingVehicle
 from uvms_mj.setup.noise import Deviations, deviations
 
 PUSHING = {
@@ -104,6 +107,18 @@ def test_the_deviation_is_proportional_to_the_noise_and_variances_add_up():
     other = deviations(setup_of(PUSHING | {"navigation.position_noise": 1e-3}))
     both = deviations(setup_of(PUSHING | {"navigation.position_noise": 1e-3, "navigation.force_noise": 1.0}))
     assert both.push == pytest.approx(np.hypot(two.push, other.push), rel=1e-9)
+
+
+def test_the_vehicle_about_its_rest_has_the_acceleration_of_the_engine():
+    """At a random state in a current, under a disturbance and no thrust."""
+    position, nu = [0.1, -0.2, 0.3], [0.3, -0.2, 0.1, 0.4, -0.5, 0.6]
+    here = {"initial.position": position, "initial.attitude_deg": [10.0, -20.0, 30.0], "initial.velocity": nu}
+    here |= {"current.speed": 0.7, "disturbance.bias": [1.0, -2.0, 0.5, 0.1, -0.2, 0.3], "vehicle.mass": 1.2}
+    with Simulation(Scenario.load("push_wall", here, "external"), engine="free_body") as sim:
+        rest = SimpleNamespace(position=position, quat=sim.signals.quat_WB.copy(), tau=np.zeros(6), force=0.0)
+        expected = RestingVehicle(sim.setup, rest).acceleration(np.array([0.0] * 6 + nu), np.zeros(6))
+        sim.step()
+        assert np.allclose(sim.signals.nu_dot, expected, rtol=0.0, atol=1e-11)
 
 
 def test_a_scalar_loop_by_hand():

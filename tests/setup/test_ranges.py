@@ -1,13 +1,14 @@
 """Extreme quantities are refused by name before a run, and a run's overflow names its keys."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.checks import no_overflow
+from uvms_mj.setup.checks import checked, no_overflow
 from uvms_mj.setup.wall import wall_faults
 
 SHORT = {"simulation.duration": 0.005}
@@ -49,6 +50,20 @@ def test_an_error_names_the_number_of_the_wall_that_is_too_large_for_the_step():
     (fault,) = found(1e10, 0.0)
     assert fault.key == "wall.stiffness"
     assert "choose less than 5.124e+09 N/m" in fault.message
+
+
+def test_the_lightest_contact_of_a_wall_decides_whether_the_step_is_short_enough():
+    """A body far from the centre turns the vehicle, and is lighter at the wall, in whichever order they are given."""
+    stiff = {"wall.present": False, "walls": [{"shape": "plane", "position": [1.5, 0.0, 0.0], "stiffness": 1e10}]}
+    near, far = ({"position": place, "radius": 0.03} for place in ([0.2, 0.0, 0.0], [0.2, 0.5, 0.4]))
+
+    def mass(*bodies):
+        with pytest.raises(InputError) as refusal:
+            checked(Scenario.load("push_wall", stiff | {"vehicle.contact_bodies": list(bodies)}))
+        return float(re.search(r"([\d.]+) kg at the contact", str(refusal.value))[1])
+
+    assert mass(far) < 0.9 * mass(near)
+    assert mass(near, far) == mass(far, near) == mass(far)
 
 
 def test_an_overflow_names_the_keys_with_extreme_numbers():

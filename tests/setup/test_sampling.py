@@ -12,6 +12,7 @@ from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.theory.boundary_layer import Layer
 from uvms_mj.control.theory.input_delay import swing
 from uvms_mj.control.theory.latency import ForceLatency
+from uvms_mj.control.theory.linear import Linear
 from uvms_mj.control.theory.sampled import Vibration
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning
@@ -369,3 +370,15 @@ def test_first_order_sliding_mode_with_a_late_velocity_or_command_says_that_it_c
             trace = simulate(scenario, engine="free_body")
         moving = np.abs(trace.nu[trace.t > 7.0]).max()
         assert (moving > 0.01) == chatters
+
+
+def test_the_age_of_the_force_counts_at_a_wall_and_that_of_the_command_without_one():
+    setup = set_up(Scenario.load("push_wall", {"wall.damping": 100.0}, "impedance"))
+    found, (contact,) = Linear.of(setup), setup.contacts_at_rest
+    growths = {}
+    for late in ((0.0, 0.0), (2e-3, 0.0), (0.0, 2e-3)):
+        vars(found)["late"] = late
+        growths[late] = found.growth(1e-4), found.growth(1e-4, contact)
+    none, command, force = growths.values()
+    assert force[0] == none[0] != command[0]
+    assert command[1] == none[1] < force[1]

@@ -98,10 +98,11 @@ def test_a_scenario_shows_what_differs_from_its_defaults():
 
 
 def test_texts_are_escaped():
-    scenario = Scenario.load("push_wall", {"description": "<script>alert(1)</script> & more", "name": "<b>"})
-    html = scenario._repr_html_()
-    assert "<script" not in html
-    assert "<b>" not in html
+    """Title, text and cells."""
+    hostile = {"description": "<script>alert(1)</script> & more", "name": "<b>", "vehicle.model": "<i>x</i>.xml"}
+    html = Scenario.load("push_wall", hostile)._repr_html_()
+    assert not [tag for tag in ("<script", "<b>", "<i>") if tag in html]
+    assert "<i>x</i>.xml" in unescape(html)
     assert "<script>alert(1)</script> & more" in unescape(html)
 
 

@@ -11,6 +11,7 @@ from PIL import Image
 from uvms_mj import InputError, Scenario, Trace, simulate, still, video
 from uvms_mj.views import video as views
 from uvms_mj.views.video import underwater
+from uvms_mj.views.video.camera import VIEWS, Camera
 from uvms_mj.views.video.encoding import CODERS
 from uvms_mj.views.video.plots import Plots
 
@@ -112,7 +113,18 @@ def test_a_video_has_its_pictures_and_replaces_the_file_when_it_is_whole(driver,
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
+def test_the_camera_follows_the_vehicle_or_stands_still(push):
+    ends = push.p_WB[[0, -1]]
+    for name, view in VIEWS.items():
+        camera = Camera(push, view, 16.0 / 9.0)
+        looked = [camera.at(p_WB).lookat.copy() for p_WB in ends]
+        assert np.array_equal(*looked) == (name != "follow"), name
+        assert name != "follow" or np.array_equal(looked, ends)
+
+
 def test_a_video_that_is_stopped_leaves_no_file(driver, push, tmp_path):
+    pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
+
     def stop(done, total):
         raise KeyboardInterrupt
 
