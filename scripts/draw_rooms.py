@@ -105,7 +105,7 @@ def way(ax: Axes, heights: dict[str, float], left: float) -> None:
         ("setup", "2", "Setup: plant\nand design ", "left"),
         ("engine", "3", "Simulation: steps,\nrows", "above"),
         ("records", "4", "rows become\na Trace, a log", "below"),
-        ("analysis", "5", "metrics,\nclaims", "right"),
+        ("analysis", "5", "metrics,\nsummary", "right"),
         ("views", "6", "figures,\nreplay", "above"),
     ]
     points = [(left + 0.7 + 0.9 * n, heights[room]) for n, (room, *_) in enumerate(stations)]
@@ -143,8 +143,9 @@ def rooms() -> Figure:
 
 CHAIN = (
     ("navigation", "[navigation]", STAGE, "MEASURED", "pose, velocity,\nforce"),
+    ("model", "[estimates]", PLAIN, "ESTIMATES", "M, C, D, g"),
     ("guidance", "[reference]", STAGE, "REFERENCE", "pose and its\nderivatives"),
-    ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
+    ("tracking", "", PLAIN, "ERRORS", "to the\nreference"),
     ("task", "[impedance][task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),
     ("law", "[controller]", STAGE, "tau_cmd", "wrench at\nB or the tool"),
     ("allocation", "[actuation]", STAGE, "u_cmd", "commanded\nthrusts"),
@@ -153,12 +154,11 @@ CHAIN = (
 """The stages of an instant: name, tables of the scenario, colour, what they give and its meaning."""
 BETWEEN = {
     "navigation": [
-        ("posture", "[posture]", ARM),
-        ("model", "of the law: M, C, D, g", ARM),
         ("felt, wrist, derived", "[wrist]", ARM),
         ("encoder", "[encoder]", ARM),
         ("sensed", "if there is an observer", PLAIN),
     ],
+    "model": [("posture", "[posture]", ARM)],
     "tracking": [
         ("natural", "M_d, D_d of the instant", PLAIN),
         ("schedule", "K_f, F_d over time", PLAIN),
@@ -177,7 +177,7 @@ STEP = 0.47
 
 def instant() -> Figure:
     """One sample on its way through an instant: the stages in their order, around the plant."""
-    figure = Figure(figsize=(11.4, 5.5), facecolor="white")
+    figure = Figure(figsize=(13.0, 5.5), facecolor="white")
     ax = figure.add_axes((0, 0, 1, 1))
     width, pitch, low, high = 1.32, 2.2, 2.72, 3.32
     for n, (name, table, fill, signals, meaning) in enumerate(CHAIN):
@@ -194,7 +194,7 @@ def instant() -> Figure:
             arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
         _optional(ax, between, high + 0.2, (low + high) / 2 + 0.06, BETWEEN.get(name, []))
     _optional(ax, width / 2, 1.85, 1.85, [BEFORE], 1.1)
-    _legend(ax, 8.2, high + 0.2 + 4 * STEP)
+    _legend(ax, 2.9, high + 0.2 + 4 * STEP)
     right = (len(CHAIN) - 1) * pitch + width
     box(ax, 0.0, 0.72, right, 0.7, WATER)
     ax.text(right / 2, 1.2, "plant: the vehicle in the water, at its walls, one time step", ha="center", va="center",

@@ -25,6 +25,9 @@ def figure(shown: Any, *arguments: Any) -> Any:
 
 
 def _registered(function: Any, shown: Any, *arguments: Any) -> Any:
-    while ABOVE:
-        ABOVE.pop()()
-    return function.dispatch(type(shown))(shown, *arguments)
+    for register in ABOVE:
+        register()
+    known = function.dispatch(type(shown))
+    if known is function.dispatch(object):
+        raise TypeError(f"nothing shows a {type(shown).__name__}")
+    return known(shown, *arguments)

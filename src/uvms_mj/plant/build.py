@@ -332,7 +332,7 @@ def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
 
 def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
     """The plant of a scenario, the contacts beside that of the probe and ``[wall]``, and the inertias of
-    :func:`.inertia.task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
+    :func:`task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
     vehicle's file can't be used or is not physical, or the scenario does not fit it."""
     if not isinstance(mjcf, Mjcf | None):
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")

@@ -112,7 +112,7 @@ class ContactAtRest:
 class Contacts:
     """The walls of the list with their keys, the pairs, and the frames that contact bodies are fixed to, that of the
     probe first. ``paper`` is ``[wall]``, which the probe of a radius [m] touches beside them, or None. The normal force
-    of this pair is MuJoCo's."""
+    of this pair is the engine's."""
 
     surfaces: tuple[tuple[str, Surface], ...]
     pairs: tuple[Pair, ...]

@@ -31,7 +31,7 @@ class _Record(Record):  # type: ignore[misc]  # NumPy's stubs have its base as A
 
 
 class PlainStage:
-    """A stage's function, called from Python with the arrays of an arena."""
+    """A stage's function, called from Python with the arrays of its own memory."""
 
     def __init__(self, stage: Stage, own: OwnMemory) -> None:
         self.stage, self.own = stage, own
@@ -103,7 +103,7 @@ def called(stage: Stage) -> str:
 
 
 def _argument(name: str, array: np.ndarray) -> Any:
-    """An array of the arena as the stage gets it: a record with its own name, or the array."""
+    """An array of the stage's own memory as the stage gets it: a record with its own name, or the array."""
     if array.dtype.names is None:
         return array
     return array.view(np.dtype((type(name, (_Record,), {}), array.dtype)))[0]

@@ -11,14 +11,11 @@ from ..pages import Picture, Table, rendered
 from ..plan import Plan
 from . import figures, maps, tables
 from .data import StudyRows
-from .paired import paired
+from .paired import Paired, paired
 from .sensitivity import SUCCESS, Sensitivities, sensitivities
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-from .paired import Paired
 
 _OVERVIEW = "Success rates with 95 % intervals, and the distributions of the first metrics as in the next section."
 
