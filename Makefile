@@ -16,7 +16,7 @@ test: setup $(if $(CI),system-packages)
 	$(BIN)/ruff format --check src tests scripts examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 --dist loadfile $(if $(CI),--durations=30)
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),--durations=30)
 
 docs: setup
 	$(BIN)/sphinx-build -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html

@@ -26,6 +26,7 @@ FOR_EACH_COMMIT = {
 
 
 def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: item.path.name != "test_site.py")  # the longest begins first: no worker waits
     for item in items:
         place = item.path.relative_to(Path(__file__).parent).parts[0]
         if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:
