@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, draw_to_files, end, progress_bar
+from .common import draw_to_files, filling, progress_bar
 from .console import print_verdicts
 from .folders import alone_in, folder_for, move_aside
 from .options import asked_for, command, json_option, path_option, scenario_argument, set_option
-from .stop import Stop, exit_interrupted
+from .stop import Stop
 
 if TYPE_CHECKING:
     from ..reproduce.claims import Row
@@ -47,29 +47,27 @@ def paper(
     stop = Stop()
     draw_to_files()
     running = source is None
-    try:
-        with bad_input():
-            jobs = _jobs(arguments, settings, out, source)
-            from ..reproduce.paper import runs as study
-            from ..reproduce.paper import write
+    place = Path(source or out or "")
+    with filling(place, lambda: "" if running else "; the logs are complete: redraw with --from"):
+        jobs = _jobs(arguments, settings, out, source)
+        from ..reproduce.paper import runs as study
+        from ..reproduce.paper import write
 
-            logs = Path(source or out or "") / "logs"
-            if source is not None:
+        logs = place / "logs"
+        if source is not None:
+            runs = study.load(logs, jobs)
+        folder = folder_for(out or source or "")
+        with alone_in(folder):
+            if running:
+                figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
+                move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")
+                logs.mkdir()
+                with progress_bar("running", as_json, stop) as bar:
+                    study.run(jobs, logs, bar)
+                running = False
                 runs = study.load(logs, jobs)
-            folder = folder_for(out or source or "")
-            with alone_in(folder):
-                if running:
-                    figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
-                    move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")
-                    logs.mkdir()
-                    with progress_bar("running", as_json, stop) as bar:
-                        study.run(jobs, logs, bar)
-                    running = False
-                    runs = study.load(logs, jobs)
-                with progress_bar("drawing", as_json, stop) as bar:
-                    rows = write(folder, runs, bar)
-    except KeyboardInterrupt:
-        end("interrupted" if running else "interrupted; the logs are complete: redraw with --from", exit_interrupted())
+            with progress_bar("drawing", as_json, stop) as bar:
+                rows = write(folder, runs, bar)
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}

@@ -81,19 +81,24 @@ def add_surroundings(
         _add(spec, f"contact body {i + 1}", each.body or body, Geometry((drawn_body(each),), {}))
     for i, wall in enumerate(walls):
         _add(spec, _name(i), "world", Geometry((drawn_wall(wall),), {}))
-    spec.add_texture(
-        name=f"{PREFIX}water",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.30, 0.80, 0.90],
-        rgb2=[0.00, 0.04, 0.12],
-        width=64,
-        height=384,
-    )
+    add_water(spec, f"{PREFIX}water", 64)
     if not spec.lights:
         sun = spec.worldbody.add_light(name=f"{PREFIX}sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 2])
         sun.dir, sun.castshadow = [-0.25, 0.3, -1.0], False
     spec.worldbody.add_camera(name=OVERVIEW)
+
+
+def add_water(spec: mujoco.MjSpec, name: str, pixels: int) -> None:
+    """Add the water behind everything, bright above and dark below, as a cube of so many pixels along an edge."""
+    spec.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.30, 0.80, 0.90],
+        rgb2=[0.00, 0.04, 0.12],
+        width=pixels,
+        height=6 * pixels,
+    )
 
 
 def _name(wall: int) -> str:

@@ -18,7 +18,8 @@ A stage is a frozen dataclass of settings that derives from the base class of it
 ``given`` and ``out`` have the fields of the room's groups in :mod:`.signals`. At each instant of the stage, ``out`` is
 computed from the current states; then the states advance by explicit Euler over the stage's period with ``state_dot``,
 and ``out`` is held until the next instant. A stage may also set its states directly. The function is compiled; what the
-language of :mod:`uvms_mj.compiler` lacks runs as plain Python.
+language of :mod:`uvms_mj.compiler` lacks runs as plain Python. A user's class is checked against this contract when the
+first stage is made of it.
 """
 
 from __future__ import annotations  # so that help(Stage) shows short type names
@@ -30,6 +31,7 @@ import inspect
 import keyword
 import sys
 import types
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, get_type_hints
@@ -327,14 +329,18 @@ _OVERRIDDEN = (
 )
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""
+_SOUND: weakref.WeakSet[type[Stage]] = weakref.WeakSet()
+"""Classes that satisfy their contract."""
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
-    """Check that a class satisfies the contract of a stage of its room. The message names the file.
+    """Check, once, that a class satisfies the contract of a stage of its room. The message names the file.
 
     Raises:
         InputError: the class violates the contract; lists every error.
     """
+    if cls in _SOUND:
+        return
     place = f"{cls.__name__} in {file}" if file else cls.__name__
     try:
         wrong = list(_wrong(cls))
@@ -344,6 +350,7 @@ def check_contract(cls: type[Stage], file: str = "") -> None:
         wrong = [f"{type(error).__name__}: {error}"]
     if wrong:
         raise InputError([Fault(f"{cls.room.table}.name", f"{place}: {each}") for each in wrong])
+    _SOUND.add(cls)
 
 
 def _wrong(cls: type[Stage]) -> Iterator[str]:

@@ -6,6 +6,7 @@ file that was cut off lacks it, but each chunk and each attachment has its own, 
 
 import contextlib
 import dataclasses
+import errno
 import os
 import struct
 import zlib
@@ -28,10 +29,11 @@ from ..header import Header, Outcome, Status
 from .attachments import MOST_BYTES, header_of, outcome_of, refuse_large
 from .layout import CHUNK_BYTES, Format
 from .sink import MAGIC, sealed
-from .zeros import end_of_writing
 
 _BLOCK = 512
 """Smallest unit that a disk writes [bytes]."""
+_STRIDE = 1 << 20
+"""Bytes read at a time, in search of the end of what was written before a power cut: the rest is read as zeros."""
 _TORN = (EndOfFile, McapError, struct.error)
 """Exceptions of the mcap package for an incomplete record."""
 
@@ -89,7 +91,7 @@ class _Reader:
             raise InputError("is empty" if not self.size else "is not an MCAP file")
         file.seek(max(len(MAGIC), self.size - len(MAGIC)))
         self.whole = file.read() == MAGIC  # then no part may be missing
-        self.written = self.size if self.whole else end_of_writing(file, self.size)
+        self.written = self.size if self.whole else _end_of_writing(file, self.size)
         self.size = min(self.size, -(-self.written // _BLOCK) * _BLOCK)
         file.seek(len(MAGIC))
         self.crc = zlib.crc32(MAGIC)
@@ -266,3 +268,27 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
             return format
     version = header.versions.get("uvms-mj", "of another version")
     raise InputError(f"was written by uvms-mj {version}, whose topics differ from this version's")
+
+
+def _end_of_writing(file: BinaryIO, size: int) -> int:
+    """Offset of the zeros at the end of a file of ``size`` bytes; ``size`` if there are none."""
+    while size:
+        size = _end_of_data(file, size)
+        start = max(0, size - 1) // _STRIDE * _STRIDE
+        file.seek(start)
+        if rest := file.read(size - start).rstrip(b"\0"):
+            return start + len(rest)
+        size = start
+    return 0
+
+
+def _end_of_data(file: BinaryIO, size: int) -> int:
+    """Offset of the hole at the end of the first ``size`` bytes of a sparse file; ``size`` if there is none. The hole
+    is not read, because it may be of any size."""
+    end = 0
+    try:
+        while end < size and (start := os.lseek(file.fileno(), end, os.SEEK_DATA)) < size:
+            end = os.lseek(file.fileno(), start, os.SEEK_HOLE)
+    except (OSError, AttributeError) as error:  # no data follows, or the file system or Python does not report holes
+        return end if getattr(error, "errno", None) == errno.ENXIO else size
+    return min(end, size)

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ...plant.contacts import surfaces_of
 from ...plant.geometry import Geometry
-from ...plant.looks import drawn_vehicle, drawn_wall
+from ...plant.looks import add_water, drawn_vehicle, drawn_wall
 from ...plant.mjcf import Mjcf
 from ...plant.shapes import Shape
 from ...plant.vehicle import free_body_id, free_joint_addresses
@@ -71,15 +71,7 @@ def model_of(
         samples: samples of a pixel; they also decide how finely shadows are drawn, which takes most of the time.
     """
     scenario, spec = header.scenario, header.mjcf.spec()
-    spec.add_texture(
-        name="water",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.30, 0.80, 0.90],
-        rgb2=[0.00, 0.04, 0.12],
-        width=512,
-        height=3072,
-    )
+    add_water(spec, "water", 512)
     for name, pixels in (("concrete", concrete()), ("sand", sand())):
         height, width, _ = pixels.shape
         kind = mujoco.mjtTexture.mjTEXTURE_2D
