@@ -181,6 +181,16 @@ def signals(trace) -> dict:
     return {name: trace[name] for name in trace}
 
 
+def test_both_engines_have_the_same_water():
+    """Under a law without switching, which would amplify rounding."""
+    scenario = Scenario.load("push_wall", IN_A_SCENARIO, "impedance")
+    one, two = (simulate(scenario, log_rate=100, engine=engine) for engine in ("mujoco", "free_body"))
+    for name in ("p_WB", "nu", "v_c_W", "v_c_dot_W", "a_c_W", "tau_dist"):
+        scale = np.abs(one[name]).max()
+        assert scale > 0.01
+        assert np.allclose(one[name], two[name], rtol=0.0, atol=1e-8 * scale), name
+
+
 def test_the_recorded_derivative_is_that_of_the_recorded_current():
     """v_c_dot_W is taken along the vehicle's path: v_c_W is its integral, by the trapezoidal rule."""
     smooth = {name: value for name, value in IN_A_SCENARIO.items() if "deviation" not in name}
