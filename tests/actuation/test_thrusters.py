@@ -256,6 +256,14 @@ REAL = {
 """All elements at once."""
 
 
+def test_both_engines_step_the_same_thrusters():
+    mine, theirs = (simulate(Scenario.load("push_wall", REAL, "impedance"), engine=e) for e in ("free_body", "mujoco"))
+    assert np.abs(mine.u).max() > 5.0
+    assert np.abs(mine.u - mine.u_cmd).max() > 1.0
+    for name in ("u", "u_cmd", "nu", "tau_lost"):
+        assert np.abs(mine[name] - theirs[name]).max() < 1e-6, name
+
+
 def test_a_log_has_the_command_and_the_thrusters(tmp_path):
     trace = simulate(Scenario.load("push_wall", REAL, "impedance"), **FREE)
     trace.save(tmp_path / "run.mcap")
