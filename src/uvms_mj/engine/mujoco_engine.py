@@ -9,6 +9,7 @@ from ..plant.build import set_wall
 from ..plant.contacts import face_of, surfaces_of
 from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
+from ..scenario import Scenario
 from ..setup.base import Setup
 from .base import Engine
 from .native.attachment import Attachment, immerse
@@ -32,6 +33,7 @@ class MujocoEngine(Engine):
         self._plant = plant = setup.plant
         self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
         self._drawn, start = plant.walls, setup.scenario.initial.position
+        self._walls_of: Scenario | None = None  # whose walls the model has
         if plant.looks:
             aim(self._model, start, next((wall.position[0] for wall in plant.walls), start[0]), plant.geometry.reach)
         self._attachment: Attachment | None = None
@@ -64,9 +66,12 @@ class MujocoEngine(Engine):
         self._model.opt.timestep = setup.scenario.simulation.timestep
 
     def write_wall(self, setup: Setup) -> None:
-        probe = self._plant.probe
-        set_wall(self._model, probe.body, setup.scenario.wall, face_of(setup.scenario, probe.radius))
-        if self._plant.looks and (walls := surfaces_of(setup.scenario, probe.radius)) != self._drawn:
+        scenario, probe = setup.scenario, self._plant.probe
+        if scenario is self._walls_of:
+            return
+        self._walls_of = scenario
+        set_wall(self._model, probe.body, scenario.wall, face_of(scenario, probe.radius))
+        if self._plant.looks and (walls := surfaces_of(scenario, probe.radius)) != self._drawn:
             move_walls(self._model, walls)
             self._drawn = walls
 
