@@ -17,7 +17,7 @@ from uvms_mj.reproduce.validate import figures
 from uvms_mj.reproduce.validate.data import records
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED
 from uvms_mj.reproduce.validate.page import numbers as found_in
-from uvms_mj.reproduce.validate.results import FITTED_ON, PITCH, YAW, Results, compute
+from uvms_mj.reproduce.validate.results import FITTED_ON, PITCH, YAW, Comparison, compute
 from uvms_mj.reproduce.validate.swing import AMPLITUDE, FASTEST, PERIOD
 from uvms_mj.reproduce.validate.vehicle import STATIC, Variant, model, righting, vehicle
 from uvms_mj.studies.study import executor_of
@@ -27,7 +27,7 @@ PUSHED = {"003-1": (5.0, 13.0), "005-1": (2.0, 8.0)}
 
 
 @functools.cache
-def results(folder: str | Path) -> Results:
+def results(folder: str | Path) -> Comparison:
     with executor_of(None, None) as executor:
         return compute(*records(folder), executor, lambda done, total: None)
 
@@ -49,7 +49,7 @@ def period(variant: Variant, q: np.ndarray) -> float:
     return float(2.0 * np.pi / np.sqrt(squares[pitching]))
 
 
-def measured_period(found: Results, name: str) -> float:
+def measured_period(found: Comparison, name: str) -> float:
     """Mean time between the peaks of the pitch of the inertial unit [s]."""
     (trial,) = (each for each in found.trials if each.name == name)
     begin, end = PUSHED[name]

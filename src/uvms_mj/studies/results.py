@@ -69,7 +69,7 @@ def _type(values: list[Any]) -> pa.DataType:
     return pa.string() if pa.types.is_null(found) else found
 
 
-class Results:
+class StudyFolder:
     """The folder of a study while it runs.
 
     Attributes:

@@ -19,7 +19,7 @@ from .plan.metrics import SETTLED, in_words, successes
 from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
-from .results import STUDY, Results, frame, units_of, version_of
+from .results import STUDY, StudyFolder, frame, units_of, version_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,7 +121,7 @@ class Study:
         with locked(folder):
             bundle = StudyBundle.of(self.plan)
             bundle.plan()  # as a worker will: what does not travel is missed before the first run
-            results = Results(folder, self.plan, bundle)
+            results = StudyFolder(folder, self.plan, bundle)
             with (
                 following(progress, "starting", "{done} of {total} runs, {failed} failed", _shown) as advance,
                 executor_of(executor, workers) as pool,

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from ...views.figures.style import ABOVE, BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, keys, line, panels, styled
 from .data import Attitude
-from .results import HEIGHTS, PITCH, ROLL, YAW, Results
+from .results import HEIGHTS, PITCH, ROLL, YAW, Comparison
 from .swing import swing
 from .vehicle import HEIGHT, STATIC, VARIANTS, Variant
 
@@ -15,7 +15,7 @@ _DASHES = (0.0, (4.0, 1.5))
 _COLUMNS = 3
 
 
-def trials(results: Results) -> Figure:
+def trials(results: Comparison) -> Figure:
     """Measured and simulated roll, pitch and yaw of every trial, over time: a row a trial."""
     rows = len(results.trials)
     with styled():
@@ -32,7 +32,7 @@ def trials(results: Results) -> Figure:
     return figure
 
 
-def pitches(results: Results) -> Figure:
+def pitches(results: Comparison) -> Figure:
     """Measured and simulated pitch of every trial, over time: a panel a trial."""
     with styled():
         figure, axes = panels(len(results.trials), _COLUMNS, 0.5, 1.45)
@@ -55,7 +55,7 @@ def _legend(figure: Figure) -> None:
     figure.legend(handles=handles, ncols=5, **(ABOVE | {"fontsize": 7.0}))
 
 
-def _angle(ax: Axes, results: Results, k: int, angle: int) -> None:
+def _angle(ax: Axes, results: Comparison, k: int, angle: int) -> None:
     trial, begin = results.trials[k], results.responses[k, Variant()].t[0]
     for measured, colour, width in ((trial.mocap, GREY, 0.5), (trial.imu, _PALE, 1.0)):
         values = _degrees(measured, angle, begin)
@@ -75,7 +75,7 @@ def _degrees(attitude: Attitude, angle: int, begin: float) -> np.ndarray:
     return np.degrees(values - np.interp(begin, attitude.t, values) if angle == YAW else values)
 
 
-def heights(results: Results) -> Figure:
+def heights(results: Comparison) -> Figure:
     """Rms error of the pitch over the height of the centre of buoyancy: each trial, and the mean."""
     errors = np.degrees(results.over_heights("as is"))
     x = 1e3 * np.array(HEIGHTS)
@@ -102,7 +102,7 @@ def heights(results: Results) -> Figure:
     return figure
 
 
-def fast_swing(results: Results) -> Figure:
+def fast_swing(results: Comparison) -> Figure:
     """The swing of axis d, the pitch of each model, and the differences to the model as it is."""
     found = results.swings()
     shades = dict(zip(VARIANTS, (_AS_IS, _FITTED, _OTHER), strict=True))

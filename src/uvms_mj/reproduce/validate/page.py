@@ -8,7 +8,7 @@ import numpy as np
 
 from ...studies.pages import Picture, Table, rendered
 from . import figures
-from .results import AGREE, BEFORE, FITTED_ON, PITCH, ROLL, YAW, Results
+from .results import AGREE, BEFORE, FITTED_ON, PITCH, ROLL, YAW, Comparison
 from .swing import AMPLITUDE, FASTEST, PERIOD
 from .vehicle import FOAM, HEIGHT, MASS, STATIC, VARIANTS, WEIGHTS, Variant, righting, vehicle
 
@@ -24,7 +24,7 @@ _HEIGHTS = "Rms error of the pitch over the height of the centre of buoyancy. Do
 _SWING = "Axis d swings about the stretched arm, at most 30 deg/s: the pitch by each model, and its difference."
 
 
-def numbers(results: Results) -> dict[str, Any]:
+def numbers(results: Comparison) -> dict[str, Any]:
     """What was found, in degrees and metres, as plain numbers."""
     agreeing, models = results.agreeing, _models(results)
     in_motion = [results.pitch(k, Variant(), 0.0, results.trials[k].starts - BEFORE).rms for k in agreeing]
@@ -78,7 +78,7 @@ def numbers(results: Results) -> dict[str, Any]:
     }
 
 
-def page(results: Results, versions: Mapping[str, str]) -> str:
+def page(results: Comparison, versions: Mapping[str, str]) -> str:
     """The page as HTML."""
     return rendered(
         Path(__file__).with_name("pool.html"),
@@ -101,7 +101,7 @@ def page(results: Results, versions: Mapping[str, str]) -> str:
     )
 
 
-def pitch(results: Results) -> Table:
+def pitch(results: Comparison) -> Table:
     """Rms and peak error of the pitch of each trial [deg], by model."""
     models = [variant for _, variant in _models(results).values() if variant]
     names = [name for name, (_, variant) in _models(results).items() if variant]
@@ -115,7 +115,7 @@ def pitch(results: Results) -> Table:
     return Table("trial", heads, rows)
 
 
-def summary(results: Results) -> Table:
+def summary(results: Comparison) -> Table:
     """Mean and median over the trials of the rms error of the pitch [deg], by model, the naive ones among them."""
     rows = [
         (name, [_text(errors.mean()), _text(np.median(errors)), f"{len(errors)} trials"])
@@ -124,7 +124,7 @@ def summary(results: Results) -> Table:
     return Table("model", ["mean", "median", "over"], rows)
 
 
-def _models(results: Results) -> dict[str, tuple[np.ndarray, Variant | None]]:
+def _models(results: Comparison) -> dict[str, tuple[np.ndarray, Variant | None]]:
     """The models by name: the rms errors of the pitch of the trials that each is judged on [rad], and its variant. A
     fitted one is judged on the trials that are left, and naive ones stand beside each of ours."""
     models = {name: (results.errors(Variant(name)), Variant(name)) for name in (*VARIANTS, STATIC)}
@@ -133,11 +133,11 @@ def _models(results: Results) -> dict[str, tuple[np.ndarray, Variant | None]]:
     return {**models, CONSTANT: (np.array([results.constant(k) for k in results.agreeing]), None)}
 
 
-def _disagreeing(results: Results) -> list[str]:
+def _disagreeing(results: Comparison) -> list[str]:
     return [trial.name for k, trial in _moving(results) if k not in results.agreeing]
 
 
-def others(results: Results) -> Table:
+def others(results: Comparison) -> Table:
     """Clocks, instruments and the other angles of each trial, of the model as it is."""
     heads = [
         "lag of the arm's clock [s]",
@@ -163,7 +163,7 @@ def others(results: Results) -> Table:
     return Table("trial", heads, rows)
 
 
-def rest(results: Results) -> Table:
+def rest(results: Comparison) -> Table:
     """Roll and pitch of the records at rest: measured by both instruments, and predicted."""
     heads = ["motion capture: mean", "least", "greatest", "inertial unit: mean", "as it is", "height fitted"]
     rows = []
@@ -176,7 +176,7 @@ def rest(results: Results) -> Table:
     return Table("record at rest", heads, rows)
 
 
-def _each(results: Results, what: str) -> dict[str, list[float]]:
+def _each(results: Comparison, what: str) -> dict[str, list[float]]:
     """rms or peak of the error of the pitch of each trial [deg], by model."""
     return {
         name: [_deg(getattr(results.pitch(k, variant), what)) for k, _ in _moving(results)]
@@ -185,7 +185,7 @@ def _each(results: Results, what: str) -> dict[str, list[float]]:
     }
 
 
-def _moving(results: Results) -> Any:
+def _moving(results: Comparison) -> Any:
     return list(enumerate(results.trials))
 
 

@@ -97,7 +97,7 @@ _SWING = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class Comparison:
     """The records of a pool and the responses of the models: ``responses[k, variant]`` is that to trial k."""
 
     trials: Sequence[Record]
@@ -193,13 +193,13 @@ class Results:
 
 def compute(
     trials: Sequence[Record], resting: Sequence[Record], executor: Executor, progress: Callable[[int, int], None]
-) -> Results:
+) -> Comparison:
     """Make all runs on an executor. ``progress`` is called with the number of runs done and in total.
 
     Raises:
         InputError: there are too few trials to fit and to judge, or the workers can't go on.
     """
-    results = Results(trials, resting)
+    results = Comparison(trials, resting)
     agreeing = [trials[k].name for k in results.agreeing]
     if len(agreeing) <= FITTED_ON:
         few = f"{len(agreeing)} trial{'s' if len(agreeing) != 1 else ''} ({', '.join(agreeing)})"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from .. import check
-from ..results import Results, frame, put
+from ..results import StudyFolder, frame, put
 from ..rows import log_of, lost_row, rows_of
 from .bundle import StudyBundle
 from .executors import WorkerLost, each_call
@@ -26,7 +26,7 @@ class Execution:
     """
 
     def __init__(
-        self, plan: "Plan", bundle: StudyBundle, results: Results, executor: Executor, progress: Progress
+        self, plan: "Plan", bundle: StudyBundle, results: StudyFolder, executor: Executor, progress: Progress
     ) -> None:
         self.plan, self.bundle, self.results, self.executor, self.progress = plan, bundle, results, executor, progress
         self._rows: dict[int, dict[int, dict[str, Any]]] = {}
