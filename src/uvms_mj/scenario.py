@@ -28,7 +28,7 @@ from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
-from .stages.loader import Choice, stage_of, table_of
+from .stages.loader import USERS, Choice, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
 
 STAGES: dict[str, Choice] = {
@@ -325,7 +325,7 @@ def keys() -> Iterable[tuple[str, Any, str]]:
     for name, table in _TABLES.items():
         if name in STAGES:
             noun = STAGES[name].base.room.noun
-            yield f"{name}.name", table.name, f"name of the {noun}, or path/to/file.py:ClassName"
+            yield f"{name}.name", table.name, f"name of the {noun}, or {USERS}"
         for field in dataclasses.fields(Controller if name == "controller" else table):
             unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
             yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit

@@ -24,8 +24,8 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
         from uvms_mj.engine.native import compilation
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            folder = compilation._folder()
-            assert compilation._folder() == folder
+            folder = compilation.cache_folder()
+            assert compilation.cache_folder() == folder
         assert len(said) == 1, said
         assert folder.is_dir() and os.environ["UVMS_MJ_CACHE_DIR"] == str(folder)
         print(said[0].message)
@@ -98,11 +98,11 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
     simulate(Scenario.load("push_wall", SHORT))
-    for file in compilation._folder().glob("*.json"):
+    for file in compilation.cache_folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
         if facts["externals"] and compilation.load(file.stem):
             break
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
     assert compilation.load(file.stem)
@@ -111,7 +111,7 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
@@ -124,7 +124,7 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(compilation, "cache_folder", lambda: Path("/nowhere/at/all"))
     compilation._native_functions.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 

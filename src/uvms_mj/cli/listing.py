@@ -73,25 +73,26 @@ def shipped_stages(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
 def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[type[Stage]]":
     """The stages of a name among these choices, those of a room if one is given. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
-    from ..stages.loader import give_one, stages_in, users_stages
+    from ..stages.foreign import parted
+    from ..stages.loader import USERS, give_one, stages_in, users_stages
 
     shipped = [shipped_stages(choice) for choice in choices]
     if found := [cls for stages in shipped for key, cls in stages.items() if name in (key, cls.label())]:
         return found
-    file, _, class_name = name.rpartition(":")
-    if file.endswith(".py"):
-        there = stages_in(file, "")
+    file, class_name = parted(name)
+    if class_name:
+        there = stages_in(file, "", class_name)
         of_class = [choice for choice in choices if issubclass(there.get(class_name, object), choice.base)]
         if of_class or room:  # of another room, the choice says so
             return [(of_class or choices)[0].stage_class(name)]
         raise InputError(
             f"no stage {class_name!r} in {file}; {suggestion(class_name, there) if there else 'it has none'}"
         )
-    if name.endswith(".py"):
+    if file:
         raise InputError(f"{name!r} names no class; {give_one(name, users_stages(name, ''))}")
     rooms = _rooms()
     known = {each for stages in shipped for each in stages} | (set() if room or name in rooms else rooms.keys())
-    hint, own = suggestion(name, known), "for your own give path/to/file.py:ClassName"
+    hint, own = suggestion(name, known), f"for your own give {USERS}"
     raise InputError(f"no stage {name!r}{f' in {room}' if room else ''}; {hint}; {own}")
 
 

@@ -52,7 +52,7 @@ path_argument = functools.partial(click.argument, callback=_named)
 path_option = functools.partial(click.option, callback=_named)
 """An argument and an option with the path of a file or folder; it must not be empty."""
 
-_LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
+_LAWS = "gsta, sta, fosm, impedance, ideal, or your own: my_law.py:MyLaw, my_law.c or libmy_law.so:my_law."
 
 
 def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
@@ -105,6 +105,7 @@ def asked_for(
     from ..errors import InputError
     from ..files import parse_setting
     from ..scenario import keys
+    from ..stages.foreign import parted
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:
@@ -114,8 +115,8 @@ def asked_for(
         raise InputError(f"{key}: is a key, not the name of a {noun}; give its value in the same word, {key}=VALUE")
     if len(names) > 1:
         raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
-    if names and ".py" in (names[0][-3:], names[0].rpartition(":")[0][-3:]):
-        raise InputError(_not_python(names[0], noun))
+    if names and parted(names[0])[0]:
+        raise InputError(_not_code(names[0], noun))
     overrides: dict[str, Any] = {}
     for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
         if key in overrides and overrides[key] != value:
@@ -124,18 +125,20 @@ def asked_for(
     return (names[0] if names else None), overrides
 
 
-def _not_python(name: str, noun: str) -> str:
-    """The error of ``file.py`` or ``file.py:Class`` in place of a scenario. Raises InputError if the file can't be
-    loaded."""
+def _not_code(name: str, noun: str) -> str:
+    """The error of ``file.py``, ``file.py:Class`` or ``file.c`` in place of a scenario. Raises InputError if the file
+    can't be loaded."""
+    from ..stages.foreign import parted
     from ..stages.loader import users_stages
 
-    file, _, class_name = name.rpartition(":") if name[-3:] != ".py" else (name, "", "")
+    file, class_name = parted(name)
+    what = "Python" if file.endswith(".py") else "code"
     if noun != "scenario":
-        return f"{name}: is Python, not a {noun}"
-    stages = users_stages(file, "")
+        return f"{name}: is {what}, not a {noun}"
+    stages = users_stages(file, "", class_name)
     if class_name in stages:
         stages = {class_name: stages[class_name]}
     options = {name: f"--set {cls.room.table}.name=" for name, cls in stages.items()}
     uses = [f"{option.replace('--set controller.name=', '--controller ')}{file}:{n}" for n, option in options.items()]
-    what = f"a {stages[class_name].room.noun}" if class_name in stages else "a Python file"
+    what = f"a {stages[class_name].room.noun}" if class_name in stages else f"a file of {what}"
     return f"{name}: is {what}, not a scenario" + (f": use {' or '.join(uses)}" if uses else "")

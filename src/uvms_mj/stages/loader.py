@@ -12,9 +12,12 @@ from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
 from .base import Stage, check_contract, setting
+from .foreign import BASES, LIBRARIES, module_for, parted
 from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
+USERS = "path/to/file.py:ClassName, path/to/file.c or path/to/library.so:NAME"
+"""How a user's stage is named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +27,9 @@ class Choice(Generic[_Stage]):
     base: type[_Stage]
     shipped: Mapping[str, type[_Stage]]
     default: type[_Stage]
+
+    def __post_init__(self) -> None:
+        BASES[self.base.room.table] = self.base
 
     def load(
         self, table: Mapping[str, Any], known: type[_Stage] | None = None, trusted: Container[str] | None = None
@@ -40,7 +46,7 @@ class Choice(Generic[_Stage]):
         source = settings.pop("name", self.default.name)
         if known is not None and source == known.source():
             cls = known
-        elif trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted:
+        elif trusted is not None and parted(source)[0] and source not in trusted:
             cls = self._placeholder(source, settings)
         else:
             cls = self.stage_class(source)
@@ -55,15 +61,17 @@ class Choice(Generic[_Stage]):
             raise InputError([Fault(key, f"{source!r} is not the name of any {noun}; {known}")])
         if source in self.shipped:
             return self.shipped[source]
-        file, colon, class_name = source.rpartition(":")
-        if not colon or not file.endswith(".py"):
+        file, class_name = parted(source)
+        if not class_name:
             hint = suggestion(source, self.shipped)
-            own = f"for your own {noun} give path/to/file.py:ClassName"
-            if source.endswith(".py"):
+            own = f"for your own {noun} give {USERS}"
+            if file.endswith(LIBRARIES):
+                raise InputError([Fault(key, f"{source!r} names no function; give {source}:NAME")])
+            if file:
                 names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]
                 raise InputError([Fault(key, f"{source!r} names no class; {give_one(source, names)}")])
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
-        stages = stages_in(file, key)
+        stages = stages_in(file, key, class_name)
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:
             there = f"its {noun}s are {', '.join(sorted(found))}"
@@ -79,7 +87,7 @@ class Choice(Generic[_Stage]):
 
     def _placeholder(self, source: str, settings: Mapping[str, Any]) -> type[_Stage]:
         """A placeholder for the stage of a user's file, which is not imported."""
-        file, _, label = source.rpartition(":")
+        file, label = parted(source)
         cls: Any = placeholder_stage(self.base, f"{Path(file).name}:{label}", settings, {})
         cls.source = classmethod(lambda _: source)
         return cls
@@ -108,7 +116,7 @@ class Choice(Generic[_Stage]):
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:
-            hidden = trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted
+            hidden = trusted is not None and parted(source)[0] and source not in trusted
             settings = None if hidden else self.settings(source)
             belongs = settings is None or set(table) <= {*settings}
         if belongs:
@@ -150,9 +158,9 @@ class Choice(Generic[_Stage]):
 
 def _resolved(source: Any) -> Any:
     """The source with its file's path resolved: two ways to one file, as through ``..`` or a link, compare equal."""
-    if not isinstance(source, str) or ".py:" not in source:
+    file, class_name = parted(source)
+    if not class_name:
         return source
-    file, _, class_name = source.rpartition(":")
     try:
         return Path(file).resolve(), class_name
     except (OSError, ValueError, RuntimeError):  # a loop of links, or no path: the file is refused when it is loaded
@@ -201,8 +209,8 @@ def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str
     return f"for this one choose {table}.name = {' or '.join(owners)}" if owners else suggestion(key, choices)
 
 
-def stages_in(file: str, key: str) -> dict[str, type[Stage]]:
-    """The classes of stages in a user's file, by name. Raises InputError with this key if it can't be loaded."""
+def stages_in(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
+    """The classes of stages in a user's file, by name; of a library, that of the function ``name``. Raises InputError with this key if it can't be loaded."""
     path = Path(file)
     try:
         is_there, reason = path.is_file(), "" if path.is_absolute() else f" (looked in {Path.cwd()})"
@@ -212,14 +220,14 @@ def stages_in(file: str, key: str) -> dict[str, type[Stage]]:
         raise InputError([Fault(key, f"no file {file!r}{reason}")])
     return {
         name: value
-        for name, value in vars(load_file(path.absolute(), key)).items()
+        for name, value in vars(load_file(path.absolute(), key, name)).items()
         if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
     }
 
 
-def users_stages(file: str, key: str) -> dict[str, type[Stage]]:
+def users_stages(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
     """Those of :func:`stages_in` that are not of this package."""
-    return {name: cls for name, cls in stages_in(file, key).items() if not cls.__module__.startswith("uvms_mj.")}
+    return {name: cls for name, cls in stages_in(file, key, name).items() if not cls.__module__.startswith("uvms_mj.")}
 
 
 def give_one(file: str, names: Collection[str]) -> str:
@@ -234,9 +242,15 @@ _HINTS = {
 """What to write instead, by a part of the text of Python's exception."""
 
 
-def load_file(path: Path, key: str) -> ModuleType:
-    """Import a user's file anew, with its folder on sys.path for the file's imports."""
+def load_file(path: Path, key: str, function: str = "") -> ModuleType:
+    """Import a user's file anew, with its folder on sys.path for the file's imports; of C and of a library, make a
+    module with the class of a function."""
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    if path.suffix != ".py":
+        try:
+            return module_for(path, function or path.stem, name)
+        except InputError as error:
+            raise InputError([Fault(key, str(error))]) from None
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None  # the suffix is .py
     assert spec.loader is not None

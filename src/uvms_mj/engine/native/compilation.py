@@ -59,7 +59,7 @@ def target_machine() -> llvm.TargetMachine:
 
 def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
     """The name of an object from what its function is made of, besides the package's sources if ``sources``."""
-    return _fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
+    return fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
 
 
 def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str]) -> None:
@@ -72,7 +72,7 @@ def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str
 
 def load(name: str) -> tuple[int, ...] | None:
     """The addresses of the functions of an object on disk; None if it is missing, damaged or can't be linked."""
-    folder = _folder()
+    folder = cache_folder()
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
         code = (folder / f"{name}.o").read_bytes()
@@ -98,7 +98,7 @@ def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple
 
 
 def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
-    folder = _folder()
+    folder = cache_folder()
     _prune_once(folder)
     with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
         for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
@@ -109,10 +109,10 @@ def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
 
 def _digest(code: bytes, about: dict[str, Any]) -> str:
     """Digest of an object file and its metadata. A damaged or forged file could crash the process."""
-    return _fingerprint([code, json.dumps([about["symbols"], about["externals"]]).encode()])
+    return fingerprint([code, json.dumps([about["symbols"], about["externals"]]).encode()])
 
 
-def _fingerprint(parts: Iterable[bytes]) -> str:
+def fingerprint(parts: Iterable[bytes]) -> str:
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))
@@ -139,7 +139,7 @@ def _sources() -> tuple[bytes, ...]:
 
 
 @functools.cache
-def _folder() -> Path:
+def cache_folder() -> Path:
     """The folder of the objects. If it can't be written, a temporary one replaces it, also for child processes."""
     folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj"))
     try:

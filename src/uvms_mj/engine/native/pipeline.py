@@ -31,6 +31,8 @@ from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
 from ...setup.base import Setup
 from ...stages.base import Stage, is_shipped, random_key
+from ...stages.c_header import Records
+from ...stages.foreign import is_foreign
 from ...stages.signals import (
     CLOCK,
     ERRORS,
@@ -54,6 +56,7 @@ from .memory import at_address
 from .own_memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
+from .shared_library import Library
 from .user_stage import compile_user_stage, is_check
 
 
@@ -80,7 +83,9 @@ class CompiledStage:
         self.users = not is_shipped(stage)
         self._fused = fused
         self.kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
-        self.code, self.not_compiled = None, ""
+        self.code, self.not_compiled, self.library = None, "", None
+        if is_foreign(type(stage)):
+            self.library = Library(stage, Records(*self.kinds))
         try:
             self.code = self._compiled()
         except NotCompiled as reason:
@@ -109,6 +114,8 @@ class CompiledStage:
             self.own = OwnMemory(self.stage.room, record["own"], self.settings)
             if self.users:
                 self.places["settings"] = image.place(record["own"])
+            if self.library:
+                record["own"]["code_at"] = self.library.address
 
     def _compiled(self) -> NativeFunction:
         """The machine code. Raises InputError if the stage is wrong, and NotCompiled if the language lacks what it
@@ -122,7 +129,7 @@ class CompiledStage:
         from ...compiler.refusals import Mistake
 
         try:
-            return compile_user_stage(function, self.stage.room, kinds)
+            return compile_user_stage(None if self.library else function, self.stage.room, kinds)
         except Mistake as mistake:
             where = f"{Path(mistake.file).name}, line {mistake.line}"
             said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
@@ -131,7 +138,7 @@ class CompiledStage:
     @functools.cached_property
     def _plain(self) -> PlainStage:
         assert self.own is not None
-        return PlainStage(self.stage, self.own)
+        return PlainStage(self.stage, self.own, self.library)
 
     def fill(self, row: np.void) -> None:
         """Set the code and the places of a STAGE record."""
@@ -161,7 +168,9 @@ class CompiledStage:
         assert self.code is not None
         why, file, line = place(code, self.code.files)
         assert self.own is not None
-        fault = self.own.wrong() if is_check(file) else ""
+        fault = (self.own.returned() or self.own.wrong()) if is_check(file) else ""
+        if self.library:  # to call it again would change what it keeps
+            return self._plain.fault(fault)
         self.own.clear()
         self.own.fill(self.given, self.state)
         return self._plain.explain(fault, "" if is_check(file) else f"{Path(file).name}, line {line}: {WHY[why]}")

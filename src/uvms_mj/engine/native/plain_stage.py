@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage, field_suggestion, is_shipped
+from ...stages.foreign import is_foreign
 from .own_memory import OwnMemory
 
 
@@ -31,10 +32,11 @@ class _Record(Record):  # type: ignore[misc]  # NumPy's stubs have its base as A
 
 
 class PlainStage:
-    """A stage's function, called from Python with the arrays of its own memory."""
+    """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
+    in C, and calls it."""
 
-    def __init__(self, stage: Stage, own: OwnMemory) -> None:
-        self.stage, self.own = stage, own
+    def __init__(self, stage: Stage, own: OwnMemory, library: Callable[..., int] | None = None) -> None:
+        self.stage, self.own, self._library = stage, own, library
         records = dict(own.arrays)
         for name in ("settings", "given"):  # writing there raises
             records[name] = records[name].view()
@@ -43,17 +45,17 @@ class PlainStage:
 
     @functools.cached_property
     def _function(self) -> Callable:
-        return _without_numba(type(self.stage).function())
+        return self._library or _without_numba(type(self.stage).function())
 
     def __call__(self) -> None:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
         try:
-            self._function(*self._arguments)
+            returned = self._function(*self._arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
             raise StageFault(self._raised(error)) from error
-        did = self.own.wrong()
+        did = f"returned {returned}" if self._library and returned else self.own.wrong()
         if did:
             raise self.fault(did)
 
@@ -98,8 +100,11 @@ class PlainStage:
 def called(stage: Stage) -> str:
     """A stage's name in messages."""
     name = f"{stage.room.noun} {stage.label()}"
-    file = type(stage).function().__code__.co_filename
-    return f"the {name}" if is_shipped(stage) else f"your {name} ({Path(file).name})"
+    if is_shipped(stage):
+        return f"the {name}"
+    kind = type(stage)
+    file = kind.source().rpartition(":")[0] if is_foreign(kind) else kind.function().__code__.co_filename
+    return f"your {name} ({Path(file).name})"
 
 
 def _argument(name: str, array: np.ndarray) -> Any:

@@ -14,7 +14,8 @@ _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib",
 
 
 def source_files(module: types.ModuleType) -> list[Path]:
-    """Files of a module and of its direct and indirect imports, except installed packages and the standard library.
+    """Files of a module and of its direct and indirect imports, except installed packages and the standard library; of
+    a stage in C or a library, its file.
 
     Imports are read from the source, because a constant imported from another file leaves no trace in the module.
     """
@@ -22,11 +23,13 @@ def source_files(module: types.ModuleType) -> list[Path]:
     todo = [Path(str(module.__file__)).resolve()]
     while todo:
         path = todo.pop()
-        if path in found or not path.is_file() or path.suffix != ".py":
+        if path in found or not path.is_file() or (found and path.suffix != ".py"):
             continue
         if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
             continue
         found[path] = None
+        if path.suffix != ".py":
+            continue
         for node in ast.walk(parsed(path.read_bytes())):
             names: list[str] = []
             if isinstance(node, ast.Import):

@@ -9,16 +9,17 @@ import numpy as np
 from ...physics.frames import rotation
 from ...stages.base import Room
 from .compilation import NativeFunction, native_stage
-from .memory import floats, integers, triples
+from .memory import call_code, floats, integers, triples
 from .own_memory import SAME, UNIT, attitudes, layout
 
 if TYPE_CHECKING:  # global names of the function below, set for each stage
     function: Any = None
+    call_stage: Any = None
     settings: Any = None
     states: Any = None
     signals: Any = None
     output: Any = None
-    SETTINGS, STATE, STATE_DOT, OUT, MATRIX = 0, 0, 0, 0, 0  # offsets in the stage's own memory [bytes]
+    SETTINGS, STATE, STATE_DOT, OUT, MATRIX, CODE = 0, 0, 0, 0, 0, 0  # offsets in the stage's own memory [bytes]
     N_STATE, N_OUT = 0, 0  # numbers
     QUATERNIONS: Any = ()  # places in the output [bytes]
     ROTATIONS: Any = ()  # places of a quaternion and of its rotation matrix
@@ -28,17 +29,29 @@ MAGNITUDE, INFINITE = 0x7FFFFFFFFFFFFFFF, 0x7FF0000000000000
 
 
 class _Wrong(Exception):
-    """The stage gave something that is not finite, or not an attitude."""
+    """The stage gave something that is not finite, or not an attitude; or one of a library did not return 0."""
+
+
+def _of_python(own_at, given_at):
+    function(
+        settings(own_at + SETTINGS), states(own_at + STATE), signals(given_at), states(own_at + STATE_DOT),
+        output(own_at + OUT),
+    )  # fmt: skip
+
+
+def _of_library(own_at, given_at):
+    code = integers(own_at + CODE, 2)
+    returned = call_code(code[0], own_at + SETTINGS, own_at + STATE, given_at, own_at + STATE_DOT, own_at + OUT)
+    code[1] = returned << 32 >> 32  # a C int has 32 bits
+    if code[1] != 0:
+        raise _Wrong
 
 
 def _call(own_at, state_at, given_at, state_dot_at, out_at):
     state, its_state = floats(state_at, N_STATE), floats(own_at + STATE, N_STATE)
     for i in range(N_STATE):
         its_state[i] = state[i]
-    function(
-        settings(own_at + SETTINGS), states(own_at + STATE), signals(given_at), states(own_at + STATE_DOT),
-        output(own_at + OUT),
-    )  # fmt: skip
+    call_stage(own_at, given_at)
     bits, largest = integers(own_at + OUT, N_OUT), 0
     its_bits, its_dots = integers(own_at + STATE, N_STATE), integers(own_at + STATE_DOT, N_STATE)
     for i in range(N_OUT):
@@ -67,20 +80,21 @@ def _call(own_at, state_at, given_at, state_dot_at, out_at):
 
 
 def compile_user_stage(
-    stage: types.FunctionType, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+    stage: types.FunctionType | None, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
 ) -> NativeFunction:
     """Compile a user's stage to a function of five addresses: its own memory (:mod:`.own_memory`), its states, what it
     is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is given, and
     the output.
 
-    It returns 0, or the number that says why and where it ended early; then states and output are as before. Raises
-    Mistake if the stage is wrong, and NotCompiled if the language lacks what it uses.
+    ``stage`` is None for the function of a library, whose address is in the stage's own memory. It returns 0, or the
+    number that says why and where it ended early; then states and output are as before. Raises Mistake if the stage is
+    wrong, and NotCompiled if the language lacks what it uses.
     """
     return native_stage(*between_copies(stage, room, kinds))
 
 
 def between_copies(
-    stage: types.FunctionType, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+    stage: types.FunctionType | None, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
 ) -> tuple[types.FunctionType, dict[Any, tuple[np.dtype, str]]]:
     """The function of :func:`compile_user_stage` before it is compiled, and the functions in it that stand for the
     record at an address, each with its dtype and why it can't be changed."""
@@ -93,6 +107,7 @@ def between_copies(
         "N_STATE": state.itemsize // 8,
         "N_OUT": out.itemsize // 8,
         "MATRIX": at["matrix"][1],
+        "CODE": at["code_at"][1],
         "QUATERNIONS": tuple(places[quat][1] for quat, _ in quaternions),
         "ROTATIONS": tuple((places[quat][1], places[R][1]) for quat, R in quaternions if R),
         **{name.upper(): at[name][1] for name in ("settings", "state", "state_dot", "out")},
@@ -106,7 +121,10 @@ def between_copies(
         "output": (out, ""),
     }
     readers = {name: _reader(name) for name in records}
-    call = types.FunctionType(_call.__code__, globals() | names | readers, _call.__name__)
+    known = globals() | names | readers
+    own = _of_python if stage is not None else _of_library
+    known["call_stage"] = types.FunctionType(own.__code__, known, own.__name__)
+    call = types.FunctionType(_call.__code__, known, _call.__name__)
     return call, {readers[name]: records[name] for name in records}
 
 

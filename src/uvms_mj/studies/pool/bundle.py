@@ -21,6 +21,7 @@ from ...errors import Fault, InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
 from ...stages.base import Stage, listed_files, wrong_files
+from ...stages.foreign import SUFFIXES, parted
 from ...stages.loader import load_file
 
 if TYPE_CHECKING:
@@ -131,18 +132,19 @@ def _changed(value: Any, change: Callable[[str], str]) -> Any:
 
 def _packed(value: str, files: dict[str, bytes]) -> str:
     """A text of a table; the name of a file is packed."""
-    file, colon, name = value.rpartition(":") if ".py:" in value else (value, "", "")
-    path = Path(file)
+    file, name = parted(value)
+    path = Path(file or value)
     pack = _PACKS.get(path.suffix)
     if pack is None or not path.is_absolute() or not path.is_file():
         return value
-    return f"{_HERE}{pack(path, files)}{colon}{name}"
+    return f"{_HERE}{pack(path, files, name)}{f':{name}' if name else ''}"
 
 
-def _pack_code(path: Path, files: dict[str, bytes]) -> str:
-    """Pack a file of Python with the files that it imports, and those that it lists. Returns its name."""
+def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
+    """Pack a file of Python, of C or a library with the files that it imports or includes, and those that it lists.
+    Returns its name."""
     path = path.resolve()
-    module = load_file(path, "study")
+    module = load_file(path, "study", function)
     roots, name = _roots(path), _code_name(path)
     for source in (*source_files(module), *_listed(module)):
         root = next((root for root in roots if source.is_relative_to(root)), source.parent)
@@ -175,19 +177,20 @@ def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
     """Names of the files that a text of a study's table needs and that are not those of ``then``, the digests by name
     of version.json. Nothing is imported."""
     now: dict[str, bytes] = {}
-    if ".py:" in value and Path(file := value.rpartition(":")[0]).is_file():
+    file, function = parted(value)
+    if function and Path(file).is_file():
         path = Path(file).resolve()
         folder = f"{_code_name(path)}/"
         now = {f"{folder}{path.name}": path.read_bytes()}
         for name in (name for name in then if name.startswith(folder)):
             there = [root / name.removeprefix(folder) for root in _roots(path)]
             now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
-    elif ".py:" not in value:
+    elif not function:
         _packed(value, now)
     return [Path(name).name for name, data in now.items() if hashlib.sha256(data).hexdigest() != then.get(name)]
 
 
-def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
+def _pack_vehicle(path: Path, files: dict[str, bytes], _: str) -> str:
     """Pack a vehicle's model with all its files. Returns its name."""
     mjcf = Mjcf.find(str(path))
     folder = f"vehicle-{_short(str(path).encode())}"
@@ -196,15 +199,15 @@ def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
     return f"{folder}/{mjcf.name}"
 
 
-def _pack_table(path: Path, files: dict[str, bytes]) -> str:
+def _pack_table(path: Path, files: dict[str, bytes], _: str) -> str:
     """Pack a file of numbers. Returns its name."""
     name = f"file-{_short(str(path).encode())}/{path.name}"
     files[name] = path.read_bytes()
     return name
 
 
-_PACKS: Mapping[str, Callable[[Path, dict[str, bytes]], str]] = {
-    ".py": _pack_code,
+_PACKS: Mapping[str, Callable[[Path, dict[str, bytes], str], str]] = {
+    **dict.fromkeys((".py", *SUFFIXES), _pack_code),
     ".xml": _pack_vehicle,
     ".csv": _pack_table,
 }

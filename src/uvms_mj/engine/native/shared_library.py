@@ -1,0 +1,139 @@
+"""A stage's machine code from a shared library: a C file that is compiled, or a library of the user's."""
+
+import ctypes
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import weakref
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import Fault, InputError
+from ...stages.base import Stage
+from ...stages.c_header import Records, header
+from ...stages.foreign import C_FILE, HEADER, c_sources
+from .compilation import cache_folder, fingerprint
+
+_OPTIONS = (
+    *("-std=gnu11", "-O2", "-fPIC", "-shared", "-w"),
+    "-ffp-contract=off",  # a product and a sum are rounded twice, as in Python
+    *("-Werror=implicit-function-declaration", "-Werror=incompatible-pointer-types", "-Werror=return-type"),
+)
+_MOST_LINES = 6
+
+
+def compiler() -> list[str]:
+    """The command of the C compiler: $CC, cc, gcc, clang, or that of the package ziglang. Raises InputError if there is
+    none."""
+    if given := os.environ.get("CC"):
+        return shlex.split(given)
+    for name in ("cc", "gcc", "clang"):
+        if found := shutil.which(name):
+            return [found]
+    if importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise InputError("no C compiler: install one that is called cc, or the extra c, with pip install 'uvms-mj[c]'")
+
+
+def compiled(path: Path, kind: type[Stage], records: Records) -> Path:
+    """The library of a C file for these records, compiled unless it is kept. Raises InputError with the compiler's
+    first lines."""
+    text, command = header(kind, records), compiler()
+    whose = Path(shutil.which(command[0]) or command[0]).resolve()
+    age = str(whose.stat().st_mtime_ns) if whose.is_file() else ""
+    about = [text, *command, age, platform.machine(), *_OPTIONS]
+    kept = cache_folder() / f"c-{fingerprint([*(each.encode() for each in about), *_contents(path)])}.so"
+    if kept.is_file():
+        return kept
+    with tempfile.TemporaryDirectory(prefix="new-", dir=kept.parent) as new:
+        own, part = Path(new, HEADER), Path(new, kept.name)
+        own.write_text(text, encoding="utf-8")
+        # this header in place of an older one beside the file: both have the same guard
+        options = [*_OPTIONS, "-include", str(own), "-I", new, str(path), "-o", str(part), "-lm"]
+        try:
+            done = subprocess.run([*command, *options], capture_output=True, text=True, errors="replace", cwd=path.parent)
+        except OSError as error:
+            raise InputError(f"the C compiler {shlex.join(command)}: {error.strerror}") from None
+        if done.returncode or not part.is_file():
+            lines = [line.replace(f"{path.parent}/", "") for line in done.stderr.splitlines() if line.strip()]
+            said = "\n".join(lines[:_MOST_LINES]) or f"status {done.returncode}"
+            raise InputError(f"{path.name} does not compile with {Path(command[0]).name}:\n{said}")
+        os.replace(part, kept)
+    return kept
+
+
+def _contents(path: Path) -> list[bytes]:
+    return [part for each in c_sources(path) for part in (each.name.encode(), each.read_bytes())]
+
+
+class Library:
+    """A copy of a library of its own for one run, with static data of its own, and the stage's function in it.
+
+    Attributes:
+        address: that of the function.
+    """
+
+    def __init__(self, stage: Stage, records: Records) -> None:
+        """Raises InputError: the file does not compile, is not a library of this machine, lacks the function, or was
+        compiled with other records."""
+        kind = type(stage)
+        path, name = Path(stage.source().rpartition(":")[0]), kind.__name__
+        self._key, self._file, self._name = f"{stage.room.table}.name", path.name, name
+        try:
+            given = compiled(path, kind, records) if path.suffix == C_FILE else path
+        except InputError as error:
+            raise InputError([Fault(self._key, str(error))]) from None
+        with tempfile.TemporaryDirectory(prefix="new-", dir=cache_folder()) as new:
+            copy = Path(new, given.name)
+            try:
+                shutil.copyfile(given, copy)
+                self._library = ctypes.CDLL(str(copy))
+            except OSError as error:
+                said = str(error).replace(f"{copy}: ", "").replace(str(copy), path.name)
+                raise self._wrong(f"is not a library that this machine loads: {said}") from None
+        self._finalizer = weakref.finalize(self, _close, self._library._handle)
+        self._check(records)
+        function = getattr(self._library, name, None)
+        if function is None:
+            raise self._wrong(f"has no function {name}")
+        self.address = int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+        function.argtypes, function.restype = [ctypes.c_void_p] * 5, ctypes.c_int
+        self._function = function
+
+    def _check(self, records: Records) -> None:
+        """Refuse a library that was compiled with other records."""
+        try:
+            found = [int(each) for each in (ctypes.c_uint64 * 5).in_dll(self._library, f"{self._name}_records")]
+        except ValueError:
+            raise self._wrong(f'has no {self._name}_records: include "{HEADER}" where {self._name} is defined') from None
+        layout, *sizes = found
+        names = ("settings", "state", "what it is given", "its output")
+        differ = [
+            f"{what} has {there} bytes there, {here} here"
+            for what, there, here in zip(names, sizes, records.sizes, strict=True)
+            if there != here
+        ]
+        if layout != records.layout or differ:
+            why = f": {'; '.join(differ)}" if differ else ""
+            again = f"compile it again with the {HEADER} of `uvms-mj new header {self._name}.toml`"
+            raise self._wrong(f"was compiled with other records{why}; {again}")
+
+    def _wrong(self, said: str) -> InputError:
+        return InputError([Fault(self._key, f"{self._file} {said}")])
+
+    def __call__(self, *records: Any) -> int:
+        """Call the function from Python, with arrays or records; what it returns."""
+        return int(self._function(*(np.frombuffer(each, np.uint8).ctypes.data if each.nbytes else 0 for each in records)))
+
+
+def _close(handle: int) -> None:
+    import _ctypes
+
+    _ctypes.dlclose(handle)

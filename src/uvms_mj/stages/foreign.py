@@ -1,0 +1,223 @@
+"""Stages in C or in a library: a class of settings and states from a description, beside machine code of the user's.
+
+A file ``my_law.c`` has the stage's function and ``my_law.toml`` its description; of a library, ``libmy_law.so:NAME``,
+``NAME.toml`` beside it is the description. :mod:`.c_header` writes the records as C structs, and the engine loads the
+machine code.
+"""
+
+import dataclasses
+import re
+import sys
+import types
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+
+from ..errors import Fault, InputError, faults_of, suggestion
+from ..files import parsed_toml, text_of
+from ..quantities import STRICT, Number, of_length, refusing, repeated
+from .base import Stage, setting
+from .signals import OWN_UNIT
+
+C_FILE, LIBRARIES = ".c", (".so", ".dylib")
+SUFFIXES = (C_FILE, *LIBRARIES)
+HEADER = "uvms_stage.h"
+"""Name of the file with the records as C structs."""
+BASES: dict[str, type[Stage]] = {}
+"""The base class of each table of a scenario that names a stage."""
+
+
+class ForeignCode(Exception):
+    """The function is machine code: Python does not call it."""
+
+
+def parted(source: Any) -> tuple[str, str]:
+    """File and name of a user's stage, ``path/to/file.py:ClassName`` or ``path/to/file.c``, whose name is that of the
+    file; two empty texts for a text of another kind."""
+    if not isinstance(source, str):
+        return "", ""
+    file, colon, name = source.rpartition(":")
+    if not colon or Path(name).suffix in (".py", *SUFFIXES):
+        file, name = source, ""
+    suffix = Path(file).suffix
+    if suffix not in (".py", *SUFFIXES):
+        return "", ""
+    return file, name or (Path(file).stem if suffix == C_FILE else "")
+
+
+def is_foreign(kind: type[Stage]) -> bool:
+    """Whether a stage's function is machine code of the user's."""
+    return Path(kind.source().rpartition(":")[0]).suffix in SUFFIXES
+
+
+Size = Annotated[int, Field(strict=True, ge=1, le=10_000)] | Annotated[str, Field(pattern="^(thrusters|joints)$")]
+Start = Number | list[Number]
+
+
+@dataclasses.dataclass(frozen=True)
+class OneSetting:
+    """A setting of a description: its default, which also gives its type and its length; unit, meaning and range."""
+
+    default: Annotated[bool, Field(strict=True)] | Number | list[Number]
+    unit: str = OWN_UNIT
+    meaning: str = ""
+    at_least: Number | None = None
+    above: Number | None = None
+    at_most: Number | None = None
+    below: Number | None = None
+
+    __pydantic_config__ = STRICT
+
+    @property
+    def annotation(self) -> Any:
+        """The type of the field."""
+        if isinstance(self.default, bool):
+            return bool
+        checks = [*self._checks()]
+        if isinstance(self.default, list):
+            n = len(self.default)
+            return Annotated[tuple[Number, ...], of_length(n), *checks, repeated(n)]
+        return Annotated[Number, *checks] if checks else Number
+
+    def _checks(self) -> Iterator[AfterValidator | Any]:
+        """The validators of the range."""
+        limits: tuple[tuple[str, float | None, Callable[[float, float], bool]], ...] = (
+            ("at least", self.at_least, lambda x, limit: x >= limit),
+            ("greater than", self.above, lambda x, limit: x > limit),
+            ("at most", self.at_most, lambda x, limit: x <= limit),
+            ("less than", self.below, lambda x, limit: x < limit),
+        )
+        for words, limit, holds in limits:
+            if limit is not None:
+                text = f"must be {words} {limit:g} {self.unit if self.unit != OWN_UNIT else ''}".rstrip()
+                yield refusing(
+                    lambda x, limit=limit, holds=holds: not all(
+                        holds(each, limit) for each in (x if isinstance(x, tuple) else (x,))
+                    ),
+                    text,
+                )
+
+
+@dataclasses.dataclass(frozen=True)
+class OneState:
+    """A state of a description: its size, unit and start value. One that is not advanced is memory."""
+
+    size: Size = 1
+    unit: str = ""
+    start: Start = 0.0
+    advanced: bool = True
+
+    __pydantic_config__ = STRICT
+
+
+@dataclasses.dataclass(frozen=True)
+class Description:
+    """The description of a stage: the table of a scenario that it is for, a sentence, its settings and its states by
+    name; of a law, whether it uses s, zeta and tau_nom; and the names of further files that it reads."""
+
+    stage: str
+    summary: str = ""
+    settings: Mapping[str, OneSetting] = dataclasses.field(default_factory=dict)
+    states: Mapping[str, OneState] = dataclasses.field(default_factory=dict)
+    uses_task: bool = True
+    files: list[str] = dataclasses.field(default_factory=list)
+
+    __pydantic_config__ = STRICT
+
+    @classmethod
+    def load(cls, path: Path) -> "Description":
+        """Raises InputError if the file is missing or wrong."""
+        try:
+            tables = parsed_toml(text_of(path))
+        except FileNotFoundError:
+            wanted = f"it describes the stage's settings and states; `uvms-mj new law {path.stem} --language c` writes one"
+            raise InputError(f"no file {path.name} in {path.parent}: {wanted}") from None
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: not a description in TOML: {error}") from None
+        names = {kind: [f.name for f in dataclasses.fields(kind)] for kind in (cls, OneSetting, OneState)}
+        choices = {"": names[cls]}
+        choices |= {f"settings.{name}": names[OneSetting] for name in tables.get("settings", {})}
+        choices |= {f"states.{name}": names[OneState] for name in tables.get("states", {})}
+        try:
+            found = _VALIDATOR.validate_python(tables)
+        except ValidationError as error:
+            raise InputError(faults_of(error, choices=choices), path.name) from None
+        if found.stage not in BASES:
+            hint = suggestion(found.stage, BASES)
+            raise InputError([Fault("stage", f"{found.stage!r} is not a table of a scenario with a stage; {hint}")], path.name)
+        return found
+
+    def stage_class(self, name: str, module: str, files: list[str]) -> type[Stage]:
+        """The class of the stage."""
+        base = BASES[self.stage]
+
+        def function(*arguments: Any) -> None:
+            raise ForeignCode(f"{name} is machine code, which Python does not call")
+
+        states = {key: each for key, each in self.states.items() if each.advanced}
+        members: dict[str, Any] = {
+            "states": {key: each.size for key, each in states.items()},
+            "memory": {key: each.size for key, each in self.states.items() if not each.advanced},
+            "units": {key: each.unit for key, each in states.items() if each.unit},
+            "start_values": {key: each.start for key, each in self.states.items() if each.start != 0.0},
+            "files": files,
+            base.room.method: staticmethod(function),
+            "__doc__": self.summary or f"{name}.",
+        }
+        if hasattr(base, "uses_task"):
+            members["uses_task"] = self.uses_task
+        fields = []
+        for key, each in self.settings.items():
+            default = tuple(each.default) if isinstance(each.default, list) else each.default
+            fields.append((key, each.annotation, setting(default, each.unit, each.meaning)))
+        try:
+            kind = dataclasses.make_dataclass(name, fields, bases=(base,), namespace=members, frozen=True)
+        except (TypeError, SyntaxError) as error:
+            raise InputError(f"{name}.toml: {error}") from None
+        kind.__module__ = module
+        return kind
+
+
+_VALIDATOR = TypeAdapter(Description)
+
+
+def load_foreign(path: Path, name: str, module: types.ModuleType) -> None:
+    """Set the class of a stage in C, or in a library, in a new module with this file. Raises InputError."""
+    folder, own = path.parent, path if path.suffix == C_FILE else path.with_name(f"{name}.c")
+    if not name.isidentifier() or not name.isascii():
+        raise InputError(f"{name!r} is not the name of a C function; give {path.name}:NAME")
+    found = Description.load(folder / f"{name}.toml")
+    included = [] if path.suffix != C_FILE else [each.relative_to(folder).as_posix() for each in c_sources(own)[1:]]
+    files = [f"{name}.toml", *included, *found.files]
+    setattr(module, name, found.stage_class(name, module.__name__, list(dict.fromkeys(files))))
+
+
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
+
+
+def c_sources(path: Path) -> list[Path]:
+    """A C file and the files that it includes in quotes, those of its own folder and below."""
+    found: dict[Path, None] = {}
+    todo, root = [path.resolve()], path.resolve().parent
+    while todo:
+        here = todo.pop()
+        if here in found or here.name == HEADER or not here.is_file() or not here.is_relative_to(root):
+            continue
+        found[here] = None
+        todo += [(here.parent / name).resolve() for name in _INCLUDE.findall(here.read_text(errors="replace"))]
+    return list(found)
+
+
+def module_for(path: Path, name: str, module_name: str) -> types.ModuleType:
+    """The module of a stage in C or in a library. Raises InputError."""
+    module = types.ModuleType(module_name)
+    module.__file__ = str(path)
+    sys.modules[module_name] = module
+    try:
+        load_foreign(path, name, module)
+    except BaseException:
+        del sys.modules[module_name]
+        raise
+    return module
