@@ -1,7 +1,8 @@
 """The functions of Python, ``math`` and NumPy that are part of the language.
 
-Each is an entry of a table, from the function to what writes its code. To add one, add an entry: of one number, in
-``_ELEMENTWISE``; of an array, a function below.
+Each is an entry of a table, from the function to what writes its code. To add one, add an entry: a function of C in
+``_ONE`` or ``_TWO``, another one of numbers in ``_ELEMENTWISE``, a reduction in ``_REDUCTIONS``; of arrays a function
+below, with its loop in :mod:`.library`.
 """
 
 from __future__ import annotations

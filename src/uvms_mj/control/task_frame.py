@@ -118,7 +118,7 @@ class ResolveAtBody(Stage):
     run."""
 
     name = "resolve_at_body"
-    room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+    room: ClassVar[Room] = Room("control", "resolution", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

@@ -1,4 +1,4 @@
-"""The plant of a scenario: the true vehicle, and one MuJoCo model with vehicle, wall and contact sensors.
+"""The plant of a scenario: the true vehicle, and one MuJoCo model with vehicle, wall and a contact sensor.
 
 The true vehicle has the coefficients of its file with the factors and offsets of the scenario's ``[vehicle]``, which
 change what moves in the water. The laws' estimates, the default M_d and the allocation keep the numbers of the file, as
@@ -11,8 +11,8 @@ is this spring and damper, for any added mass, with a sphere as probe, a constan
 ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, where w is the compiled ``body_invweight0`` of the vehicle's body. The
 remaining softness of MuJoCo acts as an inerter of d times the rigid mass. The contact pair is frictionless (condim 1),
 because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.pairs`
-computes friction from the distance and the nearest points, which two sensors measure in the position stage. Friction
-and the law therefore use the contact of the same instant.
+computes friction from the distance of the shapes at the instant. Friction and the law therefore use the contact of the
+same instant.
 
 The probe is centred on the origin of the frame of the task, so that the wall's normal force gives no moment there. In
 B, its radius is the vehicle's reach forward; at a site, it is the size of the site. Contact begins when the origin is

@@ -160,7 +160,7 @@ TASK_GIVEN = OBSERVER_GIVEN + IMPEDANCE
 
 GIVEN = TASK_GIVEN + TASK
 """Fields of the record ``signals`` that a law is given: measurements, reference, estimates and task, without the
-truth. Each stage is given the beginning of this record, and fills the part that follows it."""
+truth. The stages before the law are given the beginning of this record, and fill a later part."""
 
 TRUTH = (
     Signal("M", (6, 6), "kg, kg m, kg m^2", "B", "inertia, added mass included"),

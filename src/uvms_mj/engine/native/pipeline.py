@@ -247,7 +247,7 @@ class Pipeline:
             self._add("delay", Delay(), self.field("command"), self.field(self.behind, "tau_cmd"))
         if shape.resolves:
             resolution = ResolveAtTool() if self.at_tool else ResolveAtBody()
-            self._add("resolve", resolution, self.field("delayed"), self.field("allocation", "tau_cmd"), whole=True)
+            self._add("resolution", resolution, self.field("delayed"), self.field("allocation", "tau_cmd"), whole=True)
         self._actuate(scenario)
         self.running = tuple(self.stages.values())
         self.apart = [stage for stage in self.running if stage.apart]
@@ -302,8 +302,8 @@ class Pipeline:
         known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
         self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
         if interface is not None and type(interface).torque_controlled:
-            below = PostureBelowTool() if self.at_tool else PostureBesideBase()
-            self._add("below", below, known, self.field("model", "tau_posture"), whole=True)
+            posture = PostureBelowTool() if self.at_tool else PostureBesideBase()
+            self._add("posture", posture, known, self.field("model", "tau_posture"), whole=True)
 
     def _actuate(self, scenario: Scenario) -> None:
         """Add the stages behind the command: allocation, joints and thrusters."""
@@ -385,8 +385,8 @@ class Pipeline:
         h, control = scenario.simulation.timestep, scenario.control_period
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.stages else h
-        periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.stages else control}
-        periods["below"] = control * max(1, round(scenario.posture.period / control))
+        periods |= {"tool": h, "resolution": periods["delay"] if "delay" in self.stages else control}
+        periods["posture"] = control * max(1, round(scenario.posture.period / control))
         periods |= {table: h for table, stage in self.stages.items() if type(stage.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
