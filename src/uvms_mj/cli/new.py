@@ -18,6 +18,10 @@ KINDS = {
     "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
     "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
 }
+IN_C = {kind: use.replace(":{cls}", "") for kind, (_, use) in KINDS.items() if use.endswith(":{cls}")}
+"""The kinds that may be written in C, with their use: a C file, and its description."""
+HEADER_OF = "header"
+"""The kind of ``uvms_stage.h``, from a description."""
 """Template and use of each kind. A template, in ``templates`` with the suffix ``.txt``, is a valid file about
 ``template_name`` with the class ``TemplateName``."""
 EXAMPLE = "example"
@@ -25,13 +29,18 @@ EXAMPLE = "example"
 
 
 @command()
-@click.argument("kind", metavar="|".join((*KINDS, EXAMPLE)))
+@click.argument("kind", metavar="|".join((*KINDS, HEADER_OF, EXAMPLE)))
 @click.argument("name")
 @path_option("-o", "--out", metavar="FOLDER", help="Folder of the new file [default: here; of all examples: examples].")
+@click.option(
+    "--language", type=click.Choice(["python", "c"]), default="python", help="Of a law, sensor, ...: its own."
+)
 @path_option("--from", "origin", metavar="VEHICLE", help="Of a vehicle: copy a shipped one, by its name, or a file.")
 @path_option("--thrusters", metavar="FILE.csv", help="Of a vehicle: thrusters in place of its own, from a table.")
 @force_option
-def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: str | None, force: bool) -> None:
+def new(
+    kind: str, name: str, out: str | None, language: str, origin: str | None, thrusters: str | None, force: bool
+) -> None:
     """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is. An example is a file of the guides
     by its name, or all.
 
@@ -39,7 +48,11 @@ def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: st
     uvms-mj new vehicle my_rov
     uvms-mj new vehicle my_rov --from bluerov2_heavy --thrusters thrusters.csv
     uvms-mj new law my_law
+    uvms-mj new law my_law --language c
     uvms-mj new example all
+
+    In C, NAME.c has the function, NAME.toml its settings and states, and uvms_stage.h the records that it is given;
+    uvms-mj new header NAME.toml writes that header anew. It has the number of thrusters of the BlueROV1, or of --from.
 
     A table of thrusters has a row for each, and these columns, with the unit in the head:
 
@@ -51,7 +64,7 @@ def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: st
     min_N max_N            limits of the thrust, or min_kgf; may be left out or empty
     """
     with bad_input():
-        for line in write_new(kind, name, out, origin, thrusters, force):
+        for line in write_new(kind, name, out, origin, thrusters, force, language):
             click.echo(line)
 
 
@@ -62,6 +75,7 @@ def write_new(
     origin: str | None = None,
     thrusters: str | None = None,
     force: bool = False,
+    language: str = "python",
 ) -> list[str]:
     """Write the files of the command, whose arguments these are. Returns a line for each: its path and its use. Raises
     InputError."""
@@ -70,7 +84,13 @@ def write_new(
 
     if kind == EXAMPLE and not (origin or thrusters):
         return _examples(name, out, force)
+    if kind == HEADER_OF:
+        return [_header(Path(name), out, origin)]
     kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
+    if language == "c":
+        if kind not in IN_C:
+            raise InputError(f"--language c: a {kind} is not code; leave it out")
+        return _in_c(kind, name, out, origin, force)
     cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
     if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
         hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
@@ -91,6 +111,48 @@ def write_new(
         with atomic_write(path.with_name(each)) as part:
             part.write_bytes(data)
     return [f"{path}: {use.format(file=path, cls=cls)}"]
+
+
+def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: bool) -> list[str]:
+    """Write a stage in C: its code, its description and its header. Returns a line for each."""
+    from ..errors import InputError
+    from ..files import atomic_write
+
+    if not (name.isascii() and name.isidentifier()):
+        raise InputError(f"NAME {name!r}: must be the name of a C function, as my_{kind}")
+    folder = Path(out or ".")
+    paths = {suffix: folder / f"{name}{suffix}" for suffix in (".c", ".toml")}
+    for path in paths.values():
+        refuse_existing("NAME", path, force)
+    for suffix, path in paths.items():
+        source = Path(__file__).parent / "templates" / f"{kind}{suffix}.txt"
+        with atomic_write(path) as part:
+            part.write_text(source.read_text(encoding="utf-8").replace("template_name", name), encoding="utf-8")
+    header = _header(paths[".toml"], None, vehicle)
+    use = IN_C[kind].format(file=paths[".c"])
+    return [f"{paths['.c']}: {use}", f"{paths['.toml']}: its settings and states", header]
+
+
+def _header(description: Path, out: str | None, vehicle: str | None) -> str:
+    """Write the header of a description, for the thrusters and joints of a vehicle. Returns its line."""
+    from ..errors import InputError
+    from ..files import atomic_write
+    from ..plant.mjcf import Mjcf
+    from ..scenario import STAGES
+    from ..stages.c_header import Records, header
+    from ..stages.foreign import HEADER, Description
+
+    if description.suffix != ".toml":
+        raise InputError(f"NAME {description}: give the description of a stage, NAME.toml")
+    kind = Description.load(description, STAGES).stage_class(description.stem, __name__, [])
+    plant = Mjcf.find(vehicle or "bluerov1").vehicle
+    counted = len(plant.arm.links) if kind.room.counts == "joints" else len(plant.thrusters)
+    path = Path(out) / HEADER if out else description.with_name(HEADER)
+    records = Records.of(kind(), counted)
+    with atomic_write(path) as part:
+        part.write_text(header(kind, records), encoding="utf-8")
+    number = "".join(f", {name} = {value}" for name, value in records.counted.items())
+    return f"{path}: the records of the {kind.room.noun} {description.stem}{number}"
 
 
 def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dict[str, bytes]:

@@ -3,33 +3,49 @@
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..quantities import unit_of
 from .base import Stage
-from .signals import OF_JOINTS, OF_THRUSTERS, Signal
+from .signals import OF_JOINTS, OF_THRUSTERS, Signal, record_dtype
 
+_FUNCTIONS = Path(__file__).with_name("uvms_functions.h")
+"""Random numbers and attitudes, in C."""
 _TYPES = {"f8": "double", "i8": "int64_t", "b1": "unsigned char"}
 """C's types; a flag is one byte, 0 or 1."""
 
 
 @dataclass(frozen=True)
 class Records:
-    """The dtypes of a stage's records. ``out`` is a record, or an array of numbers."""
+    """The dtypes of a stage's records. ``out`` is a record, or an array of numbers. What a stage is given may be the
+    beginning of a longer record."""
 
     settings: np.dtype
     state: np.dtype
     given: np.dtype
     out: np.dtype
 
+    @classmethod
+    def of(cls, stage: Stage, counted: int) -> "Records":
+        """The records of a stage with so many thrusters or joints."""
+        kind, room = type(stage), stage.room
+        out = np.dtype(("f8", (counted if room.out[0].shape == (0,) else room.out[0].size,)))
+        if room.arguments[-1] == "out":
+            shapes = [(s.name, s.kind, (counted,) if s.shape == (0,) else s.shape) for s in room.out]
+            out = np.dtype(shapes, align=True)
+        given = record_dtype(kind.given(counted))
+        return cls(stage.record().dtype, kind.state_record(counted).dtype, given, out)
+
     def _each(self) -> Iterator[tuple[str, np.dtype]]:
         yield from (("settings", self.settings), ("state", self.state), ("given", self.given), ("out", self.out))
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Size of each record [bytes]."""
-        return tuple(dtype.itemsize for _, dtype in self._each())
+        """Sizes of settings, state and output [bytes]."""
+        return self.settings.itemsize, self.state.itemsize, self.out.itemsize
 
     @property
     def layout(self) -> int:
@@ -56,7 +72,7 @@ class Records:
 
 def _fields(dtype: np.dtype) -> list[tuple[str, np.dtype, int]]:
     """Name, type and place of the fields in the order of their places; none of an array."""
-    fields = dtype.fields or {}
+    fields: Any = dtype.fields or {}
     return sorted(((name, each[0], each[1]) for name, each in fields.items()), key=lambda each: each[2])
 
 
@@ -65,7 +81,10 @@ def header(kind: type[Stage], records: Records) -> str:
     name, room = kind.__name__, kind.room
     given = "signals" if "signals" in room.arguments else "given"
     settings = {field.name: (unit_of(field), field.metadata.get("meaning", "")) for field in kind.setting_fields()}
-    states = {key: (kind.units.get(key, ""), "a state" if key in kind.states else "kept") for key in kind.state_record(1).dtype.names or ()}
+    states = {
+        key: (kind.units.get(key, ""), "a state" if key in kind.states else "kept")
+        for key in kind.state_record(1).dtype.names or ()
+    }
     notes = {
         "settings": settings,
         "state": states,
@@ -80,9 +99,9 @@ def header(kind: type[Stage], records: Records) -> str:
         output = f"struct out *{called['out']}"
     text = "\n".join(_struct(key, dtype, notes[key]) for key, dtype in structs.items())
     constants = "".join(f"#define {key} {value}\n" for key, value in records.counted.items())
-    sizes = [f"sizeof(struct {key})" if dtype.itemsize else "0" for key, dtype in structs.items()]
-    if not records.out.names:
-        sizes.append(str(records.out.itemsize))
+    has = [structs.get(key, np.dtype("f8")).itemsize for key in ("settings", "state")]
+    sizes = [f"sizeof(struct {key})" if size else "0" for key, size in zip(("settings", "state"), has, strict=True)]
+    sizes.append("sizeof(struct out)" if records.out.names else str(records.out.itemsize))
     number = _numbers_of_out(records.out)
     return f"""/* The records of the {room.noun} {name}, in SI units, for a stage of uvms-mj.
 
@@ -91,9 +110,11 @@ def header(kind: type[Stage], records: Records) -> str:
 #ifndef UVMS_STAGE_H
 #define UVMS_STAGE_H
 
+#include <math.h>
 #include <stdint.h>
 
 {constants}{text}
+{_FUNCTIONS.read_text(encoding="utf-8")}
 #ifdef __cplusplus
 extern "C" {{
 #endif
@@ -105,9 +126,9 @@ int {name}(const struct settings *{called["settings"]}, struct state *{called["s
     const struct {given} *{called[given]}, struct state *{called["state_dot"]}, {output});
 
 /* The number of these records, and their sizes in bytes. */
-extern const uint64_t {name}_records[5];
+extern const uint64_t {name}_records[4];
 __attribute__((visibility("default"), weak))
-const uint64_t {name}_records[5] = {{
+const uint64_t {name}_records[4] = {{
     UINT64_C({records.layout}), {", ".join(sizes)}
 }};
 
@@ -147,6 +168,7 @@ def _struct(name: str, dtype: np.dtype, notes: Mapping[str, tuple[str, str]]) ->
         declared = f"    {_TYPES[kind.base.str[1:]]} {called}{shape};"
         lines.append(f"{declared:<36}{f' /* {note} */' if note else ''}".rstrip())
         end = place + kind.itemsize
-    fill(dtype.itemsize)
+    if name in ("settings", "state", "out"):
+        fill(dtype.itemsize)
     body = "\n".join(lines)
     return f"struct {name} {{\n{body}\n}};\n"

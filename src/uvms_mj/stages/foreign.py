@@ -6,10 +6,12 @@ machine code.
 """
 
 import dataclasses
+import functools
+import operator
 import re
 import sys
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -84,20 +86,20 @@ class OneSetting:
     def _checks(self) -> Iterator[AfterValidator | Any]:
         """The validators of the range."""
         limits: tuple[tuple[str, float | None, Callable[[float, float], bool]], ...] = (
-            ("at least", self.at_least, lambda x, limit: x >= limit),
-            ("greater than", self.above, lambda x, limit: x > limit),
-            ("at most", self.at_most, lambda x, limit: x <= limit),
-            ("less than", self.below, lambda x, limit: x < limit),
+            ("at least", self.at_least, operator.ge),
+            ("greater than", self.above, operator.gt),
+            ("at most", self.at_most, operator.le),
+            ("less than", self.below, operator.lt),
         )
         for words, limit, holds in limits:
             if limit is not None:
                 text = f"must be {words} {limit:g} {self.unit if self.unit != OWN_UNIT else ''}".rstrip()
-                yield refusing(
-                    lambda x, limit=limit, holds=holds: not all(
-                        holds(each, limit) for each in (x if isinstance(x, tuple) else (x,))
-                    ),
-                    text,
-                )
+                yield refusing(functools.partial(_breaks, holds, limit), text)
+
+
+def _breaks(holds: Callable[[float, float], bool], limit: float, value: float | tuple[float, ...]) -> bool:
+    """Whether a number, or one of several, is not within a limit."""
+    return not all(holds(each, limit) for each in (value if isinstance(value, tuple) else (value,)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,12 +129,14 @@ class Description:
     __pydantic_config__ = STRICT
 
     @classmethod
-    def load(cls, path: Path) -> "Description":
-        """Raises InputError if the file is missing or wrong."""
+    def load(cls, path: Path, stages: Collection[str] = BASES) -> "Description":
+        """Read a description for one of the ``stages``, tables of a scenario. Raises InputError if the file is missing or wrong."""
         try:
             tables = parsed_toml(text_of(path))
         except FileNotFoundError:
-            wanted = f"it describes the stage's settings and states; `uvms-mj new law {path.stem} --language c` writes one"
+            wanted = (
+                f"it describes the stage's settings and states; `uvms-mj new law {path.stem} --language c` writes one"
+            )
             raise InputError(f"no file {path.name} in {path.parent}: {wanted}") from None
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a description in TOML: {error}") from None
@@ -144,9 +148,11 @@ class Description:
             found = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
             raise InputError(faults_of(error, choices=choices), path.name) from None
-        if found.stage not in BASES:
-            hint = suggestion(found.stage, BASES)
-            raise InputError([Fault("stage", f"{found.stage!r} is not a table of a scenario with a stage; {hint}")], path.name)
+        if found.stage not in stages:
+            hint = suggestion(found.stage, stages)
+            raise InputError(
+                [Fault("stage", f"{found.stage!r} is not a table of a scenario with a stage; {hint}")], path.name
+            )
         return found
 
     def stage_class(self, name: str, module: str, files: list[str]) -> type[Stage]:

@@ -58,7 +58,9 @@ def compiled(path: Path, kind: type[Stage], records: Records) -> Path:
         # this header in place of an older one beside the file: both have the same guard
         options = [*_OPTIONS, "-include", str(own), "-I", new, str(path), "-o", str(part), "-lm"]
         try:
-            done = subprocess.run([*command, *options], capture_output=True, text=True, errors="replace", cwd=path.parent)
+            done = subprocess.run(
+                [*command, *options], capture_output=True, text=True, errors="replace", cwd=path.parent
+            )
         except OSError as error:
             raise InputError(f"the C compiler {shlex.join(command)}: {error.strerror}") from None
         if done.returncode or not part.is_file():
@@ -110,13 +112,15 @@ class Library:
     def _check(self, records: Records) -> None:
         """Refuse a library that was compiled with other records."""
         try:
-            found = [int(each) for each in (ctypes.c_uint64 * 5).in_dll(self._library, f"{self._name}_records")]
+            found = [int(each) for each in (ctypes.c_uint64 * 4).in_dll(self._library, f"{self._name}_records")]
         except ValueError:
-            raise self._wrong(f'has no {self._name}_records: include "{HEADER}" where {self._name} is defined') from None
+            raise self._wrong(
+                f'has no {self._name}_records: include "{HEADER}" where {self._name} is defined'
+            ) from None
         layout, *sizes = found
-        names = ("settings", "state", "what it is given", "its output")
+        names = ("its settings", "its state", "its output")
         differ = [
-            f"{what} has {there} bytes there, {here} here"
+            f"{what} have {there} bytes there, {here} here"
             for what, there, here in zip(names, sizes, records.sizes, strict=True)
             if there != here
         ]
@@ -130,7 +134,9 @@ class Library:
 
     def __call__(self, *records: Any) -> int:
         """Call the function from Python, with arrays or records; what it returns."""
-        return int(self._function(*(np.frombuffer(each, np.uint8).ctypes.data if each.nbytes else 0 for each in records)))
+        return int(
+            self._function(*(np.frombuffer(each, np.uint8).ctypes.data if each.nbytes else 0 for each in records))
+        )
 
 
 def _close(handle: int) -> None:

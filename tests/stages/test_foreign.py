@@ -1,0 +1,364 @@
+"""Stages in C and in libraries: they give the numbers of the same stage in Python, bit for bit."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import Gsta, InputError, Scenario, Simulation, StageFault, Trace, simulate
+from uvms_mj.cli.new import IN_C, write_new
+from uvms_mj.control import Aismc
+from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.records.mcap import McapLog
+from uvms_mj.scenario import STAGES
+from uvms_mj.stages.c_header import Records, header
+from uvms_mj.studies.study import Study
+
+PD = """
+#include "uvms_stage.h"
+
+int NAME(const struct settings *gains, struct state *state, const struct signals *signals, struct state *state_dot,
+    double *tau_cmd)
+{
+    for (int i = 0; i < 6; i++)
+        tau_cmd[i] = signals->g_hat[i] - gains->k_p * signals->eta_e[i] - gains->k_d * signals->nu_e[i];
+    return 0;
+}
+"""
+PD_TOML = """
+stage = "controller"
+uses_task = false
+settings.k_p = {default = 200.0, above = 0.0, unit = "N/m, N m", meaning = "stiffness"}
+settings.k_d = {default = 150.0, at_least = 0.0}
+"""
+GSTA = """
+#include "uvms_stage.h"
+
+int gsta_in_c(const struct settings *gains, struct state *state, const struct signals *signals, struct state *state_dot,
+    double *tau_cmd)
+{
+    double a[6];
+    for (int i = 0; i < 6; i++) {
+        double s = signals->s[i], sgn = (s > 0.0) - (s < 0.0), root = sqrt(fabs(s)) * sgn;
+        double phi_1 = root + gains->beta * s;
+        double phi_2 = 0.5 * sgn + 1.5 * gains->beta * root + gains->beta * gains->beta * s;
+        a[i] = -gains->k_1 * phi_1 + state->z[i];
+        state_dot->z[i] = -gains->k_2 * phi_2;
+        tau_cmd[i] = 0.0;
+        if (gains->nominal) {
+            a[i] -= signals->A[i] * s;
+            tau_cmd[i] = signals->tau_nom[i];
+        }
+    }
+    for (int j = 0; j < 6; j++)
+        for (int i = 0; i < 6; i++)
+            tau_cmd[i] += signals->M_hat[i][j] * a[j];
+    return 0;
+}
+"""
+GSTA_TOML = """
+stage = "controller"
+settings.k_1 = {default = 5.0, at_least = 0.0}
+settings.k_2 = {default = 10.0, at_least = 0.0}
+settings.beta = {default = 5.0, at_least = 0.0}
+settings.nominal = {default = true}
+states.z = {size = 6, unit = "m/s^2, rad/s^2"}
+"""
+AISMC = """
+#include "uvms_stage.h"
+
+static double least(double a, double b) { return a < b ? a : b; }
+static double most(double a, double b) { return a > b ? a : b; }
+
+int aismc_in_c(const struct settings *gains, struct state *state, const struct signals *signals,
+    struct state *state_dot, double *tau_cmd)
+{
+    double a[6];
+    for (int i = 0; i < 6; i++) {
+        if (signals->instant == 0)
+            state->nu_hat[i] = signals->nu[i];
+        state_dot->nu_hat[i] = signals->nu_d_dot[i] - signals->w[i];
+        state->sigma[i] = signals->nu[i] - state->nu_hat[i];
+        state->K[i] = least(gains->K_max[i], most(gains->K_0, state->K[i]));
+        state_dot->K[i] = gains->rate * (fabs(state->sigma[i]) - 0.5 * gains->epsilon[i]);
+        a[i] = -state->K[i] * least(1.0, most(-1.0, state->sigma[i] / gains->epsilon[i]));
+        tau_cmd[i] = signals->tau_nom[i];
+    }
+    for (int j = 0; j < 6; j++)
+        for (int i = 0; i < 6; i++)
+            tau_cmd[i] += signals->M_hat[i][j] * a[j];
+    return 0;
+}
+"""
+AISMC_TOML = """
+stage = "controller"
+settings.K_0 = {default = 0.2}
+settings.K_max = {default = [3.0, 3.0, 3.0, 12.0, 12.0, 12.0]}
+settings.rate = {default = 1000.0}
+settings.epsilon = {default = [0.02, 0.02, 0.02, 0.1, 0.1, 0.1]}
+states = {nu_hat = {size = 6}, K = {size = 6}, sigma = {size = 6}}
+"""
+
+
+def written(folder: Path, name: str, code: str = PD, description: str = PD_TOML) -> str:
+    folder.joinpath(f"{name}.c").write_text(code.replace("NAME", name))
+    folder.joinpath(f"{name}.toml").write_text(description)
+    return str(folder / f"{name}.c")
+
+
+def library(folder: Path, name: str, **given: str) -> str:
+    """A library that was compiled with the header of its description."""
+    file = written(folder, name, **given)
+    write_new("header", str(folder / f"{name}.toml"))
+    built = folder / f"lib{name}.so"
+    options = ["-shared", "-fPIC", "-O2", "-ffp-contract=off", "-o", str(built), file, "-lm"]
+    subprocess.run([*compiler(), *options], check=True)
+    return f"{built}:{name}"
+
+
+def assert_same(a: Trace, b: Trace) -> None:
+    assert [signal.name for signal in a.signals] == [signal.name for signal in b.signals]
+    assert a.status is b.status
+    for signal in a.signals:
+        np.testing.assert_array_equal(a[signal.name], b[signal.name], err_msg=signal.name)
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+@pytest.mark.parametrize(
+    ("law", "name", "code", "description"),
+    [(Gsta(), "gsta_in_c", GSTA, GSTA_TOML), (Aismc(), "aismc_in_c", AISMC, AISMC_TOML)],
+    ids=["gsta", "aismc"],
+)
+def test_a_law_in_c_is_the_law_in_python_bit_for_bit(tmp_path, engine, law, name, code, description):
+    scenario = Scenario.load("push_wall")
+    ours = simulate(scenario.updated({}, controller=law.name), engine=engine)
+    assert_same(
+        ours, simulate(scenario.updated({}, controller=written(tmp_path, name, code, description)), engine=engine)
+    )
+
+
+@pytest.mark.parametrize("kind", IN_C)
+def test_a_stage_of_the_template_in_c_is_the_template_in_python(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    write_new(kind, "in_c", language="c")
+    write_new(kind, "in_python")
+    table = {"law": "controller", "sensor": "navigation"}.get(kind, kind)
+    given = {"current.speed": 0.0, "wall.stiffness": 2e3} if kind == "observer" else {}
+    scenario = Scenario.load("push_wall", {"simulation.duration": 8.0, "initial.position": [0.9, 0.0, 0.0], **given})
+    theirs, ours = (scenario.updated({f"{table}.name": name}) for name in ("in_c.c", "in_python.py:InPython"))
+    assert_same(simulate(theirs, engine="free_body"), simulate(ours, engine="free_body"))
+    with Simulation(theirs, engine="free_body") as a, Simulation(ours, engine="free_body") as b:  # after a reset, too
+        for sim in (a, b):
+            sim.step(500)
+            sim.reset({"current.speed": 0.05})
+            sim.step(500)
+        np.testing.assert_array_equal(a.signals.tau_cmd, b.signals.tau_cmd)
+    assert all(np.array_equal(a.signals[name], b.signals[name]) for name in a.signals)
+
+
+@pytest.mark.parametrize(("table", "counted"), [(table, n) for table in STAGES for n in (6, 8) if table != "wrist"])
+def test_a_c_compiler_gives_the_records_the_sizes_and_places_that_the_loop_gives_them(tmp_path, table, counted):
+    description = f'stage = "{table}"\nsettings = {{a = {{default = true}}, b = {{default = [1.0, 2.0]}}}}\n'
+    description += "states = {x = {size = 3}, queue = {size = 5, advanced = false}}\n"
+    kind = STAGES[table].stage_class(written(tmp_path, "sized", "", description))
+    records = Records.of(kind(), counted)
+    structs = {"settings": records.settings, "state": records.state}
+    structs |= {"signals" if table == "controller" else "given": records.given}
+    structs |= {"out": records.out} if records.out.names else {}
+    lines = [
+        f'printf("%zu %zu\\n", offsetof(struct {name}, {field if field != "_" else "unused"}), '
+        f"sizeof(((struct {name} *)0)->{field if field != '_' else 'unused'}));"
+        for name, dtype in structs.items()
+        for field in dtype.names
+    ]
+    program = tmp_path / "sizes.c"
+    body = header(kind, records) + "\n#include <stdio.h>\n#include <stddef.h>\nint main(void) {\n" + "\n".join(lines)
+    program.write_text(f"{body}\nreturn sizeof(struct settings) != {records.settings.itemsize};\n}}\n")
+    subprocess.run([*compiler(), "-o", str(tmp_path / "sizes"), str(program), "-lm"], check=True)
+    printed = subprocess.run([str(tmp_path / "sizes")], check=True, capture_output=True, text=True).stdout.splitlines()
+    places = [(dtype.fields[f][1], dtype.fields[f][0].itemsize) for dtype in structs.values() for f in dtype.names]
+    assert [tuple(map(int, line.split())) for line in printed] == places
+
+
+def test_each_run_has_static_data_of_its_own(tmp_path):
+    counting = PD.replace(
+        "{\n    for", "{\n    static double calls;\n    calls += 1.0;\n    state->count[0] = calls;\n    for", 1
+    )
+    file = written(tmp_path, "counting", counting, f"{PD_TOML}states.count = {{size = 1}}\n")
+    scenario = Scenario.load("push_wall", {"controller.name": file})
+    with Simulation(scenario, engine="free_body") as a, Simulation(scenario, engine="free_body") as b:
+        threads = [threading.Thread(target=sim.step, args=(n,)) for sim, n in ((a, 3000), (b, 2000))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert (a.signals.count, b.signals.count) == (3000.0, 2000.0)
+
+
+def test_a_library_is_the_c_file_that_it_was_made_of(tmp_path):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 6.0})
+    names = library(tmp_path, "pd"), str(tmp_path / "pd.c")
+    a, b = (
+        simulate(scenario.updated({"controller.k_p": 300.0}, controller=name), engine="free_body") for name in names
+    )
+    assert_same(a, b)
+    assert (a.header.law.source, b.header.law.source) == ("libpd.so:pd", "pd.c:pd")
+    assert a.header.law.code == ""
+    assert "struct signals" in b.header.law.code
+
+
+def test_a_file_that_is_included_belongs_to_the_stage(tmp_path):
+    (tmp_path / "gain.h").write_text("#define GAIN 2.0\n")
+    file = written(tmp_path, "pd", '#include "gain.h"\n' + PD.replace("gains->k_p *", "GAIN * gains->k_p *"))
+    scenario = Scenario.load("push_wall", {"simulation.duration": 1.0})
+    first = simulate(scenario.updated({}, controller=file), engine="free_body")
+    assert set(first.header.law.files) == {"pd.toml", "gain.h"}
+    (tmp_path / "gain.h").write_text("#define GAIN 1.0\n")
+    second = simulate(scenario.updated({}, controller=file), engine="free_body")
+    whole = simulate(scenario.updated({"controller.k_p": 400.0}, controller=file), engine="free_body")
+    assert not np.array_equal(first.tau, second.tau)
+    np.testing.assert_array_equal(first.tau, whole.tau)
+
+
+def test_a_study_varies_a_gain_in_c_as_one_in_python(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_new("law", "in_c", language="c")
+    write_new("law", "in_python")
+    frames = []
+    for name in ("in_c.c", "in_python.py:InPython"):
+        tables = {
+            "laws": [name],
+            "base": {"scenario": "push_wall", "simulation": {"duration": 2.0}},
+            "run": {"engine": "free_body"},
+            "design": {"runs": 60, "seed": 7},
+            "vary": [{"key": "controller.k_p", "distribution": "uniform", "low": 100.0, "high": 300.0}],
+        }
+        frames.append(Study.from_dict(tables).run(tmp_path / Path(name).stem, workers=2).frame.drop(columns="law"))
+    assert len(frames[0]) == 60
+    assert frames[0].equals(frames[1])
+
+
+def test_a_crash_in_c_loses_its_own_run(tmp_path):
+    crash = PD.replace("return 0;", "return gains->k_p > 200.0 ? *(volatile int *)8 : 0;")
+    tables = {
+        "laws": [written(tmp_path, "crash", crash)],
+        "base": {"scenario": "push_wall", "simulation": {"duration": 0.5}},
+        "run": {"engine": "free_body"},
+        "vary": [{"key": "controller.k_p", "values": [100.0, 150.0, 250.0, 180.0]}],
+    }
+    frame = Study.from_dict(tables).run(tmp_path / "out", workers=2).frame
+    assert list(frame["status"] == "completed") == [True, True, False, True]
+
+
+@pytest.mark.parametrize("plain", ["", "1"])
+def test_what_a_stage_in_c_does_wrong_is_named(tmp_path, monkeypatch, plain):
+    monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
+    for code, words in (
+        (PD.replace("return 0;", "return signals->t > 0.01 ? -7 : 0;"), "your law wrong (wrong.c) returned -7"),
+        (PD.replace("return 0;", "tau_cmd[3] = signals->t / 0.0; return 0;"), "set tau_cmd[3] to "),
+        (PD.replace("i < 6", "i < 5"), "left tau_cmd[5] unset"),
+    ):
+        file = written(tmp_path, "wrong", code)
+        with Simulation(Scenario.load("push_wall", {"controller.name": file}), engine="free_body") as sim:
+            with pytest.raises(StageFault) as raised:
+                sim.step(300)
+            assert words in str(raised.value)
+            sim.reset()
+            assert sim.t == 0.0
+
+
+REFUSED = [
+    ("no_file.c", None, None, "no file 'no_file.c'"),
+    ("pd.c", PD, None, "no file pd.toml in"),
+    ("pd.c", "int NAME(", PD_TOML, "pd.c does not compile with"),
+    ("pd.c", PD.replace("int NAME", "int other"), PD_TOML, "has no function pd"),
+    ("pd.c", PD.replace("k_d", "k_v"), PD_TOML, "k_v"),
+    (
+        "pd.c",
+        PD,
+        PD_TOML.replace("controller", "control"),
+        "stage: 'control' is not a table of a scenario",
+    ),
+    ("pd.c", PD, f"{PD_TOML}setings = 3\n", "setings: no such key; did you mean 'settings'?"),
+    ("pd.c", PD, f'{PD_TOML}settings.k = {{default = "a"}}\n', "settings.k.default"),
+    ("pd.c", PD, f"{PD_TOML}states.x = {{size = 0}}\n", "states.x.size"),
+    ("pd.c", PD, f"{PD_TOML}states.nu = {{size = 6}}\n", "'nu' is the name of a signal"),
+    ("pd.c", PD, f"{PD_TOML}stage", "not a description in TOML"),
+    ("libpd.so", "text", PD_TOML, "names no function; give "),
+    ("libpd.so:pd", "text", PD_TOML, "is not a library that this machine loads"),
+    ("libpd.so:pd", None, PD_TOML, "no file"),
+]
+
+
+@pytest.mark.parametrize(("name", "code", "description", "words"), REFUSED, ids=lambda each: str(each)[:20])
+def test_what_can_not_be_a_stage_is_refused_in_one_sentence(tmp_path, monkeypatch, name, code, description, words):
+    monkeypatch.chdir(tmp_path)
+    if code is not None:
+        Path(name.partition(":")[0]).write_text(code.replace("NAME", "pd"))
+    if description is not None:
+        Path("pd.toml").write_text(description)
+    with pytest.raises(InputError) as raised:
+        Simulation(Scenario.load("push_wall", {"controller.name": name}), engine="free_body")
+    assert words in str(raised.value)
+
+
+def test_a_library_of_other_records_is_refused(tmp_path):
+    scenario = Scenario.load("push_wall")
+    name = library(tmp_path, "pd")
+    for change, words in (
+        (("above = 0.0", "above = 1.0"), ""),
+        (("k_d", "k_v"), "was compiled with other records; compile it again"),
+        (("default = 150.0", "default = [1.0, 2.0]"), "its settings have 24 bytes there, 32 here"),
+    ):
+        (tmp_path / "pd.toml").write_text(PD_TOML.replace(*change))
+        with Simulation(scenario, engine="free_body"):
+            pass
+        if not words:
+            Simulation(scenario.updated({}, controller=name), engine="free_body").close()
+            continue
+        with pytest.raises(InputError, match=words):
+            Simulation(scenario.updated({}, controller=name), engine="free_body")
+
+
+def test_a_library_without_the_number_of_its_records_is_refused(tmp_path):
+    written(tmp_path, "bare")
+    (tmp_path / "bare.c").write_text("int bare(void) { return 0; }\n")
+    options = ["-shared", "-fPIC", "-o", str(tmp_path / "libbare.so"), str(tmp_path / "bare.c")]
+    subprocess.run([*compiler(), *options], check=True)
+    with pytest.raises(InputError, match="has no bare_records: include"):
+        Simulation(Scenario.load("push_wall", {"controller.name": f"{tmp_path}/libbare.so:bare"}), engine="free_body")
+
+
+def test_the_compiler_of_the_package_ziglang_gives_the_same_numbers(tmp_path, monkeypatch):
+    pytest.importorskip("ziglang")
+    file = written(tmp_path, "gsta_in_c", GSTA, GSTA_TOML)
+    scenario = Scenario.load("push_wall", {"simulation.duration": 7.0, "controller.name": file})
+    here = simulate(scenario, engine="free_body")
+    monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
+    assert_same(here, simulate(scenario, engine="free_body"))
+
+
+def test_without_a_compiler_one_sentence_says_so(tmp_path, monkeypatch):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    file = written(tmp_path, "pd")
+    with pytest.raises(InputError, match="no C compiler: install one"):
+        Simulation(Scenario.load("push_wall", {"controller.name": file}), engine="free_body")
+
+
+def test_a_log_has_the_code_and_its_description(tmp_path):
+    file = written(tmp_path, "pd")
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.1, "controller.name": file})
+    simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")])
+    trace = Trace.load(tmp_path / "run.mcap")
+    assert trace.header.law.source == "pd.c:pd"
+    assert trace.header.law.code == (tmp_path / "pd.c").read_text()
+    assert trace.header.law.files == {"pd.toml": PD_TOML.encode()}
+    with pytest.raises(InputError, match="never run"):
+        simulate(trace.scenario)
+    again = simulate(trace.scenario.updated({}, controller=file))
+    assert_same(again, simulate(trace.scenario.updated({"controller.name": file})))
