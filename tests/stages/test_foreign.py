@@ -362,3 +362,13 @@ def test_a_log_has_the_code_and_its_description(tmp_path):
         simulate(trace.scenario)
     again = simulate(trace.scenario.updated({}, controller=file))
     assert_same(again, simulate(trace.scenario.updated({"controller.name": file})))
+
+
+def test_the_header_of_another_stage_is_not_overwritten(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_new("law", "one", language="c")
+    with pytest.raises(InputError, match="is the header of another stage; give each stage in C a folder of its own"):
+        write_new("sensor", "other", language="c")
+    assert {path.name for path in tmp_path.iterdir()} == {"one.c", "one.toml", "uvms_stage.h"}
+    write_new("sensor", "other", out="sensor", language="c")
+    write_new("header", "one.toml")

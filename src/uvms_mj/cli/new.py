@@ -85,7 +85,7 @@ def write_new(
     if kind == EXAMPLE and not (origin or thrusters):
         return _examples(name, out, force)
     if kind == HEADER_OF:
-        return [_header(Path(name), out, origin)]
+        return [_header(Path(name), out, origin, force)]
     kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
     if language == "c":
         if kind not in IN_C:
@@ -115,26 +115,33 @@ def write_new(
 
 def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: bool) -> list[str]:
     """Write a stage in C: its code, its description and its header. Returns a line for each."""
+    import tempfile
+
     from ..errors import InputError
     from ..files import atomic_write
 
     if not (name.isascii() and name.isidentifier()):
         raise InputError(f"NAME {name!r}: must be the name of a C function, as my_{kind}")
     folder = Path(out or ".")
+    folder.mkdir(exist_ok=True)
     paths = {suffix: folder / f"{name}{suffix}" for suffix in (".c", ".toml")}
     for path in paths.values():
         refuse_existing("NAME", path, force)
-    for suffix, path in paths.items():
-        source = Path(__file__).parent / "templates" / f"{kind}{suffix}.txt"
-        with atomic_write(path) as part:
-            part.write_text(source.read_text(encoding="utf-8").replace("template_name", name), encoding="utf-8")
-    header = _header(paths[".toml"], None, vehicle)
+    with tempfile.TemporaryDirectory() as new:
+        for suffix in (".toml", ".c"):
+            source = Path(__file__).parent / "templates" / f"{kind}{suffix}.txt"
+            Path(new, f"{name}{suffix}").write_text(source.read_text(encoding="utf-8").replace("template_name", name))
+        header = _header(Path(new, f"{name}.toml"), str(folder), vehicle, force)
+        for suffix, path in paths.items():
+            with atomic_write(path) as part:
+                part.write_bytes(Path(new, f"{name}{suffix}").read_bytes())
     use = IN_C[kind].format(file=paths[".c"])
     return [f"{paths['.c']}: {use}", f"{paths['.toml']}: its settings and states", header]
 
 
-def _header(description: Path, out: str | None, vehicle: str | None) -> str:
-    """Write the header of a description, for the thrusters and joints of a vehicle. Returns its line."""
+def _header(description: Path, out: str | None, vehicle: str | None, force: bool) -> str:
+    """Write the header of a description, for the thrusters and joints of a vehicle. Returns its line. Raises InputError
+    if there is that of another stage."""
     from ..errors import InputError
     from ..files import atomic_write
     from ..plant.mjcf import Mjcf
@@ -149,8 +156,13 @@ def _header(description: Path, out: str | None, vehicle: str | None) -> str:
     counted = len(plant.arm.links) if kind.room.counts == "joints" else len(plant.thrusters)
     path = Path(out) / HEADER if out else description.with_name(HEADER)
     records = Records.of(kind(), counted)
+    text = header(kind, records)
+    banner = text.partition(", in SI units")[0]
+    if not force and path.exists() and not path.read_text(encoding="utf-8").startswith(banner):
+        wrong = "is the header of another stage; give each stage in C a folder of its own, --out FOLDER, or --force"
+        raise InputError(f"{path}: {wrong}")
     with atomic_write(path) as part:
-        part.write_text(header(kind, records), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
     number = "".join(f", {name} = {value}" for name, value in records.counted.items())
     return f"{path}: the records of the {kind.room.noun} {description.stem}{number}"
 
