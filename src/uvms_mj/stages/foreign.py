@@ -130,7 +130,8 @@ class Description:
 
     @classmethod
     def load(cls, path: Path, stages: Collection[str] = BASES) -> "Description":
-        """Read a description for one of the ``stages``, tables of a scenario. Raises InputError if the file is missing or wrong."""
+        """Read a description for one of the ``stages``, tables of a scenario. Raises InputError if the file is missing
+        or wrong."""
         try:
             tables = parsed_toml(text_of(path))
         except FileNotFoundError:
