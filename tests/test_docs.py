@@ -40,7 +40,7 @@ def test_a_drawing_is_small(picture):
 
 
 def test_the_drawing_of_an_instant_has_the_stages_of_the_table_in_their_order():
-    table = page("architecture").read_text().split("| stage | in a run |")[1].split("\n\n")[0]
+    table = page("architecture").read_text().split("| stage | table | in a run |")[1].split("\n\n")[0]
     drawn = [BEFORE[0]]
     for stage, *_ in CHAIN:
         drawn += [stage, *(name for name, *_ in reversed(BETWEEN.get(stage, [])))]

@@ -173,7 +173,8 @@ class Simulation:
         Args:
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
-                those of ``vehicle`` and the names of stages.
+                those of ``vehicle``, the names of stages, the integrator, the frame of the task, and those that decide
+                which contacts, delay or schedule there are.
             seed: replaces ``simulation.seed``.
 
         Raises:

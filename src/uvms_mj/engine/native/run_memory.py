@@ -322,7 +322,7 @@ class RunMemory:
         """
         constants = {} if setup is self._setup else self._fitting(setup)
         self.engine.clear()
-        drawn = self.engine.water.drawn()
+        drawn = self.engine.water.drawn()  # noise of the same seed and constants is not drawn again
         self.image.fixed[:] = self._start
         self.engine.water.keep(drawn)
         self.engine.write_time(setup)
