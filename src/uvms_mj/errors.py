@@ -51,7 +51,9 @@ class InputError(ValueError):
 
 EXTRAS: Mapping[str, str] = {
     "cluster": "distributed",
+    "c": "ziglang",
     "dm": "dm-control, for Python up to 3.12",
+    "fmi": "FMPy",
     "gym": "gymnasium",
     "tune": "optuna",
     "video": "imageio-ffmpeg",

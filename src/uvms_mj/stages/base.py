@@ -48,6 +48,10 @@ from . import signals
 from .signals import JOINT_SIGNALS, Signal
 
 
+class ForeignCode(Exception):
+    """A stage's function is machine code of the user's: Python does not call it."""
+
+
 def setting(default: Any, unit: str, meaning: str) -> Any:
     """A dataclass field for a setting, with its default value, unit and meaning."""
     return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})

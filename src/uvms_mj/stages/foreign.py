@@ -20,19 +20,16 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from ..errors import Fault, InputError, faults_of, suggestion
 from ..files import parsed_toml, text_of
 from ..quantities import STRICT, Number, of_length, refusing, repeated
-from .base import Stage, setting
+from . import fmu
+from .base import ForeignCode, Stage, setting
 from .signals import OWN_UNIT
 
-C_FILE, LIBRARIES = ".c", (".so", ".dylib")
-SUFFIXES = (C_FILE, *LIBRARIES)
+C_FILE, LIBRARIES, UNIT = ".c", (".so", ".dylib"), ".fmu"
+SUFFIXES = (C_FILE, *LIBRARIES, UNIT)
 HEADER = "uvms_stage.h"
 """Name of the file with the records as C structs."""
 BASES: dict[str, type[Stage]] = {}
 """The base class of each table of a scenario that names a stage."""
-
-
-class ForeignCode(Exception):
-    """The function is machine code: Python does not call it."""
 
 
 def parted(source: Any) -> tuple[str, str]:
@@ -46,7 +43,7 @@ def parted(source: Any) -> tuple[str, str]:
     suffix = Path(file).suffix
     if suffix not in (".py", *SUFFIXES):
         return "", ""
-    return file, name or (Path(file).stem if suffix == C_FILE else "")
+    return file, name or (Path(file).stem if suffix in (C_FILE, UNIT) else "")
 
 
 def is_foreign(kind: type[Stage]) -> bool:
@@ -190,8 +187,11 @@ class Description:
 _VALIDATOR = TypeAdapter(Description)
 
 
-def load_foreign(path: Path, name: str, module: types.ModuleType) -> None:
-    """Set the class of a stage in C, or in a library, in a new module with this file. Raises InputError."""
+def load_foreign(path: Path, name: str, table: str, module: types.ModuleType) -> None:
+    """Set the class of a stage in C, in a library or in an FMU in a new module with this file. Raises InputError."""
+    if path.suffix == UNIT:
+        setattr(module, name, fmu.stage_class(fmu.read(path), BASES[table], module.__name__))
+        return
     folder, own = path.parent, path if path.suffix == C_FILE else path.with_name(f"{name}.c")
     if not name.isidentifier() or not name.isascii():
         raise InputError(f"{name!r} is not the name of a C function; give {path.name}:NAME")
@@ -217,13 +217,14 @@ def c_sources(path: Path) -> list[Path]:
     return list(found)
 
 
-def module_for(path: Path, name: str, module_name: str) -> types.ModuleType:
-    """The module of a stage in C or in a library. Raises InputError."""
+def module_for(path: Path, name: str, table: str, module_name: str) -> types.ModuleType:
+    """The module of a stage in C, in a library or in an FMU, which does not say for which table it is. Raises
+    InputError."""
     module = types.ModuleType(module_name)
     module.__file__ = str(path)
     sys.modules[module_name] = module
     try:
-        load_foreign(path, name, module)
+        load_foreign(path, name, table, module)
     except BaseException:
         del sys.modules[module_name]
         raise

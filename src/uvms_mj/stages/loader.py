@@ -249,7 +249,8 @@ def load_file(path: Path, key: str, function: str = "") -> ModuleType:
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if path.suffix != ".py":
         try:
-            return module_for(path, function or path.stem, name)
+            table = key.partition(".")[0]
+            return module_for(path, function or path.stem, table if table in BASES else "controller", name)
         except InputError as error:
             raise InputError([Fault(key, str(error))]) from None
     spec = importlib.util.spec_from_file_location(name, path)

@@ -60,6 +60,16 @@ def _call_code(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     return scalar(builder.call(builder.inttoptr(function, kind.as_pointer()), addresses), INT)
 
 
+def _call_step(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+    function, instance, clock = arguments
+    double = ir.DoubleType()
+    places = [builder.add(clock, WORD(8 * i)) for i in range(2)]
+    t_and_h = [builder.load(builder.inttoptr(place, double.as_pointer()), typ=double) for place in places]
+    kind = ir.FunctionType(_FLAG, [WORD, double, double, _FLAG])
+    status = builder.call(builder.inttoptr(function, kind.as_pointer()), [instance, *t_and_h, _FLAG(1)])
+    return scalar(builder.sext(status, WORD), INT)
+
+
 def signalled(builder: ir.IRBuilder) -> ir.Value:
     """Whether a signal handler raises, as it does at Ctrl-C; then ``stopped`` of :mod:`.memory` is set."""
     lock = _external(builder, "PyGILState_Ensure", _FLAG)
@@ -82,6 +92,7 @@ INTRINSICS: dict[Any, Intrinsic] = {
     memory.frozen_clock: _shared("uvms_mj_clock", memory.clock),
     memory.mj_factorM: _mj_factorM,
     memory.call_code: _call_code,
+    memory.call_step: _call_step,
 }
 
 

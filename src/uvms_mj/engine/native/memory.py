@@ -95,6 +95,14 @@ def frozen_clock() -> np.ndarray:
     return clock
 
 
+def call_step(function: int, instance: int, clock: int) -> int:
+    """Call the fmi2DoStep at an address with an instance and the time and step of the clock at an address; its
+    status."""
+    t, h = floats(clock, 2)
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
+    return int(kind(int(function))(int(instance), t, h, 1))
+
+
 def call_code(function: int, *words: int) -> int:
     """Call machine code by its address with 64-bit integers; what it returns."""
     kind = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(words))

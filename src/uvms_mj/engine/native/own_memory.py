@@ -25,11 +25,14 @@ def attitudes(out: np.dtype) -> tuple[tuple[str, str], ...]:
     return tuple((quat, R if R in names else "") for quat, R in found)
 
 
-def layout(settings: np.dtype, state: np.dtype, given: np.dtype, out: np.dtype) -> np.dtype:
-    """The record of a stage's own memory. ``matrix`` is for a rotation matrix to compare with. ``code_at`` and
-    ``returned`` are the address of a function of a shared library, and what it returned."""
+def layout(
+    settings: np.dtype, state: np.dtype, given: np.dtype, out: np.dtype, foreign: np.dtype | None = None
+) -> np.dtype:
+    """The record of a stage's own memory. ``matrix`` is for a rotation matrix to compare with; ``foreign`` is what the
+    loop needs to call machine code of the user's."""
     parts = {"settings": settings, "state": state, "given": given, "state_dot": state, "out": out}
-    return np.dtype([*parts.items(), ("matrix", "f8", (9,)), ("code_at", "i8"), ("returned", "i8")], align=True)
+    own = [("foreign", foreign)] if foreign is not None else []
+    return np.dtype([*parts.items(), ("matrix", "f8", (9,)), *own], align=True)
 
 
 class OwnMemory:
@@ -78,11 +81,6 @@ class OwnMemory:
         fields: Any = self._memory.dtype.fields
         kind, place = fields[name][:2]
         return self._memory.view(np.uint8)[place : place + kind.itemsize].view(np.int64)
-
-    def returned(self) -> str:
-        """What a function of a library returned in place of 0, as a predicate; empty if it returned 0."""
-        number = int(self._memory["returned"][0])
-        return f"returned {number}" if number else ""
 
     def wrong(self) -> str:
         """What the stage did wrong, as a predicate, e.g. "set tau_cmd[2] to nan"; empty if nothing."""

@@ -32,6 +32,7 @@ from ...scenario import STAGES, Scenario
 from ...setup.base import Setup
 from ...stages.base import Stage, is_shipped, random_key
 from ...stages.c_header import Records
+from ...stages.fmu import OfUnit
 from ...stages.foreign import is_foreign
 from ...stages.signals import (
     CLOCK,
@@ -52,11 +53,12 @@ from ...stages.signals import (
     record_dtype,
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
+from .fmu import UnitInstance, dtype_of
 from .memory import at_address
 from .own_memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
-from .shared_library import Library
+from .shared_library import LIBRARY, Library
 from .user_stage import compile_user_stage, is_check
 
 
@@ -83,9 +85,14 @@ class CompiledStage:
         self.users = not is_shipped(stage)
         self._fused = fused
         self.kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
-        self.code, self.not_compiled, self.library = None, "", None
-        if is_foreign(type(stage)):
-            self.library = Library(stage, Records(*self.kinds))
+        self.code, self.not_compiled = None, ""
+        self.library: Library | UnitInstance | None = None
+        self._foreign: np.dtype | None = None
+        if isinstance(stage, OfUnit):
+            self.library = unit = UnitInstance(stage, Records(*self.kinds))
+            self._foreign = dtype_of(unit.wiring)
+        elif is_foreign(type(stage)):
+            self.library, self._foreign = Library(stage, Records(*self.kinds)), LIBRARY
         try:
             self.code = self._compiled()
         except NotCompiled as reason:
@@ -97,7 +104,7 @@ class CompiledStage:
         """The records of the stage behind the record of the run."""
         own = [(name, each.dtype) for name, each in self._start.items()]
         own += [("state_dot", self._start["state"].dtype)] if "state" in self._start else []
-        own += [("own", layout(*self.kinds))] if self.apart and "state" in self._start else []
+        own += [("own", layout(*self.kinds, self._foreign))] if self.apart and "state" in self._start else []
         return np.dtype(own, align=True)
 
     def bind(self, image: Image, record: np.ndarray) -> None:
@@ -115,7 +122,8 @@ class CompiledStage:
             if self.users:
                 self.places["settings"] = image.place(record["own"])
             if self.library:
-                record["own"]["code_at"] = self.library.address
+                self.foreign_record = record["own"]["foreign"]
+                self.library.fill(self.foreign_record)
 
     def _compiled(self) -> NativeFunction:
         """The machine code. Raises InputError if the stage is wrong, and NotCompiled if the language lacks what it
@@ -129,7 +137,8 @@ class CompiledStage:
         from ...compiler.refusals import Mistake
 
         try:
-            return compile_user_stage(None if self.library else function, self.stage.room, kinds)
+            before = getattr(self.stage, "get_before_step", False) if self.library else False
+            return compile_user_stage(self._foreign or function, self.stage.room, kinds, before)
         except Mistake as mistake:
             where = f"{Path(mistake.file).name}, line {mistake.line}"
             said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
@@ -168,9 +177,9 @@ class CompiledStage:
         assert self.code is not None
         why, file, line = place(code, self.code.files)
         assert self.own is not None
-        fault = (self.own.returned() or self.own.wrong()) if is_check(file) else ""
+        fault = self.own.wrong() if is_check(file) else ""
         if self.library:  # to call it again would change what it keeps
-            return self._plain.fault(fault)
+            return self._plain.fault(self.library.said(self.foreign_record) or fault)
         self.own.clear()
         self.own.fill(self.given, self.state)
         return self._plain.explain(fault, "" if is_check(file) else f"{Path(file).name}, line {line}: {WHY[why]}")
@@ -251,6 +260,7 @@ class Pipeline:
         self._actuate(scenario)
         self.running = tuple(self.stages.values())
         self.apart = [stage for stage in self.running if stage.apart]
+        self._libraries: list[Any] = [(table, stage) for table, stage in self.stages.items() if stage.library]
 
     def field(self, *names: str) -> Field:
         """A field of the record of the run."""
@@ -370,6 +380,17 @@ class Pipeline:
         if faults:
             raise InputError(faults, "a new Simulation is needed")
         return found
+
+    def start(self, scenario: Scenario) -> None:
+        """Begin a run in what stages in libraries and FMUs keep."""
+        for table, stage in self._libraries:
+            stage.library.start(getattr(scenario, table))
+            stage.library.fill(stage.foreign_record)
+
+    def check_unchanged(self, scenario: Scenario) -> None:
+        """Raise InputError for settings of a library or an FMU that can't change during a run."""
+        for table, stage in self._libraries:
+            stage.library.check_unchanged(getattr(scenario, table))
 
     def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
         """Set the constants of stages, by table."""

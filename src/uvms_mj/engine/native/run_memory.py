@@ -335,11 +335,13 @@ class RunMemory:
             for room, (_, table) in self._tables.items():
                 self.image.put(room, table)
             self._has_other_tables = False
+        self.stages.start(setup.scenario)
 
     def rewrite(self, setup: Setup) -> None:
         """Set the numbers of another setup with the same time and start, while the run goes on. Raises InputError as
         :meth:`restart` does."""
         constants = self._fitting(setup)
+        self.stages.check_unchanged(setup.scenario)
         self.engine.write_wall(setup)
         self._write(setup, constants)
 

@@ -75,6 +75,10 @@ def _contents(path: Path) -> list[bytes]:
     return [part for each in c_sources(path) for part in (each.name.encode(), each.read_bytes())]
 
 
+LIBRARY = np.dtype([("code_at", "i8"), ("returned", "i8")])
+"""The record of a library in a stage's own memory: the address of its function, and what that returned."""
+
+
 class Library:
     """A copy of a library of its own for one run, with static data of its own, and the stage's function in it.
 
@@ -128,6 +132,21 @@ class Library:
             why = f": {'; '.join(differ)}" if differ else ""
             again = f"compile it again with the {HEADER} of `uvms-mj new header {self._name}.toml`"
             raise self._wrong(f"was compiled with other records{why}; {again}")
+
+    def start(self, stage: Stage) -> None:
+        """Begin a run. What the library keeps is as it was."""
+
+    def check_unchanged(self, stage: Stage) -> None:
+        """Settings may change during a run."""
+
+    def fill(self, record: np.ndarray) -> None:
+        """Set the record (1,) in a stage's own memory."""
+        record["code_at"] = self.address
+
+    def said(self, record: np.ndarray) -> str:
+        """What the function returned in place of 0, as a predicate; empty if it returned 0."""
+        number = int(record["returned"][0])
+        return f"returned {number}" if number else ""
 
     def _wrong(self, said: str) -> InputError:
         return InputError([Fault(self._key, f"{self._file} {said}")])

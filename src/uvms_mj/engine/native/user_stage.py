@@ -9,18 +9,21 @@ import numpy as np
 from ...physics.frames import rotation
 from ...stages.base import Room
 from .compilation import NativeFunction, native_stage
-from .memory import call_code, floats, integers, triples
+from .memory import call_code, call_step, floats, integers, triples
 from .own_memory import SAME, UNIT, attitudes, layout
 
 if TYPE_CHECKING:  # global names of the function below, set for each stage
     function: Any = None
     call_stage: Any = None
+    foreign: Any = None
     settings: Any = None
     states: Any = None
     signals: Any = None
     output: Any = None
-    SETTINGS, STATE, STATE_DOT, OUT, MATRIX, CODE = 0, 0, 0, 0, 0, 0  # offsets in the stage's own memory [bytes]
-    N_STATE, N_OUT = 0, 0  # numbers
+    SETTINGS, STATE, STATE_DOT, OUT, MATRIX, FOREIGN = 0, 0, 0, 0, 0, 0  # offsets in the stage's own memory [bytes]
+    REFS_IN, VALUES_IN, REFS_OUT, VALUES_OUT = 0, 0, 0, 0  # offsets in the record of an FMU [bytes]
+    N_STATE, N_GIVEN, N_OUT, N_INPUTS, N_OUTPUTS = 0, 0, 0, 0, 0  # numbers
+    GET_BEFORE = False
     QUATERNIONS: Any = ()  # places in the output [bytes]
     ROTATIONS: Any = ()  # places of a quaternion and of its rotation matrix
 
@@ -40,11 +43,41 @@ def _of_python(own_at, given_at):
 
 
 def _of_library(own_at, given_at):
-    code = integers(own_at + CODE, 2)
-    returned = call_code(code[0], own_at + SETTINGS, own_at + STATE, given_at, own_at + STATE_DOT, own_at + OUT)
-    code[1] = returned << 32 >> 32  # a C int has 32 bits
-    if code[1] != 0:
+    library = foreign(own_at + FOREIGN)
+    library.returned = _c_int(
+        call_code(library.code_at, own_at + SETTINGS, own_at + STATE, given_at, own_at + STATE_DOT, own_at + OUT)
+    )
+    if library.returned != 0:
         raise _Wrong
+
+
+def _of_unit(own_at, given_at):
+    unit, given, out = foreign(own_at + FOREIGN), floats(given_at, N_GIVEN), floats(own_at + OUT, N_OUT)
+    for i in range(N_INPUTS):
+        unit.values_in[i] = given[unit.places_in[i]]
+    at = own_at + FOREIGN
+    if N_INPUTS > 0:
+        _note(unit, 0, _c_int(call_code(unit.fmi2SetReal, unit.instance, at + REFS_IN, N_INPUTS, at + VALUES_IN)))
+    if GET_BEFORE:
+        _note(unit, 2, _c_int(call_code(unit.fmi2GetReal, unit.instance, at + REFS_OUT, N_OUTPUTS, at + VALUES_OUT)))
+    _note(unit, 1, call_step(unit.fmi2DoStep, unit.instance, given_at))
+    if not GET_BEFORE:
+        _note(unit, 2, _c_int(call_code(unit.fmi2GetReal, unit.instance, at + REFS_OUT, N_OUTPUTS, at + VALUES_OUT)))
+    if unit.returned != 0:
+        raise _Wrong
+    for i in range(N_OUTPUTS):
+        out[unit.places_out[i]] = unit.values_out[i]
+
+
+def _c_int(word):
+    """A C int, which has 32 bits, from the word that a call returned."""
+    return word << 32 >> 32
+
+
+def _note(unit, call, status):
+    """Keep the first status beyond a warning."""
+    if unit.returned == 0 and not 0 <= status <= 1:
+        unit.returned, unit.call = status, call
 
 
 def _call(own_at, state_at, given_at, state_dot_at, out_at):
@@ -80,26 +113,34 @@ def _call(own_at, state_at, given_at, state_dot_at, out_at):
 
 
 def compile_user_stage(
-    stage: types.FunctionType | None, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+    stage: types.FunctionType | np.dtype,
+    room: Room,
+    kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype],
+    get_before: bool = False,
 ) -> NativeFunction:
     """Compile a user's stage to a function of five addresses: its own memory (:mod:`.own_memory`), its states, what it
     is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is given, and
     the output.
 
-    ``stage`` is None for the function of a library, whose address is in the stage's own memory. It returns 0, or the
-    number that says why and where it ended early; then states and output are as before. Raises Mistake if the stage is
-    wrong, and NotCompiled if the language lacks what it uses.
+    ``stage`` is a function, or the record in the stage's own memory from which the loop calls a library or an FMU, with
+    ``get_before`` its outputs before its step. It returns 0, or the number that says why and where it ended early; then
+    states and output are as before. Raises Mistake if the stage is wrong, and NotCompiled if the language lacks what it
+    uses.
     """
-    return native_stage(*between_copies(stage, room, kinds))
+    return native_stage(*between_copies(stage, room, kinds, get_before))
 
 
 def between_copies(
-    stage: types.FunctionType | None, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+    stage: types.FunctionType | np.dtype,
+    room: Room,
+    kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype],
+    get_before: bool = False,
 ) -> tuple[types.FunctionType, dict[Any, tuple[np.dtype, str]]]:
     """The function of :func:`compile_user_stage` before it is compiled, and the functions in it that stand for the
     record at an address, each with its dtype and why it can't be changed."""
     its_settings, state, given, out = kinds
-    at: Any = layout(*kinds).fields
+    own = None if isinstance(stage, types.FunctionType) else stage
+    at: Any = layout(*kinds, own).fields
     places: Any = out.fields or {}
     quaternions = attitudes(out)
     names = {
@@ -107,7 +148,6 @@ def between_copies(
         "N_STATE": state.itemsize // 8,
         "N_OUT": out.itemsize // 8,
         "MATRIX": at["matrix"][1],
-        "CODE": at["code_at"][1],
         "QUATERNIONS": tuple(places[quat][1] for quat, _ in quaternions),
         "ROTATIONS": tuple((places[quat][1], places[R][1]) for quat, R in quaternions if R),
         **{name.upper(): at[name][1] for name in ("settings", "state", "state_dot", "out")},
@@ -120,10 +160,18 @@ def between_copies(
         "signals": (given, only_read),
         "output": (out, ""),
     }
+    caller: Any = _of_python
+    if own is not None:
+        records["foreign"] = (own, "")
+        inner: Any = own.fields
+        names |= {"FOREIGN": at["foreign"][1], "GET_BEFORE": get_before, "N_GIVEN": given.itemsize // 8}
+        names |= {name.upper(): inner[name][1] for name in inner if name.startswith(("refs", "values"))}
+        names |= {"N_INPUTS": inner["values_in"][0].shape[0]} if "values_in" in inner else {}
+        names |= {"N_OUTPUTS": inner["values_out"][0].shape[0]} if "values_out" in inner else {}
+        caller = _of_unit if "instance" in inner else _of_library
     readers = {name: _reader(name) for name in records}
     known = globals() | names | readers
-    own = _of_python if stage is not None else _of_library
-    known["call_stage"] = types.FunctionType(own.__code__, known, own.__name__)
+    known["call_stage"] = types.FunctionType(caller.__code__, known, caller.__name__)
     call = types.FunctionType(_call.__code__, known, _call.__name__)
     return call, {readers[name]: records[name] for name in records}
 

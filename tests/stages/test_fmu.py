@@ -1,0 +1,270 @@
+"""FMUs as stages: they give the numbers of the same stage in Python, bit for bit, and what does not fit is a list."""
+
+import threading
+import zipfile
+
+import numpy as np
+import pytest
+
+from fmus import build, description
+from uvms_mj import InputError, Scenario, Simulation, StageFault, simulate
+from uvms_mj.studies.study import Study
+
+pytest.importorskip("fmpy", reason="needs the extra fmi")
+
+
+def entries(name: str, n: int = 6) -> list[str]:
+    return [f"{name}[{i + 1}]" for i in range(n)]
+
+
+WRENCH = entries("tau_cmd")
+PD = "for (int i = 0; i < 6; i++) r[20 + i] = r[14 + i] - r[0] * r[2 + i] - r[1] * r[8 + i];"
+PD_GAINS = {"k_p": 200.0, "k_d": 150.0}
+PD_INPUTS = [*entries("eta_e"), *entries("nu_e"), *entries("g_hat")]
+PD_IN_PYTHON = '''
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+
+@dataclass(frozen=True)
+class Pd(Controller):
+    """PD."""
+    k_p: float = gain(200.0, "N/m", "stiffness")
+    k_d: float = gain(150.0, "N s/m", "damping")
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            tau_cmd[i] = signals.g_hat[i] - gains.k_p * signals.eta_e[i] - gains.k_d * signals.nu_e[i]
+'''
+GSTA = """
+    double *s = r + 3, *A = r + 9, *tau_nom = r + 15, *M_hat = r + 21, *tau = r + 57, a[6];
+    for (int i = 0; i < 6; i++) {
+        double sgn = (s[i] > 0.0) - (s[i] < 0.0), root = sqrt(fabs(s[i])) * sgn, beta = r[2];
+        double phi_1 = root + beta * s[i], phi_2 = 0.5 * sgn + 1.5 * beta * root + beta * beta * s[i];
+        a[i] = -r[0] * phi_1 + x[i];
+        x[i] += h * (-r[1] * phi_2);
+        a[i] -= A[i] * s[i];
+        tau[i] = tau_nom[i];
+    }
+    for (int j = 0; j < 6; j++)
+        for (int i = 0; i < 6; i++)
+            tau[i] += M_hat[6 * i + j] * a[j];
+"""
+GSTA_INPUTS = [
+    *(*entries("s"), *entries("A"), *entries("tau_nom")),
+    *(f"M_hat[{i + 1},{j + 1}]" for i in range(6) for j in range(6)),
+]
+
+
+@pytest.fixture(scope="module")
+def pd(tmp_path_factory) -> str:
+    return str(build(tmp_path_factory.mktemp("fmu"), "pd", PD, PD_GAINS, PD_INPUTS, WRENCH))
+
+
+@pytest.fixture
+def in_python(tmp_path) -> str:
+    (tmp_path / "pd.py").write_text(PD_IN_PYTHON)
+    return f"{tmp_path}/pd.py:Pd"
+
+
+def assert_same(a, b) -> None:
+    for signal in {*(s.name for s in a.signals)} & {*(s.name for s in b.signals)}:
+        np.testing.assert_array_equal(a[signal], b[signal], err_msg=signal)
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+@pytest.mark.parametrize("period", [1e-4, 1e-3])
+def test_a_law_as_an_fmu_is_the_law_in_python_bit_for_bit(pd, in_python, engine, period):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 8.0, "controller.period": period})
+    gains = {"controller.k_p": 300.0}
+    assert_same(*(simulate(scenario.updated(gains, controller=name), engine=engine) for name in (pd, in_python)))
+
+
+def test_a_law_with_states_of_its_own_is_that_in_python(tmp_path):
+    unit = build(tmp_path, "gsta", GSTA, {"k_1": 5.0, "k_2": 10.0, "beta": 5.0}, GSTA_INPUTS, WRENCH)
+    scenario = Scenario.load("push_wall", {"controller.period": 1e-3, "simulation.duration": 10.0})
+    assert_same(simulate(scenario), simulate(scenario.updated({}, controller=str(unit))))
+
+
+def test_outputs_before_the_step_are_one_sample_late(pd, in_python):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 4.0, "controller.period": 1e-3})
+    before = scenario.updated({"controller.get_before_step": True}, controller=pd)
+    late = scenario.updated({"controller.delay": 1e-3}, controller=in_python)
+    ours, theirs = (simulate(each, engine="free_body") for each in (late, before))
+    np.testing.assert_array_equal(ours.tau_cmd_delayed, theirs.tau_cmd)
+    np.testing.assert_array_equal(ours.nu, theirs.nu)
+
+
+def test_plain_python_gives_the_same(pd, monkeypatch):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.02, "controller.name": pd})
+    compiled = simulate(scenario, engine="free_body")
+    monkeypatch.setenv("UVMS_MJ_PLAIN", "1")
+    assert_same(compiled, simulate(scenario, engine="free_body"))
+
+
+def test_a_reset_begins_the_fmu_anew_and_runs_beside_each_other_do_not_meet(tmp_path):
+    unit = build(tmp_path, "gsta", GSTA, {"k_1": 5.0, "k_2": 10.0, "beta": 5.0}, GSTA_INPUTS, WRENCH)
+    scenario = Scenario.load("push_wall", {"controller.name": str(unit)})  # its library allows one instance
+    with Simulation(scenario, engine="free_body") as fresh:
+        fresh.step(2000)
+        tau = fresh.tau_cmd.copy()
+    with Simulation(scenario, engine="free_body") as a, Simulation(scenario, engine="free_body") as b:
+        a.step(500)
+        a.reset({"controller.k_1": 1.0})
+        a.step(2000)
+        assert not np.array_equal(a.tau_cmd, tau)
+        a.reset()
+        threads = [threading.Thread(target=sim.step, args=(2000,)) for sim in (a, b)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        np.testing.assert_array_equal(a.tau_cmd, tau)
+        np.testing.assert_array_equal(b.tau_cmd, tau)
+        with pytest.raises(InputError, match="a parameter of an FMU can't change during a run"):
+            a.set({"controller.k_1": 2.0})
+
+
+def test_variables_have_the_names_that_a_table_gives_them(tmp_path, pd):
+    names = {f"e{i}": f"eta_e[{i + 1}]" for i in range(6)} | {f"v{i}": f"nu_e[{i + 1}]" for i in range(6)}
+    names |= {f"g{i}": f"g_hat[{i + 1}]" for i in range(6)} | {f"F{i}": f"tau_cmd[{i + 1}]" for i in range(6)}
+    own = list(names)
+    unit = build(tmp_path, "named", PD, PD_GAINS, own[:18], own[18:])
+    scenario = Scenario.load("push_wall", {"simulation.duration": 1.0})
+    other = scenario.updated({"controller.variables": names}, controller=str(unit))
+    assert Scenario.from_dict(other.to_dict()).to_dict() == other.to_dict()
+    assert_same(*(simulate(each, engine="free_body") for each in (scenario.updated({}, controller=pd), other)))
+
+
+def test_a_sensor_may_be_an_fmu(tmp_path):
+    sets = [*entries("p_WB", 3), *entries("quat_WB", 4), *(f"R_WB[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3))]
+    sets += entries("nu")
+    force = [*entries("f_contact_m_W", 3), *entries("tau_contact_m_B")]
+    truth = [*sets, *entries("f_springs_W", 3), *entries("tau_springs_B")]
+    named = {f"true_{i}": name for i, name in enumerate(truth)}
+    body = "for (int i = 0; i < 31; i++) r[31 + i] = r[i];"
+    unit = build(tmp_path, "perfect_unit", body, {}, list(named), [*sets, *force])
+    keys = {"navigation.name": str(unit), "navigation.variables": named}
+    scenario = Scenario.load("push_wall", {"simulation.duration": 7.0, "navigation.period": 1e-4})
+    a, b = (simulate(each, engine="free_body") for each in (scenario, scenario.updated(keys)))
+    np.testing.assert_array_equal(a.f_contact_W, b.f_contact_W)
+
+
+def test_a_study_varies_a_parameter_of_an_fmu(pd, in_python, tmp_path):
+    frames = []
+    for name in (pd, in_python):
+        tables = {
+            "laws": [name],
+            "base": {"scenario": "push_wall", "simulation": {"duration": 1.0}},
+            "run": {"engine": "free_body"},
+            "vary": [{"key": "controller.k_p", "values": [100.0, 200.0, 300.0]}],
+        }
+        folder = tmp_path / ("unit" if name == pd else "python")
+        frames.append(Study.from_dict(tables).run(folder, workers=2).frame.drop(columns="law"))
+    assert set(frames[0]["status"]) == {"completed"}
+    assert frames[0].equals(frames[1])
+
+
+def test_a_step_that_fails_ends_the_run_with_its_status(tmp_path, monkeypatch):
+    unit = build(tmp_path, "failing", PD, PD_GAINS, PD_INPUTS, WRENCH, fails="t > 0.01")
+    for plain in ("", "1"):
+        monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
+        with Simulation(Scenario.load("push_wall", {"controller.name": str(unit)}), engine="free_body") as sim:
+            with pytest.raises(StageFault, match=r"your law failing \(failing.fmu\) returned 3"):
+                sim.step(300)
+            assert sim.t == pytest.approx(0.0101)
+
+
+def test_what_does_not_fit_is_one_list(tmp_path):
+    inputs = ["eta_e[7]", "instant", "speed", "nu_e[1]"]
+    unit = build(tmp_path, "wrong", "r[4] = r[3];", {}, inputs, [*WRENCH[:4], "tau_cmd[1,2]", "power"])
+    with pytest.raises(InputError) as raised:
+        Simulation(Scenario.load("push_wall", {"controller.name": str(unit)}), engine="free_body")
+    said = str(raised.value)
+    for words in (
+        "the input eta_e[7] is no entry of eta_e, which is [6]",
+        "the input instant: instant is a whole number",
+        "the input speed is no signal",
+        "the output tau_cmd[1,2] is no entry of tau_cmd, which is [6]",
+    ):
+        assert words in said
+    missing = build(tmp_path, "missing", "", {}, ["eta_e[1]"], WRENCH[:5])
+    with pytest.raises(InputError, match=r"no output of the FMU is tau_cmd\[6\]; name it in controller.variables"):
+        Simulation(Scenario.load("push_wall", {"controller.name": str(missing)}), engine="free_body")
+
+
+def archive(path, files: dict[str, str]) -> str:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as made:
+        for name, text in files.items():
+            made.writestr(name, text)
+    return str(path)
+
+
+def whole(**given: str) -> dict[str, str]:
+    return {"modelDescription.xml": description("unit", PD_GAINS, PD_INPUTS, WRENCH, **given)}
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"a": "b"}, "is not an FMU: it has no modelDescription.xml"),
+        ({"modelDescription.xml": "<no"}, "its modelDescription.xml can't be read"),
+        (whole(version="3.0"), "its modelDescription.xml"),
+        (whole(kind="ModelExchange"), "has no co-simulation"),
+        (whole(), "has no library unit.so for linux64; it has none"),
+        (whole() | {"binaries/linux32/unit.so": "", "binaries/win32/unit.dll": ""}, "it has linux32, win32"),
+        (whole() | {"binaries/linux64/unit.so": "text"}, "is not a library that this machine loads"),
+        (whole() | {"../outside": "text"}, "outside of its folder"),
+        (
+            whole() | {f"resources/{i}": "0" * (1 << 26) for i in range(9)},
+            "unpacks to 604 MB in 10 files; at most 537 MB",
+        ),
+    ],
+)
+def test_what_is_no_fmu_for_this_machine_is_refused(tmp_path, files, words):
+    path = archive(tmp_path / "unit.fmu", files)
+    with pytest.raises(InputError) as raised:
+        Simulation(Scenario.load("push_wall", {"controller.name": path}), engine="free_body")
+    assert words in str(raised.value)
+
+
+def test_a_file_of_text_is_no_fmu(tmp_path):
+    (tmp_path / "unit.fmu").write_text("text")
+    with pytest.raises(InputError, match="is not an FMU, which is a zip archive"):
+        Scenario.load("push_wall", {"controller.name": str(tmp_path / "unit.fmu")})
+
+
+PYTHON_UNIT = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class PythonUnit(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.k_p = 200.0
+        self.numbers = {name: [0.0] * 6 for name in ("eta_e", "nu_e", "g_hat", "tau_cmd")}
+        self.register_variable(Real("k_p", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+        for name, values in self.numbers.items():
+            causality = Fmi2Causality.output if name == "tau_cmd" else Fmi2Causality.input
+            for i in range(6):
+                get, put = (lambda v=values, i=i: v[i]), (lambda x, v=values, i=i: v.__setitem__(i, x))
+                self.register_variable(Real(f"{name}[{i + 1}]", causality=causality, getter=get, setter=put))
+
+    def do_step(self, t, h):
+        n = self.numbers
+        for i in range(6):
+            n["tau_cmd"][i] = n["g_hat"][i] - self.k_p * n["eta_e"][i] - 150.0 * n["nu_e"][i]
+        return True
+"""
+
+
+def test_a_unit_of_pythonfmu_is_a_law(tmp_path, in_python):
+    pythonfmu = pytest.importorskip("pythonfmu.builder")
+    (tmp_path / "python_unit.py").write_text(PYTHON_UNIT)
+    unit = pythonfmu.FmuBuilder.build_FMU(str(tmp_path / "python_unit.py"), dest=str(tmp_path))
+    keys = {"simulation.duration": 2.0, "controller.period": 1e-3}
+    scenario = Scenario.load("push_wall", keys)
+    gains = {"controller.k_p": 300.0}
+    assert_same(
+        *(simulate(scenario.updated(gains, controller=str(each)), engine="free_body") for each in (unit, in_python))
+    )
