@@ -2,6 +2,7 @@
 :mod:`uvms_mj.actuation.thrusters` that of a thruster model, and :mod:`uvms_mj.actuation.joints` that of a joint
 interface."""
 
+from .autopilot import Autopilot
 from .base import Actuation, External, PseudoInverse
 from .base import pseudo_inverse as pseudo_inverse
 from .constrained import Constrained
@@ -14,6 +15,7 @@ from .t200 import T200
 from .thrusters import IdealThrusters, Thrusters
 from .weighted import Weighted
 
-SHIPPED: dict[str, type[Actuation]] = {cls.name: cls for cls in (PseudoInverse, Weighted, Constrained, External, Pwm)}
+_ALLOCATIONS = (PseudoInverse, Weighted, Constrained, External, Pwm, Autopilot)
+SHIPPED: dict[str, type[Actuation]] = {cls.name: cls for cls in _ALLOCATIONS}
 THRUSTERS: dict[str, type[Thrusters]] = {cls.name: cls for cls in (IdealThrusters, General, T200)}
 JOINTS: dict[str, type[Joints]] = {cls.name: cls for cls in (Auto, Torque, Velocity, Position)}

@@ -18,6 +18,7 @@ from .paper import paper
 from .plot import compare, plot
 from .practicality import practicality
 from .run import run
+from .sitl import sitl
 from .stop import Stop, exit_interrupted
 from .study import study
 from .tune import tune
@@ -54,6 +55,7 @@ def main() -> None:
 
     \b
     uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
+    uvms-mj sitl vehicle.model=bluerov2   an autopilot in the loop: the physics of ArduSub, in lockstep
     uvms-mj study mine.toml               many runs: laws to compare, keys that vary
     uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
@@ -83,7 +85,7 @@ def main() -> None:
 
 
 for command in (
-    *(run, study, tune, paper, practicality, validate, converge, certify),
+    *(run, sitl, study, tune, paper, practicality, validate, converge, certify),
     *(replay, video, plot, compare, info, export),
     *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):

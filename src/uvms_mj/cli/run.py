@@ -15,6 +15,7 @@ from .options import asked_for, command, output_options, path_option, run_option
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
+    from ..engine.run import Peer
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
@@ -55,7 +56,7 @@ def run(
             folder, made = output_folder(out, scenario)
             with alone_in(folder):
                 try:
-                    status = _simulate(
+                    status = run_and_report(
                         scenario,
                         mjcf,
                         folder,
@@ -155,7 +156,7 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
         warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
 
 
-def _simulate(
+def run_and_report(
     scenario: "Scenario",
     mjcf: "Mjcf | None",
     folder: Path,
@@ -165,8 +166,10 @@ def _simulate(
     viewer: bool,
     console: Console,
     stop: Stop,
+    peer: "Peer | None" = None,
 ) -> int:
-    """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
+    """Run, write and report; return the exit status. The files that the run opens are added to ``files``. ``peer`` is
+    that of :func:`uvms_mj.engine.run.simulate`."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, noisy, summary
     from ..engine.run import LawError, SinkError, simulate
@@ -189,6 +192,7 @@ def _simulate(
                 keep_s=half if noisy(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
+                peer=peer,
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)

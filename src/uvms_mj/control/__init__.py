@@ -11,10 +11,11 @@ from .laws.impedance import Impedance
 from .laws.parallel import Parallel
 from .laws.pid import Pid
 from .laws.super_twisting import Gsta, Sta
+from .laws.udp import Udp
 from .task import ImpedanceTask as ImpedanceTask
 
 BUILT_IN: dict[str, type[Controller]] = {
     cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal, Pid, Admittance, Parallel, DobImpedance, Aismc)
 }
 """The laws that compute tau_cmd."""
-SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External}
+SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External, Udp.name: Udp}

@@ -6,12 +6,16 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from typing import Protocol
 
 import numpy as np
 
 from ..control import Controller
+from ..control.laws.udp import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
+from ..links.udp import UdpLaw
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
@@ -43,6 +47,20 @@ class SinkError(_Stopped):
     """A sink raised and stopped the run. ``trace`` has the samples kept in memory, ``__cause__`` the exception."""
 
 
+class Peer(Protocol):
+    """Another program that sets the commands of a run, in lockstep."""
+
+    def command(self, sim: Simulation) -> int:
+        """Wait for the other program's commands, and set them. Returns the number of time steps that they are held; 0
+        ends the run."""
+
+    def measure(self, sim: Simulation) -> None:
+        """Give the other program what is measured at the instant in hand."""
+
+    def finish(self, sim: Simulation) -> None:
+        """Set the commands of the last instant, from which no step begins."""
+
+
 class PlainPythonWarning(UserWarning):
     """A law runs as plain Python because the language of the compiler lacks what it uses."""
 
@@ -57,6 +75,7 @@ def simulate(
     keep_s: float | None = None,
     engine: str = "mujoco",
     mjcf: Mjcf | None = None,
+    peer: Peer | None = None,
 ) -> Trace:
     """Run a scenario.
 
@@ -71,6 +90,7 @@ def simulate(
         keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
         engine: "mujoco" or "free_body", as in :class:`Simulation`.
         mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
+        peer: another program that sets what a stage leaves to the caller of a Simulation.
 
     Returns:
         The trace. If the run diverged or was interrupted (Ctrl-C), the trace has the samples up to then, and
@@ -88,9 +108,15 @@ def simulate(
         raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0){hint}")
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
+    if isinstance(scenario.controller, Udp) and peer is None:
+        with closing(UdpLaw.of(scenario)) as law:
+            return simulate(
+                scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=keep_s, engine=engine, mjcf=mjcf,
+                peer=law,
+            )  # fmt: skip
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
     for stage in (scenario.controller, scenario.actuation):
-        if stage.by_caller:
+        if stage.by_caller and peer is None:
             needed = f"a run needs another {stage.room.noun}"
             wrong = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation; {needed}"
             raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
@@ -108,7 +134,7 @@ def simulate(
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes).go()
+        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes, peer).go()
 
 
 @dataclasses.dataclass
@@ -121,6 +147,7 @@ class _Run:
     sinks: Sequence[Sink]
     keep_s: float
     notes: tuple[str, ...]
+    peer: Peer | None = None
 
     def __post_init__(self) -> None:
         self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
@@ -162,7 +189,7 @@ class _Run:
         raised: Exception | None = None
         start = time.perf_counter()
         try:
-            for done in self._chunks():
+            for done in self._chunks() if self.peer is None else self._exchanges(self.peer):
                 self.progress(done, self.scenario.steps)
                 if sim.divergence:
                     touched = self.memory.run["row"]["touches"][0] > 0.0
@@ -195,6 +222,29 @@ class _Run:
                 self._take_rows()
                 sim.check()
             yield done
+
+    def _exchanges(self, peer: Peer) -> Iterator[int]:
+        """Step through the run with another program, and take the rows when there are as many as of a chunk."""
+        sim, steps, done, taken = self.sim, self.scenario.steps, 0, 0
+        try:
+            while done < steps and not sim.divergence and (held := min(peer.command(sim), steps - done)):
+                if done + held - taken > sim.chunk_steps:
+                    self._take_rows()
+                    yield done
+                    taken = done
+                end = done + held
+                while done < end and not sim.divergence:
+                    done += sim.run(min(end - done, sim.chunk_steps), np.inf)
+                sim.check()
+                peer.measure(sim)
+        finally:
+            self._take_rows()
+        if not sim.divergence:
+            peer.finish(sim)
+            sim.finish()
+            self._take_rows()
+            sim.check()
+        yield done
 
     def _take_rows(self) -> None:
         """Pass the rows on. An interrupt between any two lines, or a second call, neither loses nor repeats a row."""

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ..actuation.autopilot import Autopilot
 from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US, Pwm
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
@@ -18,7 +19,7 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
-from ..stages.signals import Signal
+from ..stages.signals import Signal, record_dtype
 from ..stages.words import no_signal
 from .base import Engine
 from .free_engine import FreeEngine
@@ -166,6 +167,20 @@ class Simulation:
         if not isinstance(self.scenario.actuation, Pwm):
             raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: pwm_cmd needs pwm")])
         return _view(self._stages.stages["actuation"].state["pwm_cmd"][0], True)
+
+    @property
+    def given(self) -> np.ndarray:
+        """The record (1,) of the signals that a law is given, at the instant in hand."""
+        kind = record_dtype(type(self.scenario.controller).given())  # the beginning of the record of signals
+        return _view(self._stages.signals.view(np.uint8)[: kind.itemsize].view(kind), False)
+
+    @property
+    def frame(self) -> np.ndarray:
+        """(1,) number of the frame of the pulse widths. With the actuation ``autopilot`` the caller sets it before a
+        step. InputError with another actuation."""
+        if not isinstance(self.scenario.actuation, Autopilot):
+            raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: frame needs autopilot")])
+        return _view(self._stages.stages["actuation"].state["frame"][0], True)
 
     def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.

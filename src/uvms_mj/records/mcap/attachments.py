@@ -169,7 +169,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
-    differ = any(dict(getattr(scenario, name).states) != dict(source.states) for name, source in sources.items())
+    differ = any(not _same_states(getattr(scenario, name).states, source.states) for name, source in sources.items())
     states = {name: size for source in sources.values() for name, size in source.states.items()}
     if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
@@ -224,6 +224,12 @@ def _run_of(data: bytes) -> _Run:
         return _RUN.validate_json(data)
     except ValidationError as error:
         raise InputError(faults_of(error), "run.json") from None
+
+
+def _same_states(declared: Mapping[str, Any], recorded: Mapping[str, int]) -> bool:
+    """Whether recorded sizes of states are those of a class, of which one may be the number of thrusters or joints."""
+    sizes = {name: recorded.get(name) if isinstance(size, str) else size for name, size in declared.items()}
+    return sizes == dict(recorded)
 
 
 def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:

@@ -1,0 +1,242 @@
+"""The physics of an autopilot: ArduPilot's JSON interface over UDP, in lockstep.
+
+The autopilot sends the pulse widths of a frame; the plant takes the steps of the frame and answers with what the
+sensors measure and with its time, by which the autopilot's clock advances. A frame that is repeated gets the same
+answer again, and no second step. Formats and their quirks are those of ArduPilot's SIM_JSON; its frames are north,
+east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
+"""
+
+import socket
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US
+from ..errors import InputError
+from ..physics.frames import rotation_matrix, to_body, to_world
+
+_16, _32 = struct.Struct("<HHI16H"), struct.Struct("<HHI32H")
+_FORMATS = {18458: _16, 29569: _32}
+"""Servo packets by their first number: rate [Hz], number of the frame, pulse widths [us]."""
+PORT = 9002
+LOOPBACK = "127.0.0.1"
+_LOOKS_EVERY_S = 0.2
+_FLIP = np.array([1.0, -1.0, -1.0])
+"""From forward, left, up to forward, right, down, and back; likewise from W to NED."""
+
+FRAMES = {
+    "vectored": (
+        (0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1),
+        (1, 0, 0, -1, 0, 0), (-1, 0, 0, -1, 0, 0),
+    ),
+    "vectored_6dof": (
+        (0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1),
+        (1, -1, 0, -1, 0, 0), (-1, -1, 0, -1, 0, 0), (1, 1, 0, -1, 0, 0), (-1, 1, 0, -1, 0, 0),
+    ),
+}  # fmt: skip
+"""ArduSub's frames: of each motor, from 1, the factors of roll, pitch, yaw, throttle, forward, lateral."""
+_SLIGHT = 0.02
+"""A part of a thruster in an axis below this share of its greatest one has no sign."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A servo packet: rate [Hz] and number of the frame, and the pulse widths of 16 or 32 channels [us]."""
+
+    rate: int
+    frame: int
+    pwm: tuple[int, ...]
+
+    @classmethod
+    def of(cls, data: bytes) -> "Servo | None":
+        """The packet in a datagram; None for noise."""
+        if len(data) < 8:
+            return None
+        layout = _FORMATS.get(struct.unpack_from("<H", data)[0])
+        if layout is None or len(data) != layout.size:
+            return None
+        _, rate, frame, *pwm = layout.unpack(data)
+        return cls(rate, frame, tuple(pwm))
+
+
+def reply(t: float, gyro: Any, acceleration: Any, position: Any, quaternion: Any, velocity: Any) -> bytes:
+    """The answer: time [s], angular velocity [rad/s] and specific force [m/s^2] in FRD, position [m] and velocity [m/s]
+    in NED, attitude from FRD to NED (w x y z). Without blanks, which one of ArduPilot's two parsers does not take, and
+    with the fields of ``imu`` before others of the same letters, since it searches for the first match."""
+
+    def numbers(values: Any) -> str:
+        return f"[{','.join(map(repr, map(float, values)))}]"
+
+    text = (
+        f'{{"timestamp":{t!r},"imu":{{"gyro":{numbers(gyro)},"accel_body":{numbers(acceleration)}}},'
+        f'"position":{numbers(position)},"quaternion":{numbers(quaternion)},"velocity":{numbers(velocity)}}}'
+    )
+    return f"\n{text}\n".encode()
+
+
+def motors_of(B: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
+    """The frame of ArduSub with this allocation matrix (6, n) in B, and of each thruster its motor, from 0, and the
+    sign of its command.
+
+    A motor is found by the signs of its forces and moments. Raises InputError: the thrusters are not those of a frame.
+    """
+    n = B.shape[1]
+    # roll, pitch, yaw; throttle is up, against z of FRD; forward; lateral is right
+    acts = np.vstack([B[3], -B[4], -B[5], B[2], B[0], -B[1]])
+    acts = np.where(np.abs(acts) > _SLIGHT * np.abs(acts).max(axis=0), np.sign(acts), 0.0)
+    for name, factors in FRAMES.items():
+        motors, signs = np.full(n, -1), np.zeros(n)
+        for motor, each in enumerate(np.array(factors, float)):
+            used, vertical = each != 0.0, each[3] != 0.0
+            for k in np.flatnonzero((acts[3] != 0.0) == vertical):
+                for sign in (1.0, -1.0):
+                    if (sign * acts[used, k] == each[used]).all():
+                        motors[k], signs[k] = motor, sign
+        if sorted(motors.tolist()) == list(range(len(factors))):
+            return name, motors, signs
+    known = ", ".join(f"{name} of {len(factors)}" for name, factors in FRAMES.items())
+    raise InputError(f"the {n} thrusters are those of none of ArduSub's frames, {known}; give --motors")
+
+
+def given_motors(text: str, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Motors, from 0, and signs of n thrusters from a text, "1,-2,3". Raises InputError."""
+    try:
+        numbers = [int(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != n or 0 in numbers or len({abs(x) for x in numbers}) != n:
+        raise InputError(f"--motors {text}: must be {n} motor numbers, each once, with a sign, as 1,-2,3")
+    return np.array([abs(x) - 1 for x in numbers]), np.sign(np.array(numbers, float))
+
+
+@dataclass
+class Counts:
+    """What came from the autopilot: frames that were stepped, repeated ones that were answered again, older ones that
+    were left alone, numbers that were skipped, restarts of the autopilot, and datagrams that were no packet."""
+
+    frames: int = 0
+    repeated: int = 0
+    stale: int = 0
+    skipped: int = 0
+    restarts: int = 0
+    noise: int = 0
+
+    def __str__(self) -> str:
+        found = {name: value for name, value in vars(self).items() if value}
+        return ", ".join(f"{value} {name}" for name, value in found.items()) or "no frames"
+
+
+@dataclass
+class ArduPilot:
+    """A peer of a run: an ArduPilot that commands the vehicle's speed controllers.
+
+    Attributes:
+        motors, signs: of each thruster the channel of its pulse width, from 0, and 1 or -1.
+        steps: time steps of a frame.
+        depth: depth of the origin of W below the surface [m].
+        port: UDP port on ``host``.
+    """
+
+    motors: np.ndarray
+    signs: np.ndarray
+    steps: int
+    depth: float = 5.0
+    port: int = PORT
+    host: str = LOOPBACK
+    counts: Counts = field(default_factory=Counts)
+
+    def __post_init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((self.host, self.port))
+        except OSError as error:
+            self._socket.close()
+            hint = "another program has it; choose another with --port" if error.errno == 98 else error.strerror
+            raise InputError(f"port {self.port} of {self.host}: {hint}") from None
+        self._socket.settimeout(_LOOKS_EVERY_S)
+        self._address: Any = None
+        self._last = -1
+        self._sent = b""
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def command(self, sim: Any) -> int:
+        """Wait for the next frame, and set its pulse widths. Returns the number of time steps to take."""
+        servo = self._next()
+        pulses = np.array(servo.pwm, float)[self.motors]
+        pulses[pulses == 0.0] = NEUTRAL_US  # no signal
+        sim.pwm_cmd[:] = np.clip(NEUTRAL_US + self.signs * (pulses - NEUTRAL_US), LEAST_US, GREATEST_US)
+        sim.frame[:] = servo.frame
+        return self.steps
+
+    def measure(self, sim: Any) -> None:
+        """Answer the frame."""
+        self._sent = self.answer(sim)
+        self._send(self._address)
+
+    def finish(self, sim: Any) -> None:
+        """The last pulse widths hold."""
+
+    def answer(self, sim: Any) -> bytes:
+        """What the sensors measure at the instant in hand, as the answer."""
+        signals = sim.signals
+        p, quat, nu = (signals[f"{name}_m" if f"{name}_m" in signals else name] for name in ("p_WB", "quat_WB", "nu"))
+        R, up = rotation_matrix(quat), np.zeros(3)
+        to_body(R, sim.setup.gravity_W, up)
+        velocity = np.zeros(3)
+        to_world(R, nu, velocity)
+        force = signals.nu_dot[:3] + np.cross(nu[3:], nu[:3]) - up
+        position = _FLIP * p + np.array([0.0, 0.0, self.depth])
+        attitude = quat * np.array([1.0, *_FLIP])
+        return reply(sim.t, _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
+
+    def _next(self) -> Servo:
+        """The next frame to step. Only the newest of the datagrams that wait counts."""
+        while True:
+            try:
+                data, address = self._socket.recvfrom(512)
+            except TimeoutError:
+                continue
+            servo = Servo.of(data)
+            if servo is None:
+                self.counts.noise += 1
+                continue
+            if self._to_step(servo, address):
+                return servo
+
+    def _to_step(self, servo: Servo, address: Any) -> bool:
+        """Whether a frame is new. A repeated one is answered again."""
+        counts = self.counts
+        new = address != self._address
+        if servo.frame == self._last and not new:
+            counts.repeated += 1
+            self._send(address)
+            return False
+        if servo.frame <= self._last:
+            if not new:
+                counts.stale += 1  # a late copy
+                return False
+            counts.restarts += 1
+        elif self._last >= 0:
+            counts.skipped += servo.frame - self._last - 1
+        counts.frames += 1
+        self._address, self._last = address, servo.frame
+        return True
+
+    def _send(self, address: Any) -> None:
+        if self._sent:
+            try:
+                self._socket.sendto(self._sent, address)
+            except OSError:  # it has gone away; its next packet comes from elsewhere
+                return
+
+
+def steps_of(rate: float, timestep: float) -> int:
+    """Time steps of a frame. Raises InputError unless the rate divides the step rate, and fits the autopilot."""
+    steps = round(1.0 / (max(rate, 1e-3) * timestep))
+    if steps < 1 or abs(steps * rate * timestep - 1.0) > 1e-9 or not rate > 10.0:
+        raise InputError(f"--rate {rate:g}: must be above 10 Hz and divide the step rate, {1.0 / timestep:g} Hz")
+    return steps

@@ -1,0 +1,100 @@
+"""A law in another process: what the law ``udp`` exchanges.
+
+A request is 8 bytes ``uvms-mj1``, the number of the instant (uint64), and the record of signals that a law is given, as
+``struct signals`` of ``uvms_stage.h`` has it. The answer is the number of the instant and tau_cmd, six doubles. All
+numbers are little endian. A request that is not answered is sent again: a law answers it with the same numbers.
+"""
+
+import socket
+import struct
+import time
+from typing import Any
+
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..stages.signals import GIVEN, record_dtype
+
+LOOPBACK = "127.0.0.1"
+MAGIC = b"uvms-mj1"
+SIGNALS = record_dtype(GIVEN)
+"""The record in a request."""
+_REQUEST, _ANSWER = struct.Struct("<8sQ"), struct.Struct("<Q6d")
+_AGAIN_S = 0.2
+"""Wall time after which a request is sent again [s]."""
+
+
+class UdpLaw:
+    """A peer of a run: a law that listens on a port of this machine.
+
+    Args:
+        port: its port.
+        timeout: longest wall time without an answer [s].
+        period_steps: time steps of a control period.
+    """
+
+    def __init__(self, port: int, timeout: float, period_steps: int) -> None:
+        self._place, self._timeout, self._steps, self._instant = (LOOPBACK, port), timeout, period_steps, 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.settimeout(_AGAIN_S)
+
+    @classmethod
+    def of(cls, scenario: Any) -> "UdpLaw":
+        """The peer of a scenario with the law ``udp``."""
+        law = scenario.controller
+        return cls(int(law.port), law.timeout, round(scenario.control_period / scenario.simulation.timestep))
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def command(self, sim: Any) -> int:
+        """Ask the law for the command of the instant in hand."""
+        sim.signals  # noqa: B018  # computed now, if they are not
+        request = _REQUEST.pack(MAGIC, self._instant) + sim.given.tobytes()
+        until = time.monotonic() + self._timeout
+        while True:
+            try:
+                self._socket.sendto(request, self._place)
+                answer = self._receive()
+            except (TimeoutError, ConnectionRefusedError):
+                if time.monotonic() > until:
+                    host, port = self._place
+                    wrong = f"no law answers on UDP {host}:{port} within {self._timeout:g} s"
+                    raise InputError([Fault("controller.port", wrong)]) from None
+                time.sleep(0.01)
+                continue
+            sim.tau_cmd[:] = answer
+            self._instant += 1
+            return self._steps
+
+    def _receive(self) -> tuple[float, ...]:
+        """The answer to the request of this instant; others are late copies."""
+        while True:
+            data = self._socket.recv(512)
+            if len(data) == _ANSWER.size:
+                instant, *tau_cmd = _ANSWER.unpack(data)
+                if instant == self._instant:
+                    return tuple(tau_cmd)
+
+    def measure(self, sim: Any) -> None:
+        """The next request has what is measured."""
+
+    def finish(self, sim: Any) -> None:
+        self.command(sim)
+
+
+def serve(law: Any, port: int, requests: int | None = None) -> None:
+    """Answer requests on a port with ``law(signals)``, six numbers, from a record of :data:`SIGNALS`; for so many
+    instants, or until an interrupt. A repeated request gets the same answer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind((LOOPBACK, port))
+        last, answer = -1, b""
+        while requests is None or last + 1 < requests:
+            data, address = peer.recvfrom(65536)
+            if len(data) != _REQUEST.size + SIGNALS.itemsize or data[:8] != MAGIC:
+                continue
+            instant = _REQUEST.unpack_from(data)[1]
+            if instant != last:
+                signals = np.frombuffer(data, SIGNALS, 1, _REQUEST.size).view(np.recarray)[0]
+                answer, last = _ANSWER.pack(instant, *map(float, law(signals))), instant
+            peer.sendto(answer, address)

@@ -1,0 +1,100 @@
+"""A law in another process gives the numbers of the same law in this one."""
+
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.links.udp import MAGIC, SIGNALS, serve
+
+
+PD = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+
+@dataclass(frozen=True)
+class Pd(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.g_hat - 200.0 * signals.eta_e - 150.0 * signals.nu_e
+"""
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Gsta:
+    """The law of the paper, as its user would write it."""
+
+    def __init__(self) -> None:
+        self.z, self.z_dot = np.zeros(6), np.zeros(6)
+
+    def __call__(self, signals) -> np.ndarray:
+        self.z = self.z + signals.period * self.z_dot
+        s, sgn = signals.s, np.sign(signals.s)
+        root = np.sqrt(np.abs(s)) * sgn
+        phi_1, phi_2 = root + 5.0 * s, 0.5 * sgn + 1.5 * 5.0 * root + 5.0 * 5.0 * s
+        a = -5.0 * phi_1 + self.z - signals.A * s
+        self.z_dot = -10.0 * phi_2
+        tau = signals.tau_nom.copy()
+        for j in range(6):
+            tau += signals.M_hat[:, j] * a[j]
+        return tau
+
+
+def test_a_law_over_udp_is_that_in_process_bit_for_bit():
+    port = free_port()
+    scenario = Scenario.load("push_wall", {"simulation.duration": 8.0, "controller.period": 1e-3})
+    threading.Thread(target=serve, args=(Gsta(), port, 8001), daemon=True).start()
+    theirs = simulate(scenario.updated({"controller.port": port}, controller="udp"), engine="free_body")
+    ours = simulate(scenario, engine="free_body")
+    for signal in theirs.signals:
+        np.testing.assert_array_equal(ours[signal.name], theirs[signal.name], err_msg=signal.name)
+
+
+def test_without_a_law_one_sentence_says_so():
+    keys = {"controller.name": "udp", "controller.port": free_port(), "controller.timeout": 0.3}
+    with pytest.raises(InputError, match=r"controller.port: no law answers on UDP 127.0.0.1:\d+ within 0.3 s"):
+        simulate(Scenario.load("push_wall", keys), engine="free_body")
+
+
+def test_late_copies_and_noise_are_left_alone():
+    port = free_port()
+
+    def law() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.bind(("127.0.0.1", port))
+            for k in range(101):
+                data, address = peer.recvfrom(65536)
+                assert data[:8] == MAGIC
+                assert len(data) == 16 + SIGNALS.itemsize
+                for number in (k - 1, k):
+                    peer.sendto(b"noise", address)
+                    peer.sendto(np.array([max(number, 0)], "<u8").tobytes() + np.full(6, float(k)).tobytes(), address)
+
+    threading.Thread(target=law, daemon=True).start()
+    keys = {"simulation.duration": 0.1, "controller.period": 1e-3, "controller.name": "udp", "controller.port": port}
+    trace = simulate(Scenario.load("push_wall", keys), engine="free_body")
+    np.testing.assert_array_equal(trace.tau_cmd[:, 0], np.arange(101.0))
+
+
+def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):
+    (tmp_path / "pd.py").write_text(PD)
+    port = free_port()
+    example = Path(__file__).parents[2] / "examples" / "udp_law.py"
+    scenario = Scenario.load("push_wall", {"simulation.duration": 1.0, "controller.period": 1e-3})
+    with subprocess.Popen([sys.executable, str(example), str(port)]) as other:
+        try:
+            theirs = simulate(scenario.updated({"controller.port": port}, controller="udp"), engine="free_body")
+        finally:
+            other.kill()
+    ours = simulate(scenario.updated({}, controller=f"{tmp_path}/pd.py:Pd"), engine="free_body")
+    np.testing.assert_array_equal(ours.tau, theirs.tau)
