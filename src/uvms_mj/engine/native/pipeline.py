@@ -372,7 +372,8 @@ class Pipeline:
         if scenario.impedance.natural != ("natural" in self.stages):
             faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
         for table, stage in self.stages.items():
-            chosen = getattr(setup.scenario, table, stage.stage)
+            given = getattr(setup.scenario, table, None)
+            chosen = given if isinstance(given, Stage) else stage.stage
             constants = chosen.constants(setup).items()
             found[table] = new = {name: value for name, value in constants if value is not None and name != "period"}
             if new.keys() != stage.shapes.keys() or any(_shape(new[name]) != stage.shapes[name] for name in new):
