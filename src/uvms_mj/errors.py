@@ -53,7 +53,7 @@ EXTRAS: Mapping[str, str] = {
     "cluster": "distributed",
     "c": "ziglang",
     "dm": "dm-control, for Python up to 3.12",
-    "fmi": "FMPy",
+    "fmi": "fmpy",
     "gym": "gymnasium",
     "tune": "optuna",
     "video": "imageio-ffmpeg",

@@ -15,7 +15,6 @@ from ..control import Controller
 from ..control.laws.udp import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
-from ..links.udp import UdpLaw
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
@@ -25,6 +24,7 @@ from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..stages.base import is_shipped
 from ..views.progress import following
+from .links.udp import UdpLaw
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario

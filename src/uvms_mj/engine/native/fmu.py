@@ -62,7 +62,8 @@ class UnitInstance:
             copy = Path(own, library.name)
             shutil.copyfile(library, copy)
             try:
-                self._fmu = FMU2Slave(
+                with contextlib.chdir(os.getcwd()):  # FMPy stays where it looked if it can't load
+                    self._fmu = FMU2Slave(
                     guid=unit.description.guid, unzipDirectory=os.fspath(folder), modelIdentifier=name,
                     instanceName=unit.file.stem, libraryPath=os.fspath(copy),
                 )  # fmt: skip

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.links.udp import MAGIC, SIGNALS, serve
-
+from uvms_mj.engine.links.udp import MAGIC, SIGNALS, serve
 
 PD = """
 from dataclasses import dataclass
@@ -89,7 +88,7 @@ def test_late_copies_and_noise_are_left_alone():
 def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):
     (tmp_path / "pd.py").write_text(PD)
     port = free_port()
-    example = Path(__file__).parents[2] / "examples" / "udp_law.py"
+    example = Path(__file__).parents[3] / "examples" / "udp_law.py"
     scenario = Scenario.load("push_wall", {"simulation.duration": 1.0, "controller.period": 1e-3})
     with subprocess.Popen([sys.executable, str(example), str(port)]) as other:
         try:
