@@ -13,6 +13,7 @@ class Target:
         triple, processor, features: as LLVM calls them.
         assembly: whether its code is text; otherwise it is an object file.
         library: prefix of its names for the functions of the C library.
+        reloc: how addresses are found: "pic" for a shared library.
     """
 
     triple: str
@@ -20,11 +21,12 @@ class Target:
     features: str = ""
     assembly: bool = False
     library: str = ""
+    reloc: str = "default"
 
     def machine(self) -> llvm.TargetMachine:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
-        return llvm.Target.from_triple(self.triple).create_target_machine(self.processor, self.features, 3, "default")
+        return llvm.Target.from_triple(self.triple).create_target_machine(self.processor, self.features, 3, self.reloc)
 
     def code(self, module: llvm.ModuleRef) -> bytes:
         """The code of a module, which it optimizes."""
@@ -36,6 +38,8 @@ class Target:
 PTX = Target("nvptx64-nvidia-cuda", "sm_90", "+ptx80", assembly=True, library="__nv_")
 WASM = Target("wasm32-unknown-unknown")
 AARCH64 = Target("aarch64-unknown-linux-gnu")
+X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
+"""Of a shared library, for any processor of the last fifteen years."""
 
 
 def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str) -> None:

@@ -1,6 +1,6 @@
 """The closed loop of free_body for another processor: one module with its stages."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -18,8 +18,11 @@ STEPS = "uvms_mj_free_steps"
 first is the address of the record of a run, which has it in ``address``, too."""
 
 
-def loop_for(target: Target, shape: Shape, stages: Sequence[CompiledStage]) -> bytes:
-    """The loop for runs of a shape with these stages, as an object file or as text.
+def loop_for(
+    target: Target, shape: Shape, stages: Sequence[CompiledStage], entries: Mapping[str, Any] | None = None
+) -> bytes:
+    """The loop for runs of a shape with these stages, as an object file or as text, and further ``entries`` of a record
+    and an integer, by their symbols.
 
     It uses no symbol besides functions of the C library. The ``code_at`` of a stage's record is its number, 1 for the
     first. Nobody can interrupt an endless loop of a user's stage. Raises Untranslatable if the language lacks what a
@@ -36,11 +39,13 @@ def loop_for(target: Target, shape: Shape, stages: Sequence[CompiledStage]) -> b
         else:
             settings, state, given, out = stage.kinds
             kernels[symbol] = function, [settings, state, given, state, out]
-    kernels[STEPS] = free_steps, [with_numbers(run_dtype(shape)), INT, INT]  # after the stages that it calls
+    run = with_numbers(run_dtype(shape))
+    kernels[STEPS] = free_steps, [run, INT, INT]  # after the stages that it calls
+    kernels |= {symbol: (function, [run, INT]) for symbol, function in (entries or {}).items()}
     module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols, library=target.library)))
     for text in users:
         module.link_in(llvm.parse_assembly(text))
     for function in module.functions:
-        if not function.is_declaration and function.name != STEPS:
+        if not function.is_declaration and function.name not in (STEPS, *(entries or ())):
             function.linkage = "internal"
     return target.code(module)
