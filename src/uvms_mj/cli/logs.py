@@ -9,7 +9,18 @@ import click
 
 from .common import bad_input, end, refuse_existing
 from .console import Console, log_tables, warn
-from .options import command, force_option, json_option, names_in, number, path_argument, path_option
+from .options import (
+    asked_for,
+    command,
+    force_option,
+    json_option,
+    names_in,
+    number,
+    path_argument,
+    path_option,
+    scenario_argument,
+    set_option,
+)
 from .stop import exit_interrupted
 
 if TYPE_CHECKING:
@@ -58,7 +69,27 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         log_tables(Path(log), trace, files)
 
 
-@command()
+class _Exports(click.Group):
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take a log where no other thing is named."""
+        named = args and (args[0] in self.commands or args[0] in ("-h", "--help"))
+        return super().parse_args(ctx, args if named else [_LOG, *args])
+
+
+_LOG = "log"
+
+
+@click.group(cls=_Exports)
+def export() -> None:
+    """Write a log in another format, or the plant for another program.
+
+    \b
+    uvms-mj export results/run.mcap --to csv            the samples of a log; export log --help
+    uvms-mj export fmu push_wall --out plant.fmu        the plant as an FMU; export fmu --help
+    """
+
+
+@command(_LOG)
 @path_argument("log", metavar="LOG")
 @click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: by the ending of --out].")
 @path_option("-o", "--out", metavar="FILE", help="Output file [default: beside the log].")
@@ -71,7 +102,9 @@ def info(log: str, show: str | None, as_json: bool) -> None:
 )
 @click.option("--rate", metavar="HZ", help="Rows per second, which must divide the log's own [default: all rows].")
 @force_option
-def export(log: str, kind: str | None, out: str | None, chosen: tuple[str, ...], rate: str | None, force: bool) -> None:
+def export_log(
+    log: str, kind: str | None, out: str | None, chosen: tuple[str, ...], rate: str | None, force: bool
+) -> None:
     """Write a log's samples in another format, with their units. uvms-mj info LOG lists the signals.
 
     \b
@@ -96,6 +129,43 @@ def export(log: str, kind: str | None, out: str | None, chosen: tuple[str, ...],
             trace = trace.at_rate(number("--rate", rate, "Hz", 1e-9, 1e9))
         write(trace.header, trace.arrays, kind, path, force, names)
         click.echo(str(path))
+
+
+@command("fmu")
+@scenario_argument
+@set_option
+@path_option("-o", "--out", metavar="FILE", help="Output file, NAME.fmu [default: plant.fmu].")
+@click.option("--with-law", is_flag=True, help="With the law of the scenario inside, and no inputs.")
+@force_option
+def export_fmu(
+    arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, with_law: bool, force: bool
+) -> None:
+    """Write the plant of a scenario as an FMU of FMI 2.0, for Simulink, OSP, FMPy and others.
+
+    Its inputs are the wrench tau_cmd, or with actuation.name=external the thrusts; its outputs are all signals of a
+    run, and its parameters are keys of wall, current, initial state, disturbance and seed. It is machine code, without
+    Python where it runs, for Linux on x86-64.
+
+    \b
+    uvms-mj export fmu push_wall current.speed=0.3 --out plant.fmu
+    uvms-mj export fmu push_wall --with-law --out closed.fmu
+    """
+    with bad_input():
+        from ..engine.plant_fmu import write_fmu
+        from ..errors import InputError
+        from ..scenario import Scenario
+
+        name, overrides = asked_for(arguments, settings)
+        path = Path(out or "plant.fmu")
+        if path.suffix != ".fmu":
+            raise InputError(f"--out {path}: must end in .fmu")
+        refuse_existing("--out", path, force)
+        parameters = write_fmu(Scenario.load(name or "push_wall", overrides), path, with_law)
+        click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB; parameters {', '.join(parameters)}, simulation.seed")
+
+
+for _each in (export_log, export_fmu):
+    export.add_command(_each)
 
 
 @command()

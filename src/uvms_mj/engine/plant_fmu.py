@@ -23,7 +23,7 @@ from ..files import atomic_write
 from ..physics.random import key_of
 from ..scenario import Scenario
 from .native.callback import advance
-from .native.other_targets import STEPS, loop_for
+from .native.other_targets import loop_for
 from .native.shared_library import compiler
 from .simulation import Simulation
 
@@ -253,11 +253,12 @@ class _Parts:
 
     def description(self, name: str, guid: str) -> str:
         """modelDescription.xml."""
-        lines, first = [], None
+        lines = list[str]()
 
         def variable(called: str, rest: str, real: str) -> None:
             lines.append(
-                f'<ScalarVariable name={quoteattr(called)} valueReference="{len(lines)}" {rest}><Real {real}/></ScalarVariable>'
+                f'<ScalarVariable name={quoteattr(called)} valueReference="{len(lines)}" {rest}>'
+                f"<Real {real}/></ScalarVariable>"
             )
 
         fixed = 'causality="parameter" variability="fixed" initial="exact"'

@@ -1,0 +1,240 @@
+"""The plant as an FMU: in the tools of others it gives the numbers of a Simulation, bit for bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, Simulation
+from uvms_mj.engine.plant_fmu import write_fmu
+
+fmpy = pytest.importorskip("fmpy", reason="needs the extra fmi")
+from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+NOISY = {
+    "navigation.name": "sensors",
+    "navigation.position_noise": [0.01] * 3,
+    "current.deviation": [0.05, 0.05, 0.02],
+    "disturbance.deviation": [0.5, 0.5, 0.5, 0.05, 0.05, 0.05],
+    "wall.friction": 0.3,
+    "wall.damping": 40.0,
+    "wall.tangential_damping": 100.0,
+}
+
+
+@pytest.fixture(scope="module")
+def plants(tmp_path_factory) -> dict[str, Path]:
+    folder, scenario = tmp_path_factory.mktemp("plant"), Scenario.load("push_wall")
+    made = {name: folder / f"{name}.fmu" for name in ("plant", "thrusts", "noisy", "closed")}
+    write_fmu(scenario, made["plant"])
+    write_fmu(scenario.updated({"actuation.name": "external", "controller.name": "external"}), made["thrusts"])
+    write_fmu(scenario.updated(NOISY), made["noisy"])
+    write_fmu(scenario.updated(NOISY), made["closed"], with_law=True)
+    return made
+
+
+class Unit:
+    """An instance of an FMU in FMPy."""
+
+    def __init__(self, path: Path, parameters: dict[str, float] | None = None) -> None:
+        self.about = fmpy.read_model_description(str(path))
+        self.refs = {each.name: each.valueReference for each in self.about.modelVariables}
+        self.outputs = [each.name for each in self.about.modelVariables if each.causality == "output"]
+        self.fmu = FMU2Slave(
+            guid=self.about.guid,
+            unzipDirectory=fmpy.extract(str(path)),
+            modelIdentifier=self.about.coSimulation.modelIdentifier,
+            instanceName="unit",
+        )
+        self.fmu.instantiate()
+        self.fmu.setupExperiment(startTime=0.0)
+        self.set(parameters or {})
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.t = 0.0
+
+    def set(self, values: dict[str, float]) -> None:
+        if values:
+            self.fmu.setReal([self.refs[name] for name in values], list(values.values()))
+
+    def step(self, steps: int) -> None:
+        self.fmu.doStep(self.t, steps * 1e-4)
+        self.t += steps * 1e-4
+
+    def all(self) -> np.ndarray:
+        return np.array(self.fmu.getReal([self.refs[name] for name in self.outputs]))
+
+    def of(self, sim: Simulation) -> np.ndarray:
+        """The same numbers of a Simulation."""
+        found = []
+        for name in self.outputs:
+            signal, _, index = name.partition("[")
+            value = sim.signals[signal]
+            found.append(value[tuple(int(i) - 1 for i in index[:-1].split(","))] if index else value)
+        return np.array(found, float)
+
+
+def pushes(k: int) -> dict[str, float]:
+    sizes = (25.0, 3.0, -2.0, 0.1, 0.2, 0.3)
+    return {f"tau_cmd[{i + 1}]": size * (np.sin(0.02 * k + i) + (i == 0)) for i, size in enumerate(sizes)}
+
+
+@pytest.mark.parametrize("name", ["plant", "thrusts", "noisy", "closed"])
+def test_fmpy_finds_nothing_wrong(plants, name):
+    assert validate_fmu(str(plants[name])) == []
+
+
+@pytest.mark.parametrize("name", ["plant", "noisy"])
+def test_the_plant_is_that_of_a_simulation_bit_for_bit(plants, name):
+    keys = {"controller.name": "external", "wall.position": 0.1, **(NOISY if name == "noisy" else {})}
+    unit = Unit(plants[name], {"wall.position": 0.1})
+    with Simulation(Scenario.load("push_wall", keys), engine="free_body") as sim:
+        np.testing.assert_array_equal(unit.all(), unit.of(sim))
+        touched = False
+        for k in range(500):
+            command = pushes(k)
+            unit.set(command)
+            sim.tau_cmd[:] = list(command.values())
+            unit.step(100)
+            sim.step(100)
+            np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
+            touched |= bool(sim.signals.touches)
+        assert touched
+
+
+def test_thrusts_may_be_the_inputs(plants):
+    unit = Unit(plants["thrusts"])
+    keys = {"actuation.name": "external", "controller.name": "external"}
+    with Simulation(Scenario.load("push_wall", keys), engine="free_body") as sim:
+        for k in range(50):
+            u = 5.0 * np.sin(0.1 * k + np.arange(len(sim.u)))
+            unit.set({f"u_cmd[{i + 1}]": value for i, value in enumerate(u)})
+            sim.u[:] = u
+            unit.step(50)
+            sim.step(50)
+        np.testing.assert_array_equal(unit.all(), unit.of(sim))
+
+
+def test_with_its_law_inside_it_is_the_run(plants):
+    unit = Unit(plants["closed"])
+    with Simulation(Scenario.load("push_wall", NOISY), engine="free_body") as sim:
+        for _ in range(80):
+            unit.step(1000)
+            sim.step(1000)
+            np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
+
+
+PARAMETERS = {
+    "wall.position": 0.3,
+    "wall.stiffness": 3.3e4,
+    "wall.damping": 12.5,
+    "current.speed": 0.31,
+    "current.vertical": -0.07,
+    "initial.position[1]": 0.21,
+    "initial.position[2]": -0.11,
+    "initial.velocity[1]": 0.05,
+    "initial.velocity[6]": -0.02,
+    "disturbance.bias[1]": 1.7,
+    "simulation.seed": 991,
+}
+
+
+def test_parameters_are_the_keys_of_a_scenario(plants):
+    given = {key.replace("[1]", "[0]").replace("[2]", "[1]").replace("[6]", "[5]"): v for key, v in PARAMETERS.items()}
+    overrides: dict = {key: value for key, value in given.items() if "[" not in key}
+    overrides |= {
+        "initial.position": [0.21, -0.11, 0.0],
+        "initial.velocity": [0.05, 0.0, 0.0, 0.0, 0.0, -0.02],
+        "disturbance.bias": [1.7, 0.0, 0.0, 0.0, 0.0, 0.0],
+    }
+    unit = Unit(plants["noisy"], {key: float(value) for key, value in PARAMETERS.items()})
+    scenario = Scenario.load("push_wall", {"controller.name": "external", **NOISY} | overrides)
+    with Simulation(scenario, engine="free_body") as sim:
+        for k in range(100):
+            command = pushes(k)
+            unit.set(command)
+            sim.tau_cmd[:] = list(command.values())
+            unit.step(100)
+            sim.step(100)
+        np.testing.assert_array_equal(unit.all(), unit.of(sim))
+
+
+def test_ten_instances_side_by_side_and_a_state_saved_in_contact(plants):
+    units = [Unit(plants["noisy"], {"wall.position": 0.05 + 0.01 * k}) for k in range(10)]
+    for k in range(100):
+        for unit in units:
+            unit.set(pushes(k))
+            unit.step(100)
+    alone = Unit(plants["noisy"], {"wall.position": 0.12})
+    for k in range(100):
+        alone.set(pushes(k))
+        alone.step(100)
+    np.testing.assert_array_equal(units[7].all(), alone.all())
+    unit = next(each for each in units if each.all()[each.outputs.index("force_peak")] > 0.0)
+    state, bytes_ = unit.fmu.getFMUstate(), unit.fmu.serializeFMUstate(unit.fmu.getFMUstate())
+    unit.step(3000)
+    later = unit.all()
+    unit.fmu.setFMUstate(state)
+    unit.step(3000)
+    np.testing.assert_array_equal(unit.all(), later)
+    unit.fmu.setFMUstate(unit.fmu.deSerializeFMUstate(bytes_))
+    unit.step(3000)
+    np.testing.assert_array_equal(unit.all(), later)
+    other = Unit(plants["noisy"])
+    other.fmu.reset()
+    other.fmu.setupExperiment(startTime=0.0)
+    other.fmu.enterInitializationMode()
+    other.fmu.exitInitializationMode()
+    np.testing.assert_array_equal(other.all(), Unit(plants["noisy"]).all())
+
+
+def test_what_is_wrong_is_a_status(plants):
+    unit = Unit(plants["plant"])
+    for wrong in (
+        lambda: unit.fmu.doStep(0.0, 1.5e-4),
+        lambda: unit.fmu.doStep(0.0, 0.0),
+        lambda: unit.set({"wall.position": 2.0}),
+        lambda: unit.set({"nu[1]": 2.0}),
+        lambda: unit.set({"tau_cmd[1]": float("nan")}),
+        lambda: unit.fmu.getReal([100_000]),
+    ):
+        with pytest.raises(FMICallException):
+            wrong()
+    unit.set({"tau_cmd[1]": 1e9})
+    with pytest.raises(FMICallException):
+        unit.step(10_000)
+
+
+def test_what_can_not_be_in_an_fmu_is_refused(tmp_path):
+    scenario = Scenario.load("push_wall", {"simulation.integrator": "implicitfast"})
+    with pytest.raises(InputError, match="free_body"):
+        write_fmu(scenario, tmp_path / "a.fmu")
+
+
+def test_libcosim_runs_it(plants):
+    libcosimpy = pytest.importorskip("libcosimpy")
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    assert libcosimpy
+    execution = CosimExecution.from_step_size(step_size=10_000_000)  # [ns]
+    index = execution.add_local_slave(CosimLocalSlave(fmu_path=str(plants["plant"]), instance_name="plant"))
+    manipulator, observer = CosimManipulator.create_override(), CosimObserver.create_last_value()
+    assert execution.add_manipulator(manipulator=manipulator)
+    assert execution.add_observer(observer=observer)
+    unit = Unit(plants["plant"])
+    inputs = [unit.refs[f"tau_cmd[{i + 1}]"] for i in range(6)]
+    with Simulation(Scenario.load("push_wall", {"controller.name": "external"}), engine="free_body") as sim:
+        for k in range(200):
+            command = list(pushes(k).values())
+            assert manipulator.slave_real_values(slave_index=index, variable_references=inputs, values=command)
+            sim.tau_cmd[:] = command
+            execution.step()
+            sim.step(100)
+        refs = [unit.refs[name] for name in unit.outputs]
+        found = observer.last_real_values(slave_index=index, variable_references=refs)
+        np.testing.assert_array_equal(np.array(found), unit.of(sim))
