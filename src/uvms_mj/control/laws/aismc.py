@@ -16,7 +16,7 @@ RESTS_AT = 0.5
 """Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
 
 if TYPE_CHECKING:
-    from ..theory.linear import Linear
+    from ..theory.stability import Stability
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,10 @@ class Aismc(Controller):
         """Warnings if the sampled law chatters with its greatest gain. It then keeps this gain."""
         return self._steepest(setup).notes(f"{self.label()}, if its switching gain grows to K_max,")
 
-    def _steepest(self, setup: Any) -> Linear:
+    def _steepest(self, setup: Any) -> Stability:
         """The law linear in the inner half of the boundary layer, with the greatest gain that it may reach."""
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
         K = np.array(self.K_max) if self.rate else np.full(6, self.K_0)
-        return Linear.of(setup, {"K": 0.999 * K, "nu_hat": -0.25 * np.array(self.epsilon)})
+        inner = -0.25 * np.array(self.epsilon)
+        return Stability(setup, about=(("K", tuple((0.999 * K).tolist())), ("nu_hat", tuple(inner.tolist()))))

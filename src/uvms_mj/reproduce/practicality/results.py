@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ...control.theory.sampled import Vibration
+from ...control.theory.latency import ForceAge
 from ...setup.base import set_up
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, successes
@@ -103,8 +103,8 @@ class Results:
         place = [each.label for each in plan.laws].index(law)
         found = []
         for draw in range(plan.draws):
-            vibration = Vibration.of(set_up(plan.scenario(draw * len(plan.laws) + place)))
-            found.append(vibration.age / vibration.limit)
+            force = ForceAge.of(set_up(plan.scenario(draw * len(plan.laws) + place)))
+            found.append(force.age / force.limit)
         return found
 
     def step(self, law: str, bumper: bool, number: int) -> pd.Series:
