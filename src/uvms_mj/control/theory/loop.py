@@ -22,15 +22,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 About = tuple[tuple[str, tuple[float, ...]], ...]
 """States of a law at rest that are not zero, by name."""
 _EPS = 1e-6
-_ON_THE_WAY = 12
+_ON_THE_WAY = 8
 """Most samples on their way through a delay. A longer delay is a shorter one with a hold of the same mean age."""
-_MOST_STEPS = 100_000
-"""Longest common period [steps]. With a longer one, measurements are taken at instants of the law."""
+_MOST_STEPS = 5_000
+"""Longest common period [steps]. Otherwise all stages that are slower than the law count as slow as the slowest."""
 
 
 class Line:
@@ -93,14 +92,15 @@ class Loop:
     def _law(self, about: About, amplitudes: Any, left: Any, right: Any, normal: Any, M_inv: np.ndarray) -> np.ndarray:
         """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
         force and the states."""
-        by_measurement, by_s = linear_law(self.setup, about, amplitudes, tuple(map(tuple, right.T)))
-        states = (len(by_measurement) - 12) // 2
-        axes = states // 6 if self.m == 1 else 0
-        inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(states) for each in (left, right))
+        law = _Law(self.setup, about, bool(amplitudes))
+        axes, rest = divmod(law.n, 6) if self.m == 1 else (0, law.n)
+        inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(rest) for each in (left, right))
         self.n = len(inner)
-        out = block_diag(left @ M_inv, inner, inner, left)
-        law: np.ndarray = out @ by_measurement @ block_diag(right, right, normal[:, None], outer)
-        return law + out @ by_s @ law[-self.m :]
+        out = _diagonal(left @ M_inv, inner, inner, left)
+        found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, normal[:, None], outer)) / _EPS
+        if not amplitudes:
+            return found[None]
+        return found + np.array([out @ law.by_s(S * right) / S for S in amplitudes]) @ found[-self.m :]
 
     def _step(self, drag: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """A time step of x, nu and the states of the lag, which the acceleration by the command follows."""
@@ -133,8 +133,11 @@ class Loop:
         actuation, last = steps(scenario.actuation.period or self.h), steps(thrusters.period or self.h)
         late = round((scenario.controller.delay or 0.0) / self.h)
         late += 0 if thrusters.lag_model(self.h) else round(thrusters.mean_delay() / self.h)
-        if math.lcm(c, actuation, last, *(every for every, _ in measured)) > _MOST_STEPS:
-            measured = [(c * max(1, round(every / c)), delay) for every, delay in measured]
+        periods = [c, actuation, last, *(every for every, _ in measured)]
+        if math.lcm(*periods) > _MOST_STEPS:
+            slowest = c * round(max(periods) / c)
+            _, actuation, last, *own_periods = (slowest if every > c else c for every in periods)
+            measured = [(every, delay) for every, (_, delay) in zip(own_periods, measured, strict=True)]
         measured = [_shortened(every, delay, c) for every, delay in measured]
         both, late = _shortened(math.lcm(actuation, last), late, c)
         self.control, self.period = c, math.lcm(c, both, *(every for every, _ in measured))
@@ -188,18 +191,14 @@ class Loop:
     def _whole(self) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
         """The matrix (B, size, size) of a common period, and those of each control period in it with its s."""
         power = functools.cache(functools.partial(np.linalg.matrix_power, self.step))
-        found: dict[Any, tuple[np.ndarray, np.ndarray]] = {}
-        kinds = []
-        for i, first in enumerate(range(0, self.period, self.control)):
-            inside = slice(first, first + self.control)
-            events = [line.taken[inside].tobytes() for line in self._all], [line.newer[i] for line in self.measured]
-            kinds.append(repr((events, self.commands.newer[inside].tobytes())))
-            if kinds[-1] not in found:
-                found[kinds[-1]] = self._over(first, power)
+        events = [line.taken for line in self._all] + [self.commands.newer]
+        happens = [each.reshape(-1, self.control) for each in events] + [line.newer[:, None] for line in self.measured]
+        _, first, kinds = np.unique(np.hstack(happens), axis=0, return_index=True, return_inverse=True)
+        found = [self._over(int(i) * self.control, power) for i in first]
         whole: np.ndarray = np.eye(self._places[-1].stop)[None]
-        for kind, same in itertools.groupby(kinds):
+        for kind, same in itertools.groupby(kinds.ravel().tolist()):
             whole = np.linalg.matrix_power(found[kind][0], len(list(same))) @ whole
-        return whole, [found[kind] for kind in kinds]
+        return whole, [found[kind] for kind in kinds.ravel()]
 
     @functools.cached_property
     def growths(self) -> np.ndarray:
@@ -229,56 +228,68 @@ def _shortened(every: int, delay: int, control: int) -> tuple[int, int]:
     return held, control * round((delay + 0.5 * (every + control - math.gcd(every, control) - held)) / control)
 
 
-def linear_law(
-    setup: Any, about: About, amplitudes: tuple[float, ...], directions: tuple[tuple[float, ...], ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The response (12 + 2 n, 18 + n) of a law to x, nu, tau_c and its n states while s is held at zero, and that to s
-    (B, 12 + 2 n, d) along d directions: tau, the states as the law leaves them, their rates, and the s of the task."""
-    evaluate, at_rest, by_measurement = _by_measurement(setup, about, bool(amplitudes))
-    still = np.zeros(by_measurement.shape[1])
-    by_s = [[(evaluate(still, S * np.array(e)) - at_rest) / S for e in directions] for S in amplitudes]
-    return by_measurement, np.swapaxes(by_s, 1, 2) if by_s else np.zeros((1, len(at_rest), len(directions)))
+class _Law:
+    """The law of a run about rest: tau, its n states as it leaves them, their rates, and the s of the task, from x, nu,
+    tau_c and the states. zeta is the last of the states of a law that slides."""
 
+    def __init__(self, setup: Any, about: About, slides: bool) -> None:
+        law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
+        kind = type(law)
+        # records of NumPy, which the functions also take, are five times slower
+        signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
+        signals.M_hat, signals.M_d, signals.D_d, signals.M = design.M_hat, design.M_d, design.D_d, design.M
+        signals.K_d, (signals.K_f, signals.F_d) = np.diag(design.K_d), map(np.array, impedance.at_end)
+        signals.quat_e, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), 1
+        signals.period = setup.scenario.control_period
+        self.signals, self.kind, self.task = signals, kind, type(task)
+        self.gains, self.task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
+        self.state, self.rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in "xd")
+        own = {**type(task).states, **type(task).memory}
+        self.zeta, self.zeta_dot = (_fields({name: np.zeros(size) for name, size in own.items()}) for _ in "xd")
+        vars(self.state).update({name: np.array(value) for name, value in about})
+        self.states = [*vars(self.state).values(), *([self.zeta.zeta] if slides else [])]
+        self.rate = [*vars(self.rates).values(), *([self.zeta_dot.zeta] if slides else [])]
+        self.ends = np.cumsum([len(each) for each in self.states])
+        self.base = np.concatenate([*self.states, np.zeros(0)])
+        self.n = len(self.base)
+        self.D, self.D_hat = (each.D_linear for each in (setup.vehicle, setup.nominal))
+        self.D_hat = setup.scenario.estimates.damping * self.D_hat
 
-@functools.lru_cache(maxsize=8)  # the warnings and the rest of a run need the same one
-def _by_measurement(setup: Any, about: About, slides: bool) -> tuple[Callable[..., np.ndarray], np.ndarray, np.ndarray]:
-    """The law as a function of x, nu, tau_c, states and s; what it gives at rest; its derivatives but for s. zeta is
-    the last of the states if the law slides."""
-    law, task, design = setup.scenario.controller, setup.task, setup.design
-    kind = type(law)
-    # records of NumPy, which the functions also take, are five times slower
-    signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
-    signals.M_hat, signals.M_d, signals.D_d, signals.M = design.M_hat, design.M_d, design.D_d, design.M
-    signals.K_d = np.diag(design.K_d)
-    signals.K_f, signals.F_d = (np.array(each) for each in setup.scenario.impedance.at_end)
-    signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
-    gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
-    state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))
-    own = {**type(task).states, **type(task).memory}
-    zeta, zeta_dot = (_fields({name: np.zeros(size) for name, size in own.items()}) for _ in range(2))
-    vars(state).update({name: np.array(value) for name, value in about})
-    states = [*vars(state).values(), *([zeta.zeta] if slides else [])]
-    base, ends = np.concatenate([*states, np.zeros(0)]), np.cumsum([len(each) for each in states])
-    D, half = setup.vehicle.D_linear, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-    D_hat = setup.scenario.estimates.damping * setup.nominal.D_linear
+    def by(self, given: np.ndarray) -> np.ndarray:
+        """The change (12 + 2 n, columns) under each column (18 + n,) while the law is given s = 0."""
+        at_rest = self._given(np.zeros(18 + self.n))
+        return np.array([self._given(y) - at_rest for y in given.T]).T
 
-    def evaluate(y: np.ndarray, s: np.ndarray) -> np.ndarray:
+    def by_s(self, s: np.ndarray) -> np.ndarray:
+        """The change (12 + 2 n, columns) under each column (6,) in place of s = 0."""
+        at_rest = self._given(np.zeros(18 + self.n))
+        return np.array([self._command(each) - at_rest for each in s.T]).T
+
+    def _given(self, y: np.ndarray) -> np.ndarray:
+        signals, half = self.signals, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
-        signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, D_hat @ signals.nu, D @ signals.nu
-        signals.s, tau_cmd = np.zeros(6), np.zeros(6)
-        for each, value in zip(states, np.split(base + y[18:], ends), strict=False):
+        signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.D @ signals.nu
+        signals.s = np.zeros(6)
+        for each, value in zip(self.states, np.split(self.base + y[18:], self.ends), strict=False):
             each[:] = value
-        if kind.uses_task:
-            type(task).step(task_gains, zeta, signals, zeta_dot, signals)
-        of_task, signals.s = signals.s, s
-        kind.law(gains, state, signals, rates, tau_cmd)
-        rate = [*vars(rates).values(), *([zeta_dot.zeta] if slides else [])]
-        return np.concatenate([tau_cmd, *states, *rate, of_task])
+        if self.kind.uses_task:
+            self.task.step(self.task_gains, self.zeta, signals, self.zeta_dot, signals)
+        self.s = signals.s
+        return self._command(np.zeros(6))
 
-    still = np.zeros(6)
-    at_rest = evaluate(np.zeros(18 + len(base)), still)
-    by_measurement = np.array([evaluate(e, still) - at_rest for e in _EPS * np.eye(18 + len(base))]).T / _EPS
-    return evaluate, at_rest, by_measurement
+    def _command(self, s: np.ndarray) -> np.ndarray:
+        tau_cmd, self.signals.s = np.zeros(6), s
+        self.kind.law(self.gains, self.state, self.signals, self.rates, tau_cmd)
+        return np.concatenate([tau_cmd, *self.states, *self.rate, self.s])
+
+
+def _diagonal(*blocks: np.ndarray) -> np.ndarray:
+    """A matrix of blocks on its diagonal."""
+    rows, columns = (np.cumsum([0, *(block.shape[axis] for block in blocks)]) for axis in (0, 1))
+    whole = np.zeros((rows[-1], columns[-1]))
+    for i, block in enumerate(blocks):
+        whole[rows[i] : rows[i + 1], columns[i] : columns[i + 1]] = block
+    return whole
 
 
 def _fields(values: Mapping[str, Any]) -> SimpleNamespace:

@@ -33,6 +33,8 @@ _SEEN = 0.01
 """Least peak-to-peak force of a vibration that is worth a warning [N]."""
 _SMALLEST, _LARGEST, _AMPLITUDES = 1e-8, 2e-2, 40
 """Amplitudes of s [m/s], and their number. The largest is that of an impact at a few decimetres per second."""
+_HALVINGS = 8
+"""Number of times that the range of a boundary layer is halved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +95,8 @@ class Stability:
     @property
     def free_reason(self) -> str:
         """The reason why the sampled law does not come to rest anywhere; empty if it may."""
-        return f"the sampled law {self._moves} without contact" if self.free > GROWS else ""
-
-    @property
-    def _moves(self) -> str:
-        return "is unstable" if math.isinf(self.layer) else "chatters"
+        what = "is unstable" if math.isinf(self.layer) else "chatters"
+        return f"the sampled law {what} without contact" if self.free > GROWS else ""
 
     def checked(self, state: SteadyState | str) -> SteadyState | str:
         """The state at rest, or the reason why the sampled law does not come to rest there."""
@@ -105,7 +104,8 @@ class Stability:
             return state
         if self.free_reason:
             return self.free_reason
-        if state.force > 0.0 and (self._too_old or self.at_wall[0] > (0.0 if self.layer else 2.0 * state.force)):
+        most = 0.0 if self.layer else 2.0 * state.force
+        if state.force > 0.0 and (self._too_old or self.at_wall[0] > most):
             if self.age and self.age.age >= self.age.limit:
                 return f"the sampled law limit-cycles against this wall: {self.age.comparison()}"
             return "the sampled law does not damp the vibration against this wall"
@@ -133,7 +133,7 @@ class Stability:
         if bounces and math.isfinite(swing):
             yield (
                 f"{label} may bounce or oscillate against the wall without end after a hard impact: with these gains, "
-                f"estimates and delays it compensates the contact force too late"
+                "estimates and delays it compensates the contact force too late"
             )
 
     def _growing(self, contact: Any, growth: float) -> str:
@@ -146,12 +146,17 @@ class Stability:
         return f"at a control period of {period:g} s a small motion grows with {growth:.3g} 1/s; {cure}"
 
     def _wider(self) -> str:
-        """The boundary layer within which a law that chatters would not."""
+        """The boundary layer in which a law that chatters would not."""
         if math.isinf(self.layer):
             return ""
-        S = np.geomspace(self.layer, 1e4 * self.layer, 4 * _AMPLITUDES)
-        quiet = Loop(self.setup, None, self.about, tuple(S.tolist())).growths <= GROWS
-        return f", and so does an epsilon of {S[quiet.argmax()]:.3g}" if quiet.any() else ""
+        chatters, quiet = self.layer, 1e4 * self.layer
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(chatters * quiet)
+            if Loop(self.setup, None, self.about, (middle,)).growths[0] > GROWS:
+                chatters = middle
+            else:
+                quiet = middle
+        return f", and so does an epsilon of {quiet:.3g}"
 
     def _late(self) -> str:
         if self.age is None or not self.age.chain.command_latency:
