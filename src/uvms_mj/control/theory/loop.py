@@ -224,7 +224,7 @@ def _shortened(every: int, delay: int, control: int) -> tuple[int, int]:
     if delay <= _ON_THE_WAY * max(every, control):
         return every, delay
     both = math.lcm(every, control)
-    held = both * -(-delay // (_ON_THE_WAY * both))
+    held = both * (-(-delay // (_ON_THE_WAY * both)) // 2 * 2 + 1)  # odd, so that half of what is added is whole
     return held, control * round((delay + 0.5 * (every + control - math.gcd(every, control) - held)) / control)
 
 
