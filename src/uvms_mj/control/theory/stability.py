@@ -63,7 +63,8 @@ class Stability:
         """At the worst contact: the peak-to-peak force of the vibration in which the law ends [N], 0 if it decays and
         infinite if it has no end; whether it bounces after a hard impact; the growth rate of a small motion [1/s]; and
         the contact, None without any."""
-        found = [(*self._ends(contact), contact) for contact in self.setup.contacts_at_rest]
+        contacts = [each for each in self.setup.contacts_at_rest if each.normal.any()]  # none at the centre of a shape
+        found = [(*self._ends(contact), contact) for contact in contacts]
         return max(found, key=lambda each: each[:3], default=(0.0, False, -math.inf, None))
 
     def _growth(self, contact: Any, period: float | None = None) -> float:
