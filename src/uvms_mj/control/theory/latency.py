@@ -129,6 +129,11 @@ class ForceAge:
         limit, contact = min(limits, key=lambda each: each[0], default=(math.inf, None))
         return cls(chain, contact, chain.measured if M_hat is None else chain.mean, limit)
 
+    @property
+    def share(self) -> float:
+        """Part of the damping that is lost [1]."""
+        return self.age / self.limit if self.limit > 0.0 else math.inf
+
     def comparison(self) -> str:
         """Age and limit as a sentence without its stop."""
         return (

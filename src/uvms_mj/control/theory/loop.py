@@ -43,9 +43,10 @@ class Line:
 
     def __init__(self, N: int, reads: np.ndarray, sources: np.ndarray, intervals: np.ndarray) -> None:
         """Steps of the reads, of the samples that they get, and of the starts of the intervals that they are in."""
-        times = np.unique(sources % N)
+        self.taken = np.zeros(N, bool)
+        self.taken[sources % N] = True
+        times = np.flatnonzero(self.taken)
         used = np.concatenate([times + i * N for i in range(int(sources.min()) // N, 1)])
-        self.taken = np.isin(np.arange(N), times)
 
         def until(steps: np.ndarray, side: Any) -> np.ndarray:
             return np.searchsorted(used, steps, side)
@@ -193,12 +194,13 @@ class Loop:
         power = functools.cache(functools.partial(np.linalg.matrix_power, self.step))
         events = [line.taken for line in self._all] + [self.commands.newer]
         happens = [each.reshape(-1, self.control) for each in events] + [line.newer[:, None] for line in self.measured]
-        _, first, kinds = np.unique(np.hstack(happens), axis=0, return_index=True, return_inverse=True)
-        found = [self._over(int(i) * self.control, power) for i in first]
+        kinds = [row.tobytes() for row in np.hstack(happens)]
+        first = {kind: i * self.control for i, kind in reversed(list(enumerate(kinds)))}
+        found = {kind: self._over(step, power) for kind, step in first.items()}
         whole: np.ndarray = np.eye(self._places[-1].stop)[None]
-        for kind, same in itertools.groupby(kinds.ravel().tolist()):
+        for kind, same in itertools.groupby(kinds):
             whole = np.linalg.matrix_power(found[kind][0], len(list(same))) @ whole
-        return whole, [found[kind] for kind in kinds.ravel()]
+        return whole, [found[kind] for kind in kinds]
 
     @functools.cached_property
     def growths(self) -> np.ndarray:

@@ -91,7 +91,7 @@ class Stability:
     @property
     def _too_old(self) -> bool:
         """Whether the old force undamps the wall behind the chatter of super-twisting."""
-        return self.layer == 0.0 and self.age is not None and self.age.age >= self.age.limit
+        return self.layer == 0.0 and self.age is not None and self.age.share >= 1.0
 
     @property
     def free_reason(self) -> str:
@@ -107,7 +107,7 @@ class Stability:
             return self.free_reason
         most = 0.0 if self.layer else 2.0 * state.force
         if state.force > 0.0 and (self._too_old or self.at_wall[0] > most):
-            if self.age and self.age.age >= self.age.limit:
+            if self.age and self.age.share >= 1.0:
                 return f"the sampled law limit-cycles against this wall: {self.age.comparison()}"
             return "the sampled law does not damp the vibration against this wall"
         return state
@@ -115,14 +115,14 @@ class Stability:
     def notes(self, label: str) -> Iterator[str]:
         """Warnings if a motion grows or vibrates, without a wall or against it, or decays slowly."""
         swing, bounces, growth, contact = self.at_wall
+        old = self.age is not None and self.age.share > SLOWLY_DAMPED
         if self.free > GROWS:
             what = "oscillates" if math.isinf(self.layer) else "chatters"
-            yield f"{label} {what} without contact: {self._growing(None, self.free)}{self._wider()}"
-        elif contact is None:
-            return
-        elif self.age and (self.age.age > SLOWLY_DAMPED * self.age.limit or self.age.age == self.age.limit):
-            what = "limit-cycles against" if self._too_old or swing > _SEEN else "hardly damps the vibration against"
-            yield f"{label} {what} the wall {self._old(self.age)}"
+            yield f"{label} {what} without contact: {self._growing(None, self.free)}"
+        elif self.age and old and (self._too_old or swing > _SEEN):
+            yield f"{label} limit-cycles against the wall {self._old(self.age)}"
+        elif self.age and old and self.age.share < 1.0:
+            yield f"{label} hardly damps the vibration against the wall {self._old(self.age)}"
         elif math.isinf(swing) and self.layer:
             where = f"against the wall, {contact.stiffness:g} N/m"
             yield f"{label} oscillates {where}: {self._growing(contact, growth)}"
@@ -138,18 +138,19 @@ class Stability:
             )
 
     def _growing(self, contact: Any, growth: float) -> str:
-        """Growth rate of a small motion, and a control period at which it does not grow."""
+        """Growth rate of a small motion, and a control period or a boundary layer with which it does not grow."""
         h, period = self.setup.scenario.simulation.timestep, self.setup.scenario.control_period
         shorter = round(period / h) // 2
         while shorter and self._growth(contact, shorter * h) > GROWS:
             shorter //= 2
-        cure = f"a period of {shorter * h:.4g} s suffices" if shorter else "these gains and estimates need a change"
+        cures = [f"a period of {shorter * h:.4g} s"] if shorter else []
+        if contact is None and math.isfinite(self.layer):
+            cures.append(f"an epsilon of {self._quiet_layer():.3g}")
+        cure = f"{' or '.join(cures)} suffices" if cures else "these gains and estimates need a change"
         return f"at a control period of {period:g} s a small motion grows with {growth:.3g} 1/s; {cure}"
 
-    def _wider(self) -> str:
-        """The boundary layer in which a law that chatters would not."""
-        if math.isinf(self.layer):
-            return ""
+    def _quiet_layer(self) -> float:
+        """Width of the boundary layer in which a law that chatters would not."""
         chatters, quiet = self.layer, 1e4 * self.layer
         for _ in range(_HALVINGS):
             middle = math.sqrt(chatters * quiet)
@@ -157,11 +158,11 @@ class Stability:
                 chatters = middle
             else:
                 quiet = middle
-        return f", and so does an epsilon of {quiet:.3g}"
+        return quiet
 
     def _late(self) -> str:
         if self.age is None or not self.age.chain.command_latency:
-            return "with these gains and estimates it compensates the contact force too late"
+            return "its measurements are too slow or too late for these gains and estimates"
         chain = self.age.chain
         late = f"its command acts {1e3 * chain.command_latency:.3g} ms late ({chain.command_parts()})"
         return f"{late}; it takes less of that, or smaller gains"
@@ -174,9 +175,8 @@ class Stability:
         delay, longest = max(chain.delays.items(), key=lambda each: each[1])
         if longest > max(value for name, value in chain.ages.items() if name not in chain.delays):
             here = f"with the {delay} of {longest:.4g} s"
-        share = min(1.0, age.age / age.limit) if age.limit else 1.0
-        lost = f"it holds the contact force so long that {share:.0%} of the damping D_d is lost at {age.contact.key}"
-        lost += f".stiffness {k_c:g} N/m"
+        lost = f"it holds the contact force so long that {min(1.0, age.share):.0%} of the damping D_d is lost at "
+        lost += f"{age.contact.key}.stiffness {k_c:g} N/m"
         if not age.age:
             return f"{here}: {lost}"
         return (

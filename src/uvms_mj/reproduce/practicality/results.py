@@ -101,11 +101,8 @@ class Results:
         """Age of the contact force over its limit, for each draw of a study."""
         plan = self.plans[name]
         place = [each.label for each in plan.laws].index(law)
-        found = []
-        for draw in range(plan.draws):
-            force = ForceAge.of(set_up(plan.scenario(draw * len(plan.laws) + place)))
-            found.append(force.age / force.limit)
-        return found
+        setups = (set_up(plan.scenario(draw * len(plan.laws) + place)) for draw in range(plan.draws))
+        return [ForceAge.of(setup).share for setup in setups]
 
     def step(self, law: str, bumper: bool, number: int) -> pd.Series:
         """The row of GSTA with the gains ``law`` after a number of steps to a pool, with the column ``works``."""
