@@ -29,10 +29,11 @@ class ForceLatency:
     delays: Mapping[str, float]
 
     @classmethod
-    def of(cls, setup: Any) -> "ForceLatency":
-        """The chain of a run, from its :class:`uvms_mj.setup.base.Setup`."""
+    def of(cls, setup: Any, period: float | None = None) -> "ForceLatency":
+        """The chain of a run, from its :class:`uvms_mj.setup.base.Setup`; default of the control period [s]: its
+        own."""
         scenario = setup.scenario
-        h, control = scenario.simulation.timestep, scenario.control_period
+        h, control = scenario.simulation.timestep, period or scenario.control_period
         observed = scenario.observer.runs
         sensor = scenario.observer if observed else scenario.navigation
         rate, late = sensor.force_timing

@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from .latency import ForceLatency
+
 About = tuple[tuple[str, tuple[float, ...]], ...]
 """States of a law at rest that are not zero, by name."""
 _EPS = 1e-6
@@ -88,7 +90,7 @@ class Loop:
             self.force = -np.kron([contact.stiffness, contact.damping], normal @ right)[None]
         self.law = self._law(about, amplitudes, left, right, normal, M_inv)
         self.step = self._step(-left @ M_inv @ setup.vehicle.D_linear @ right, (left @ M_inv @ normal)[:, None])
-        self._lines(setup.scenario.control_period if period is None else period)
+        self._lines(period)
 
     def _law(self, about: About, amplitudes: Any, left: Any, right: Any, normal: Any, M_inv: np.ndarray) -> np.ndarray:
         """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
@@ -116,24 +118,17 @@ class Loop:
         step[:m] += self.h * step[m : 2 * m]
         return step
 
-    def _lines(self, period: float) -> None:
+    def _lines(self, period: float | None) -> None:
         """The control period and the common one, and the lines of pose, velocity, force and command."""
-        scenario = self.setup.scenario
-
-        def steps(seconds: float) -> int:
-            return max(1, round(seconds / self.h))
-
-        c = steps(period)
-        sensor, observer, thrusters = scenario.navigation, scenario.observer, scenario.thrusters
-        own = sensor.period or (self.h if sensor.every_step else period)
-        observed = observer if observer.runs else sensor
-        timings = [(None, 0.0), sensor.velocity_timing, observed.force_timing]
-        measured = [(steps(every or own), round(late / self.h)) for every, late in timings]
-        if observer.runs and observer.period:
-            measured[2] = steps(observer.period), measured[2][1]
-        actuation, last = steps(scenario.actuation.period or self.h), steps(thrusters.period or self.h)
-        late = round((scenario.controller.delay or 0.0) / self.h)
-        late += 0 if thrusters.lag_model(self.h) else round(thrusters.mean_delay() / self.h)
+        sensor, thrusters, h = self.setup.scenario.navigation, self.setup.scenario.thrusters, self.h
+        chain = ForceLatency.of(self.setup, period)
+        force, c, actuation, last = (round(each / h) for each in chain.periods.values())
+        old, late, lag = (round(each / h) for each in chain.delays.values())
+        every, velocity_late = sensor.velocity_timing
+        own = round(sensor.period / h) if sensor.period else 1 if sensor.every_step else c
+        velocity = round(every / h) if every else own
+        measured = [(own, 0), (velocity, round(velocity_late / h)), (force, old)]
+        late += 0 if thrusters.lag_model(h) else lag
         periods = [c, actuation, last, *(every for every, _ in measured)]
         if math.lcm(*periods) > _MOST_STEPS:
             slowest = c * round(max(periods) / c)
