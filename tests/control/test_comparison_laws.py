@@ -347,6 +347,18 @@ def test_the_linear_model_predicts_the_growth_of_a_vibration(law, overrides):
     assert np.polyfit(t[linear], np.log(peak[linear]), 1)[0] == pytest.approx(growth, rel=0.05)
 
 
+def test_an_old_force_shakes_aismc_with_its_gain_at_rest_though_not_with_the_greatest():
+    """The run vibrates by newtons with a force that is 40 ms old; with one of 10 ms it rests at the closed form."""
+    for delay, rests in ((0.01, True), (0.04, False)):
+        old = {"wall.stiffness": 2e3, "navigation.name": "sensors", "navigation.force_delay": delay}
+        trace = run("aismc", old | {"simulation.duration": 25.0}, log_rate=100)
+        assert isinstance(trace.analytic, SteadyState) == rests
+        assert (float(trace.final_high[-1] - trace.final_low[-1]) < 1e-3) == rests
+        setup, law = set_up(trace.scenario), trace.scenario.controller
+        about = ("K", law.K_max), ("nu_hat", tuple(-0.25 * each for each in law.epsilon))
+        assert Stability(setup, about=about).at_wall[2] < 0.0
+
+
 def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
     """Whatever holds its output next reads the command, the thrusters if the allocation runs at every step. Their lag
     and the computation delay age the force at the wall, too."""
