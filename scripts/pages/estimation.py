@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from page_look import written
 from uvms_mj import Scenario, Simulation, Trace, simulate
-from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.control.theory.latency import ForceAge
 from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
@@ -101,10 +101,10 @@ def numbers() -> Iterator[tuple]:
             yield "{} | 1 | closed form {} |", late.std(), trace.analytic.force
         elif row == "observer, T = 10 ms | 2e3":
             yield "up to {} N appear as a contact", -trace.f_contact_m_W[(trace.t > 7.0) & (trace.t < 10.0), 0].min()
-    limits = [Vibration.of(set_up(Scenario.load("push_wall", {"wall.stiffness": k}))).limit for k in (1e5, 2e3)]
+    limits = [ForceAge.of(set_up(Scenario.load("push_wall", {"wall.stiffness": k}))).limit for k in (1e5, 2e3)]
     yield "{} ms at the default wall of 1e5 N/m and {} ms at 2e3 N/m", *(1e3 * limit for limit in limits)
     trace = run(HEAVY)
-    late, found = trace.push[trace.t > 15.0], Vibration.of(set_up(trace.scenario))
+    late, found = trace.push[trace.t > 15.0], ForceAge.of(set_up(trace.scenario))
     yield (
         "pushes the wall of 2e3 N/m with {} N, deviation {} N, in {} touch",
         late.mean(),

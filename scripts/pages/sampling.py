@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from page_look import written
 from uvms_mj import Gsta, Scenario, Trace, simulate
 from uvms_mj.control.base import SteadyState
-from uvms_mj.control.theory.input_delay import swing
-from uvms_mj.control.theory.sampled import Vibration
-from uvms_mj.setup.base import set_up
+from uvms_mj.control.theory.stability import ForceAge, Stability
+from uvms_mj.setup.base import Setup, set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 
 QUIET_N = 0.05
@@ -48,27 +47,25 @@ def late_commands(case: int) -> tuple[list[float], list[float], list[float]]:
     _, overrides, delays, _ = (PAPERS_GAINS, RETUNED_GAINS)[case]
     ages, found, predicted = [], [], []
     for delay in delays:
-        force, vibration, law = measured(overrides | {"controller.delay": delay})
-        ages.append(vibration.chain.command_latency)
+        force, setup = measured(overrides | {"controller.delay": delay})
+        ages.append(ForceAge.of(setup).chain.command_latency)
         found.append(force)
-        predicted.append(float(swing(vibration, law.slopes)[0]))
+        predicted.append(Stability(setup, layer=0.0).at_wall[0])
     return ages, found, predicted
 
 
-def measured(overrides: dict[str, Any]) -> tuple[float, Vibration, Any]:
-    """Peak-to-peak force in the last 0.5 s [N], and the vibration in theory, of a run."""
+def measured(overrides: dict[str, Any]) -> tuple[float, Setup]:
+    """Peak-to-peak force in the last 0.5 s of a run [N], and its setup."""
     scenario = Scenario.load("push_wall", PAPER | overrides)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         trace = simulate(scenario, log_rate=100, engine="free_body")
     found = float(trace.final_high[-1] - trace.final_low[-1]) if trace.final_low[-1] > 0.0 else np.inf  # no contact
-    vibration = Vibration.of(set_up(scenario))
-    assert vibration is not None
-    return found, vibration, scenario.controller
+    return found, set_up(scenario)
 
 
 def numbers() -> Iterator[tuple]:
-    paper, soft = (Vibration.of(set_up(Scenario.load("push_wall", {"wall.stiffness": k}))) for k in (1e5, 2e3))
+    paper, soft = (ForceAge.of(set_up(Scenario.load("push_wall", {"wall.stiffness": k}))) for k in (1e5, 2e3))
     yield "At 1e5 N/m, whose limit is {} ms", 1e3 * paper.limit
     (_, found, predicted), (_, others, theirs) = late_commands(0), late_commands(1)
     yield "4 ms late leaves a vibration of {} N peak to peak", found[PAPERS_GAINS[2].index(4e-3)]
@@ -77,7 +74,7 @@ def numbers() -> Iterator[tuple]:
     runs = [run("push_soft_wall_100hz", engine) for engine in ("free_body", "mujoco")]
     runs.append(run("push_soft_wall_100hz", simulation__timestep=1e-4))
     forces = [float(trace.final_impulse[-1]) / 0.5 for trace in runs]
-    retuned = Vibration.of(set_up(runs[0].scenario))
+    retuned = ForceAge.of(set_up(runs[0].scenario))
     yield (
         "(`push_soft_wall_100hz`) | {} ms, {} ms | {} N to {} N; closed form 1.5 N/1.075 = {} N |",
         1e3 * retuned.age,
@@ -95,7 +92,7 @@ def numbers() -> Iterator[tuple]:
         100.0 * abs(np.ptp(last(fine, 5.0)) / np.ptp(late[1]) - 1.0),
     )
     bounces = run("push_wall", simulation__duration=30.0, **{k.replace(".", "__"): v for k, v in RATE.items()})
-    age = Vibration.of(set_up(bounces.scenario))
+    age = ForceAge.of(set_up(bounces.scenario))
     yield (
         "| {} ms, {} ms | bounces, {} contacts in 30 s; it takes a wall of less than {} N/m |",
         1e3 * age.age,
@@ -111,15 +108,15 @@ def numbers() -> Iterator[tuple]:
 def old_forces(axes: Axes) -> None:
     """The force sensor is late, at walls of several stiffnesses. All else is of the instant."""
     for stiffness in (2e3, 5e3, 1e4, 3e4, 1e5, 2e5):
-        vibration = Vibration.of(set_up(Scenario.load("push_wall", {"wall.stiffness": stiffness})))
+        limit = ForceAge.of(set_up(Scenario.load("push_wall", {"wall.stiffness": stiffness}))).limit
         for factor in (0.4, 0.65, 0.9, 1.1, 1.5, 2.5):
-            h = 1e-4 if vibration.limit < 0.02 else 1e-3
-            late = {"navigation.name": "sensors", "navigation.force_delay": round(factor * vibration.limit / h) * h}
+            h = 1e-4 if limit < 0.02 else 1e-3
+            late = {"navigation.name": "sensors", "navigation.force_delay": round(factor * limit / h) * h}
             late["simulation.timestep"] = h
-            found, here, _ = measured({"wall.stiffness": stiffness, "simulation.duration": 40.0, **late})
+            found, setup = measured({"wall.stiffness": stiffness, "simulation.duration": 40.0, **late})
             holds = found < QUIET_N
             style = {"marker": "o", "color": HOLDS} if holds else {"marker": "x", "color": FAILS}
-            axes.plot(1e3 * here.age, stiffness, linestyle="none", markersize=4.5, **style)
+            axes.plot(1e3 * ForceAge.of(setup).age, stiffness, linestyle="none", markersize=4.5, **style)
     ages = np.geomspace(1e-4, 0.08, 50)
     D_d = set_up(Scenario()).design.D_d[0, 0]
     axes.fill_between(1e3 * ages, 1e3, D_d / ages, color=HOLDS, alpha=0.12, linewidth=0.0)

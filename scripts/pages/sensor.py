@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from page_look import DOCS
 from uvms_mj import Scenario, simulate
-from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.control.theory.latency import ForceAge
 from uvms_mj.setup.base import set_up
 
 EXAMPLE = DOCS.parent / "examples" / "biased_force.py"
@@ -13,5 +13,5 @@ EXAMPLE = DOCS.parent / "examples" / "biased_force.py"
 def numbers() -> Iterator[tuple]:
     sensor = {"navigation.name": f"{EXAMPLE}:BiasedForce", "navigation.bias": [0.5, 0.0, 0.0]}
     yield "gives F = (1.5 + 0.5)/1.0015 = {} N", simulate(Scenario.load("push_wall", sensor)).push[-1]
-    limit = Vibration.of(set_up(Scenario.load("push_wall"))).limit
+    limit = ForceAge.of(set_up(Scenario.load("push_wall"))).limit
     yield "At the default wall (1e5 N/m) the limit is {} ms", 1e3 * limit

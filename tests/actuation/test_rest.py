@@ -7,8 +7,8 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.latency import ForceAge
 from uvms_mj.control.theory.predictions import steady_state
-from uvms_mj.control.theory.sampled import Vibration
 from uvms_mj.setup.base import set_up
 
 SOFT = {
@@ -142,14 +142,14 @@ def test_a_lag_is_an_age_of_the_force_in_the_thrust(lag, delay):
     ages = []
     for name in ("none", lag):
         setup = set_up(scenario_with("impedance", "general", SOFT, lag=name, time_constant=0.004))
-        ages.append(Vibration.of(setup, setup.design.M_hat).age)
+        ages.append(ForceAge.of(setup, setup.design.M_hat).age)
     assert ages[1] - ages[0] == pytest.approx(delay, rel=1e-12)
 
 
 def test_the_hold_of_the_thrusters_ages_the_force():
     overrides = SOFT | {"controller.period": 6e-3, "thrusters.period": 4e-3}
     setup = set_up(scenario_with("impedance", "general", overrides))
-    assert Vibration.of(setup, setup.design.M_hat).age == pytest.approx(_mean_age(6, 4) * 1e-3)
+    assert ForceAge.of(setup, setup.design.M_hat).age == pytest.approx(_mean_age(6, 4) * 1e-3)
 
 
 def _mean_age(control: int, thrusters: int) -> float:

@@ -11,8 +11,9 @@ from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import SteadyState
-from uvms_mj.control.theory.linear import Linear
+from uvms_mj.control.theory.latency import ForceLatency
 from uvms_mj.control.theory.predictions import stage_notes, steady_state
+from uvms_mj.control.theory.stability import Stability
 from uvms_mj.setup.base import set_up
 
 NEW = ("pid", "admittance", "parallel", "dob_impedance", "aismc")
@@ -295,6 +296,20 @@ def test_a_greatest_gain_below_the_disturbance_has_no_closed_form():
 # sampling
 
 
+SLOW = {
+    "navigation.name": "sensors",
+    "navigation.velocity_period": 0.003,
+    "navigation.velocity_delay": 0.0041,
+    "navigation.force_period": 0.005,
+    "navigation.force_delay": 0.0017,
+    "controller.period": 0.002,
+    "controller.delay": 0.0051,
+    "actuation.period": 0.0014,
+}
+"""Every stage at a rate of its own, and every delay: the loop repeats after 0.21 s."""
+LAGGING = {"thrusters.name": "general", "thrusters.lag": "third_order", "controller.period": 0.002}
+
+
 @pytest.mark.parametrize(
     ("law", "overrides"),
     [
@@ -306,13 +321,16 @@ def test_a_greatest_gain_below_the_disturbance_has_no_closed_form():
         ("parallel", {"controller.k_i": 12.0, "controller.period": 0.002}),
         ("dob_impedance", {"controller.period": 0.02, "estimates.inertia": 2.0}),
         ("dob_impedance", {"controller.period": 0.001, "estimates.inertia": 0.4}),
+        ("admittance", SLOW),
+        ("admittance", SLOW | {"impedance.M_d": [5.0, 7.0, 7.0, 0.1, 0.1, 0.1], "wall.stiffness": 3e4}),
+        ("admittance", LAGGING),
     ],
 )
 def test_the_linear_model_predicts_the_growth_of_a_vibration(law, overrides):
     """A vehicle pressed to the wall starts at rest with 0.1 mN too little; the growth is measured while in contact."""
     overrides = AT_WALL | overrides | {"current.speed": 0.0, "impedance.F_d": [-30.0, *[0.0] * 5]}
     setup = set_up(Scenario.load("push_wall", overrides | {"simulation.duration": 10.0}, law))
-    growth = Linear.of(setup).growths[1]
+    growth = Stability(setup).at_wall[2]
     assert growth > 0.1
     assert any("oscillates" in note for note in stage_notes(setup.scenario.controller, setup))
     assert "does not damp" in steady_state(setup).reason
@@ -329,6 +347,18 @@ def test_the_linear_model_predicts_the_growth_of_a_vibration(law, overrides):
     assert np.polyfit(t[linear], np.log(peak[linear]), 1)[0] == pytest.approx(growth, rel=0.05)
 
 
+def test_an_old_force_shakes_aismc_with_its_gain_at_rest_though_not_with_the_greatest():
+    """The run vibrates by newtons with a force that is 40 ms old; with one of 10 ms it rests at the closed form."""
+    for delay, rests in ((0.01, True), (0.04, False)):
+        old = {"wall.stiffness": 2e3, "navigation.name": "sensors", "navigation.force_delay": delay}
+        trace = run("aismc", old | {"simulation.duration": 25.0}, log_rate=100)
+        assert isinstance(trace.analytic, SteadyState) == rests
+        assert (float(trace.final_high[-1] - trace.final_low[-1]) < 1e-3) == rests
+        setup, law = set_up(trace.scenario), trace.scenario.controller
+        about = ("K", law.K_max), ("nu_hat", tuple(-0.25 * each for each in law.epsilon))
+        assert Stability(setup, about=about).at_wall[2] < 0.0
+
+
 def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
     """Whatever holds its output next reads the command, the thrusters if the allocation runs at every step. Their lag
     and the computation delay age the force at the wall, too."""
@@ -336,8 +366,8 @@ def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
     ages = []
     for more in ({}, {"thrusters.lag": "first_order", "thrusters.time_constant": 0.003}, {"controller.delay": 0.01}):
         setup = set_up(Scenario.load("push_wall", held | more, "parallel"))
-        ages.append(Linear.of(setup).late[1])
-        assert np.isfinite(Linear.of(setup).growths).all()
+        ages.append(ForceLatency.of(setup).mean - 0.5 * (0.01 - 1e-4))
+        assert np.isfinite(Stability(setup).at_wall[2])
     assert ages == pytest.approx([0.0, 0.003, 0.01], abs=1e-12)
 
 

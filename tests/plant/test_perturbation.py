@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
-from uvms_mj.control.laws.fosm import Fosm
-from uvms_mj.control.theory.boundary_layer import boundary_layer_limit
-from uvms_mj.control.theory.super_twisting import bouncing_growth
+from uvms_mj.control.theory.loop import Loop
 from uvms_mj.plant.build import perturbed
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.settings import VehicleChoice
@@ -152,12 +150,8 @@ def test_all_theory_is_that_of_a_file_with_the_true_numbers_and_scaled_estimates
         if not isinstance(rest, str):
             for name in ("force", "position", "quat", "s", "tau"):
                 np.testing.assert_allclose(getattr(rest, name), getattr(same, name), rtol=1e-7, atol=1e-9)
-        if law == "fosm":
-            limits = [boundary_layer_limit(Fosm(), setup) for setup in (ours, theirs)]
-            np.testing.assert_allclose(*limits, rtol=1e-9)
-        if law == "gsta":
-            growths = [bouncing_growth(setup.scenario.controller, setup) for setup in (ours, theirs)]
-            np.testing.assert_allclose(*growths, rtol=1e-6)
+        loops = [Loop(setup, setup.contacts_at_rest[0], amplitudes=(1e-4, 1e-2)) for setup in (ours, theirs)]
+        np.testing.assert_allclose(loops[0].growths, loops[1].growths, rtol=1e-5)
     runs = [
         simulate(Scenario.load("push_wall", world, "impedance"), mjcf=mjcf)
         for world, mjcf in ((here, NOMINAL), (there, file))

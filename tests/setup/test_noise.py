@@ -163,7 +163,7 @@ def test_a_scalar_loop_by_hand():
         (
             "impedance",
             {"navigation.velocity_period": 0.02, "navigation.velocity_delay": 0.3},
-            "the loop is unstable about its rest",
+            "is unstable without contact",
         ),
     ],
 )

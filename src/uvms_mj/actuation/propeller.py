@@ -177,6 +177,9 @@ class Propeller(Thrusters):
     def mean_delay(self) -> float:
         return 0.0 if self.lag == "none" else mean_delay(self.lag, self.time_constant)
 
+    def lag_model(self, period: float) -> Mapping[str, np.ndarray] | None:
+        return None if self.lag == "none" else discrete(self.lag, self.time_constant, period)
+
     def at_rest(self, setup: Any) -> StaticThrust | str:
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:

@@ -66,6 +66,11 @@ class Thrusters(Stage):
         """Delay of slow changes of the thrust behind the command [s]."""
         return 0.0
 
+    def lag_model(self, period: float) -> Mapping[str, np.ndarray] | None:
+        """The lag of a small change of the thrust behind the command over a period [s], as
+        :func:`uvms_mj.actuation.lag.discrete` gives it; None for no other one than :meth:`mean_delay`."""
+        return None
+
 
 @dataclasses.dataclass(frozen=True)
 class IdealThrusters(Thrusters):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ..errors import Fault
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, WRENCH_COMMAND
-from .theory.sampled import MOST_WAITING
+
+MOST_WAITING = 1000
+"""Control periods that a computation delay may last."""
 
 
 @dataclass(frozen=True)
@@ -43,3 +46,19 @@ class Delay(Stage):
             out[:] = 0.0
         else:
             out[:] = queue[(given.instant - delay) // control % (MOST_WAITING + 1)]
+
+
+def delay_faults(scenario: Any) -> Iterator[Fault]:
+    """Errors in the computation delay: it is a multiple of the time step, and not too many control periods long."""
+    h, delay = scenario.simulation.timestep, scenario.controller.delay
+    if delay is None:
+        return
+    if abs(delay / h - round(delay / h)) > 1e-6:
+        n = int(delay / h)
+        nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
+        yield Fault("controller.delay", f"{delay:g} s is not a multiple of the time step {h:g} s; {nearest}")
+    elif delay > MOST_WAITING * scenario.control_period * (1.0 + 1e-9):
+        longest = f"{MOST_WAITING} control periods of {scenario.control_period:g} s"
+        yield Fault(
+            "controller.delay", f"{delay:g} s must be at most {MOST_WAITING * scenario.control_period:g} s, {longest}"
+        )

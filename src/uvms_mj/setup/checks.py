@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ..control.delay import delay_faults
 from ..control.design import Design
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.predictions import stage_notes
-from ..control.theory.sampled import delay_faults, zeta_limit
+from ..control.theory.stability import zeta_limit
 from ..errors import Fault, InputError
 from ..physics.flow import FINEST
 from ..plant.build import check_fit, task_inertias

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from ..control.base import SteadyState
+from ..control.theory.loop import Line
 from ..control.theory.predictions import steady_state
 from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
@@ -32,6 +33,8 @@ from .linear_loop import LinearLaw, RestingLaw, RestingVehicle, jacobian
 MOST_STEPS, MOST_STATES = 20_000, 600
 """Limits of a closed form: steps of the common period, and numbers of the state."""
 _PLACES = ("position", "attitude", "velocity", "angular_velocity", "force", "moment")
+_WIDTHS = (3, 3, 3, 3, 3, 3, 6)
+"""Numbers of a sample of each channel, and of a command."""
 _KNOWN_STAGES = ("navigation", "reference", "task", "controller", "actuation")
 _REACH = 3.0
 """Standard deviations over which the law has to be linear and the thrusters must not saturate."""
@@ -101,20 +104,6 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     return ""
 
 
-def _kept(numbers: int, period: int, delay: int) -> int:
-    """Size of the samples that are kept from step to step; times are in steps."""
-    return numbers * (-(-delay // period) + (period > 1))
-
-
-def _arrived(k: int, period: int, delay: int, fresh: np.ndarray, register: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The last sample that has arrived at step k, and the samples to keep, the newest first. ``fresh`` is the sample of
-    step k, if one is due."""
-    kept = [register[first : first + len(fresh)] for first in range(0, len(register), len(fresh))]
-    samples = [fresh, *kept] if k % period == 0 else kept
-    left = np.vstack(samples[: len(kept)]) if kept else register
-    return samples[k // period - (k - delay) // period], left
-
-
 class _Loop:
     """The linear sampled loop. The channels have their samples and the stages their periods as in a run.
 
@@ -124,16 +113,17 @@ class _Loop:
     def __init__(self, setup: Setup, vehicle: RestingVehicle, law: LinearLaw, channels: Mapping[str, Channel]) -> None:
         self.setup, self.vehicle, self.law, self.h = setup, vehicle, law, setup.scenario.simulation.timestep
         scenario, h = setup.scenario, self.h
-        self.control = round(scenario.control_period / h)
+        control = round(scenario.control_period / h)
         self.actuation = round((scenario.actuation.period or h) / h)
         step = scenario.navigation.period or h
         self.channels = [channels[name] for name in _PLACES]
-        self.periods = [round((each.period or step) / h) for each in self.channels]
-        self.delays = [round(each.delay / h) for each in self.channels]
-        self.late = round((scenario.controller.delay or 0.0) / h)
-        self.steps = math.lcm(self.control, self.actuation, *self.periods)
-        sizes = [12, len(law.law.at_rest), *map(_kept, [3] * 6, self.periods, self.delays)]
-        sizes += [_kept(6, self.control, self.late), 6]
+        timings = [(round((each.period or step) / h), round(each.delay / h)) for each in self.channels]
+        timings.append((control, round((scenario.controller.delay or 0.0) / h)))
+        self.control, self.steps = control, math.lcm(self.actuation, *(period for period, _ in timings))
+        k = np.arange(min(self.steps, MOST_STEPS))
+        self.lines = [Line(len(k), k, (k - delay) // period * period, k) for period, delay in timings]
+        samples = [width * line.kept for width, line in zip(_WIDTHS, self.lines, strict=True)]
+        sizes = [12, len(law.law.at_rest), *samples, 6]
         ends = np.cumsum(sizes)
         self.places = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         self.size = int(ends[-1])
@@ -154,22 +144,28 @@ class _Loop:
     def at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state after step k, the measurements (18,) and the thrust (6,) in it."""
         z = np.eye(self.size, self.size + 18)
-        x, states, *registers, commands, u = (z[place] for place in self.places)
-        now, measured, kept = self.sensed @ x, [], []
+        x, states, *registers, u = (z[place] for place in self.places)
+        now = self.sensed @ x
         now[:, self.size :] = self.sigmas
-        for i, (period, delay, register) in enumerate(zip(self.periods, self.delays, registers, strict=True)):
-            arrived, left = _arrived(k, period, delay, now[3 * i : 3 * i + 3], register)
-            measured.append(arrived)
-            kept.append(left)
-        y = np.vstack(measured)
+        waiting = [[old[i : i + w] for i in range(0, len(old), w)] for old, w in zip(registers, _WIDTHS, strict=True)]
+
+        def arrived(which: int, fresh: np.ndarray) -> np.ndarray:
+            """The sample that is read at step k, of those that wait and the one of step k."""
+            line, samples = self.lines[which], waiting[which]
+            if line.taken[k]:
+                samples.insert(0, fresh)
+            return samples[line.newer[k]]
+
+        y = np.vstack([arrived(i, now[3 * i : 3 * i + 3]) for i in range(6)])
         response = self.law.by_measurement @ y + self.law.by_state @ states
-        commanded, left = _arrived(k, self.control, self.late, response[:6], commands)
+        commanded = arrived(6, response[:6])
+        kept = [sample for line, samples in zip(self.lines, waiting, strict=True) for sample in samples[: line.kept]]
         if k % self.control == 0:
             states = states + self.h * self.control * response[6:]
         u = commanded if k % self.actuation == 0 else u
         nu = x[6:] + self.h * (self.vehicle.acceleration_by_state @ x + self.delivered @ u)
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
-        return np.vstack([x[:6] + moved, nu, states, *kept, left, u]), y, u
+        return np.vstack([x[:6] + moved, nu, states, *kept, u]), y, u
 
     def solve(self) -> Deviations | str:
         """The covariance that repeats, and the deviations from it."""

@@ -67,7 +67,7 @@ class Admittance(Controller):
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
         from ..theory.balance import static_balance
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
         design = setup.design
 
@@ -81,10 +81,10 @@ class Admittance(Controller):
                 + design.K_d @ (np.linalg.solve(design.M_hat, balance.control_wrench(x)) + self.k_v * nu) / self.k_p
             )
 
-        return Linear.of(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
+        return Stability(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
-        return Linear.of(setup).notes(self.label())
+        return Stability(setup).notes(self.label())

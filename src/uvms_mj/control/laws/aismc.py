@@ -16,7 +16,7 @@ RESTS_AT = 0.5
 """Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
 
 if TYPE_CHECKING:
-    from ..theory.linear import Linear
+    from ..theory.stability import Stability
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,18 @@ class Aismc(Controller):
             K = np.minimum(self.K_max, np.maximum(K, np.abs(phi) / RESTS_AT))
         if (np.abs(phi) >= K).any():
             return "the disturbance is larger than the switching gain can balance"
-        return self._steepest(setup).checked(state)
+        return self._stability(setup, self._greatest()).checked(self._stability(setup, K).checked(state))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law chatters with its greatest gain. It then keeps this gain."""
-        return self._steepest(setup).notes(f"{self.label()}, if its switching gain grows to K_max,")
+        return self._stability(setup, self._greatest()).notes(f"{self.label()}, if its switching gain grows to K_max,")
 
-    def _steepest(self, setup: Any) -> Linear:
-        """The law linear in the inner half of the boundary layer, with the greatest gain that it may reach."""
-        from ..theory.linear import Linear
+    def _greatest(self) -> np.ndarray:
+        return np.array(self.K_max) if self.rate else np.full(6, self.K_0)
 
-        K = np.array(self.K_max) if self.rate else np.full(6, self.K_0)
-        return Linear.of(setup, {"K": 0.999 * K, "nu_hat": -0.25 * np.array(self.epsilon)})
+    def _stability(self, setup: Any, K: np.ndarray) -> Stability:
+        """The law linear in the inner half of the boundary layer, with a switching gain (6,)."""
+        from ..theory.stability import Stability
+
+        inner = -0.25 * np.array(self.epsilon)
+        return Stability(setup, about=(("K", tuple((0.999 * K).tolist())), ("nu_hat", tuple(inner.tolist()))))

@@ -47,19 +47,18 @@ class DobImpedance(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7)."""
-        from ..theory.balance import static_balance
-        from ..theory.linear import Linear
-        from ..theory.sampled import not_constant
+        from ..theory.balance import not_constant, static_balance
+        from ..theory.stability import Stability
         from ..theory.terms import Balance
 
         if reason := not_constant(setup):
             return reason
         if 0.0 in self.bandwidth:
             return "with a bandwidth of 0 the observer does not reject the disturbance"
-        return Linear.of(setup).checked(static_balance(setup, np.inf, Balance.demanded))
+        return Stability(setup).checked(static_balance(setup, np.inf, Balance.demanded))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
-        return Linear.of(setup).notes(self.label())
+        return Stability(setup).notes(self.label())

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...quantities import NonNegative, Positive
 from ..base import Controller, SteadyState, gain
 from .terms import add_product, within
+
+if TYPE_CHECKING:
+    from ..theory.stability import Stability
 
 
 @dataclass(frozen=True)
@@ -30,39 +33,26 @@ class Fosm(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance inside the boundary layer."""
-        from ..theory.balance import static_balance
-        from ..theory.boundary_layer import Layer
-        from ..theory.sampled import Vibration, not_constant, zeta_grows
+        from ..theory.balance import not_constant, static_balance
+        from ..theory.stability import zeta_grows
 
         if reason := not_constant(setup):
             return reason
         if self.K_s == 0.0 and 0.0 in setup.task.A:
             return "with a zero in A and K_s = 0, s drifts"
-        if Layer.of(self, setup).chatters:
-            return "the sampled first-order law chatters at this step"
-        state = zeta_grows(setup) or static_balance(setup, self.K_s / self.epsilon)
+        stability = self._stability(setup)
+        if reason := zeta_grows(setup) or stability.free_reason:
+            return reason
+        state = static_balance(setup, self.K_s / self.epsilon)
         if isinstance(state, SteadyState) and np.abs(np.asarray(state.s)).max() >= self.epsilon:
             return "the first-order law is outside its boundary layer"
-        return Vibration.of(setup).checked(state)
+        return stability.checked(state)
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law chatters, or vibrates against the wall."""
-        from ..theory.boundary_layer import Layer, boundary_layer_limit
-        from ..theory.input_delay import input_delay_notes
-        from ..theory.sampled import Vibration
+        return self._stability(setup).notes(self.label())
 
-        period, layer = setup.scenario.control_period, Layer.of(self, setup)
-        if period >= (limit := boundary_layer_limit(self, setup)):
-            yield (
-                f"{self.label()} chatters at a control period of {period:g} s: K_s = {self.K_s:g} and epsilon = "
-                f"{self.epsilon:g} need a period below {limit:.4g} s"
-            )
-        elif layer.chatters:
-            yield (
-                f"{self.label()} chatters with a velocity every {layer.period:g} s, and velocity and command together "
-                f"{layer.late:g} s late: K_s = {self.K_s:g} needs an epsilon above "
-                f"{self.epsilon * layer.rate / layer.fastest:.4g}"
-            )
-        vibration = Vibration.of(setup)
-        yield from vibration.notes(self.label())
-        yield from input_delay_notes(vibration, self.label(), lambda S: (self.K_s / max(S, self.epsilon), 0.0))
+    def _stability(self, setup: Any) -> Stability:
+        from ..theory.stability import ForceAge, Stability
+
+        return Stability(setup, ForceAge.of(setup), layer=self.epsilon)

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..base import Controller, SteadyState
 from .terms import add_product
+
+if TYPE_CHECKING:
+    from ..theory.stability import Stability
 
 TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
 """Text in all outputs that describes the signals given to the ideal law."""
@@ -29,14 +32,16 @@ class Ideal(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with s = 0."""
         from ..theory.balance import static_balance
-        from ..theory.sampled import Vibration
 
         if not np.array_equal(setup.vehicle.B, setup.nominal.B):
             return "the ideal law does not know the offsets of the thrusters"
-        return Vibration.of(setup, setup.design.M).checked(static_balance(setup, np.inf))
+        return self._stability(setup).checked(static_balance(setup, np.inf))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
-        from ..theory.sampled import Vibration
+        return self._stability(setup).notes(self.label())
 
-        return Vibration.of(setup, setup.design.M).notes(self.label())
+    def _stability(self, setup: Any) -> "Stability":
+        from ..theory.stability import ForceAge, Stability
+
+        return Stability(setup, ForceAge.of(setup, setup.design.M))

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..base import Controller, SteadyState
+
+if TYPE_CHECKING:
+    from ..theory.stability import Stability
 
 
 @dataclass(frozen=True)
@@ -19,13 +22,15 @@ class Impedance(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance of eq. (5)."""
-        from ..theory.balance import static_balance
-        from ..theory.sampled import Vibration, not_constant
+        from ..theory.balance import not_constant, static_balance
 
-        return not_constant(setup) or Vibration.of(setup, setup.design.M_hat).checked(static_balance(setup, 0.0))
+        return not_constant(setup) or self._stability(setup).checked(static_balance(setup, 0.0))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
-        from ..theory.sampled import Vibration
+        return self._stability(setup).notes(self.label())
 
-        return Vibration.of(setup, setup.design.M_hat).notes(self.label())
+    def _stability(self, setup: Any) -> "Stability":
+        from ..theory.stability import ForceAge, Stability
+
+        return Stability(setup, ForceAge.of(setup, setup.design.M_hat))

@@ -51,7 +51,7 @@ class Parallel(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
         from ..theory.balance import static_balance
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
         from ..theory.terms import Integral
 
         F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
@@ -66,11 +66,11 @@ class Parallel(Controller):
             xi = n @ missing
             return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
 
-        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
+        return Stability(setup).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
         asked = -float(setup.design.normal[:3] @ setup.scenario.impedance.at_end[1][:3])
         if asked <= 0.0 and self.k_i > 0.0:
@@ -78,4 +78,4 @@ class Parallel(Controller):
                 f"{self.label()} asks for no push on the wall: impedance.F_d has {-asked:g} N along the wall's normal; "
                 "a push of 1.5 N on a wall in front is impedance.F_d = [-1.5, 0, 0, 0, 0, 0]"
             )
-        yield from Linear.of(setup).notes(self.label())
+        yield from Stability(setup).notes(self.label())

@@ -47,7 +47,7 @@ class Pid(Controller):
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
         from ..theory.balance import static_balance
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
         from ..theory.terms import Integral
 
         K_d, limit = setup.design.K_d, np.array(self.limit)
@@ -59,10 +59,10 @@ class Pid(Controller):
             xi = -(balance.control_wrench(x) + measured + balance.K_f * balance.F_d + spring)
             return -integral.left(xi, self.k_i * spring)
 
-        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
+        return Stability(setup).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
-        from ..theory.linear import Linear
+        from ..theory.stability import Stability
 
-        return Linear.of(setup).notes(self.label())
+        return Stability(setup).notes(self.label())

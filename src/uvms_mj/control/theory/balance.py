@@ -50,11 +50,11 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
 from ...stages.base import is_shipped
 from ..base import SteadyState
 from .approach import approach
-from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
 from .terms import Balance, Integral, Pose, ThrustMap
 from .tool_balance import tool_rest
@@ -234,3 +234,21 @@ def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     if isinstance(rest, str):
         return rest
     return tool_rest(setup, K, thrust_map, motion.track)
+
+
+def disturbance_rate(setup: Any) -> np.ndarray:
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
+    process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
+    disturbance = setup.scenario.disturbance
+    rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    if disturbance.table is not None:
+        table = np.array(disturbance.table)
+        rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
+    if any(disturbance.deviation):
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
+    return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
+
+
+def not_constant(setup: Any) -> str:
+    """The reason why a law without an integral term does not rest under a disturbance; empty if it is constant."""
+    return "the disturbance is not constant" if disturbance_rate(setup).any() else ""

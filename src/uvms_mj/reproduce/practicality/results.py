@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ...control.theory.sampled import Vibration
+from ...control.theory.latency import ForceAge
 from ...setup.base import set_up
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, successes
@@ -101,11 +101,8 @@ class Results:
         """Age of the contact force over its limit, for each draw of a study."""
         plan = self.plans[name]
         place = [each.label for each in plan.laws].index(law)
-        found = []
-        for draw in range(plan.draws):
-            vibration = Vibration.of(set_up(plan.scenario(draw * len(plan.laws) + place)))
-            found.append(vibration.age / vibration.limit)
-        return found
+        setups = (set_up(plan.scenario(draw * len(plan.laws) + place)) for draw in range(plan.draws))
+        return [ForceAge.of(setup).share for setup in setups]
 
     def step(self, law: str, bumper: bool, number: int) -> pd.Series:
         """The row of GSTA with the gains ``law`` after a number of steps to a pool, with the column ``works``."""

@@ -1,0 +1,294 @@
+r"""The sampled loop of a law, linear about rest: which of its motions grow, and how fast?
+
+The vehicle is free, or presses on a contact along its normal n:
+
+.. math:: M \dot\nu = \tau - D_{linear} \nu + n f, \qquad \dot x = \nu, \qquad f = -n^\top (k_c x + b_c \nu),
+
+with x (6,) = (R^T (p - p_d), rotation vector). Symplectic Euler takes it over the time steps. The law is its own
+function by differences, behind the impedance task if it uses that. Its slope over s is that of the secant to an
+amplitude S, as in a describing function: super-twisting is infinitely steep at S = 0, and a linear law has one slope.
+
+Measurements and commands pass through the stages as in a run: each stage has its period and its delay, and takes the
+latest sample that has come to it. After N steps, the least common multiple of all periods, everything repeats. The
+eigenvalues of the matrix of these N steps decide: a motion grows with :math:`\ln |\lambda| / (N h)`. The model leaves
+out the loss of contact, quadratic damping, the restoring wrench, the attitude's effect on the directions, and limits.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from .latency import ForceLatency
+
+About = tuple[tuple[str, tuple[float, ...]], ...]
+"""States of a law at rest that are not zero, by name."""
+_EPS = 1e-6
+_ON_THE_WAY = 8
+"""Most samples on their way through a delay. A longer delay is a shorter one with a hold of the same mean age."""
+_MOST_STEPS = 5_000
+"""Longest common period [steps]. Otherwise all stages that are slower than the law count as slow as the slowest."""
+
+
+class Line:
+    """The samples that one stage takes from another, with N steps as their common period.
+
+    Attributes:
+        taken: (N,) whether a sample that is used is taken at a step.
+        newer: (reads,) number of samples that are newer than the one that a read gets.
+        kept: number of samples that are on their way from one interval to the next.
+    """
+
+    def __init__(self, N: int, reads: np.ndarray, sources: np.ndarray, intervals: np.ndarray) -> None:
+        """Steps of the reads, of the samples that they get, and of the starts of the intervals that they are in."""
+        self.taken = np.zeros(N, bool)
+        self.taken[sources % N] = True
+        times = np.flatnonzero(self.taken)
+        used = np.concatenate([times + i * N for i in range(int(sources.min()) // N, 1)])
+
+        def until(steps: np.ndarray, side: Any) -> np.ndarray:
+            return np.searchsorted(used, steps, side)
+
+        self.newer = until(reads, "right") - until(sources, "right")
+        self.kept = max(0, int((until(intervals, "left") - until(sources, "left")).max()))
+
+
+class Loop:
+    """The loop of a run's law without contact, or at one of ``setup.contacts_at_rest``.
+
+    Its state has x and nu, the states of the thrusters' lag, those of the law, and samples that are on their way.
+
+    Args:
+        setup: the run's :class:`uvms_mj.setup.base.Setup`.
+        contact: the contact.
+        about: states of the law at rest.
+        amplitudes: B amplitudes of s [m/s]; none for a law without s. With them, the motion along the contact's normal
+            counts alone.
+        period: control period [s]; default: that of the run.
+    """
+
+    def __init__(
+        self,
+        setup: Any,
+        contact: Any = None,
+        about: About = (),
+        amplitudes: tuple[float, ...] = (),
+        period: float | None = None,
+    ) -> None:
+        self.setup, self.h, self.contact = setup, setup.scenario.simulation.timestep, contact
+        M_inv, normal = np.linalg.inv(setup.design.M), np.zeros(6) if contact is None else contact.normal
+        left, right = np.eye(6), np.eye(6)
+        if contact is not None and amplitudes:
+            left, right = normal[None], (M_inv @ normal / (normal @ M_inv @ normal))[:, None]
+        self.m = len(left)
+        self.force = np.zeros((1, 2 * self.m))
+        if contact is not None:
+            self.force = -np.kron([contact.stiffness, contact.damping], normal @ right)[None]
+        self.law = self._law(about, amplitudes, left, right, normal, M_inv)
+        self.step = self._step(-left @ M_inv @ setup.vehicle.D_linear @ right, (left @ M_inv @ normal)[:, None])
+        self._lines(period)
+
+    def _law(self, about: About, amplitudes: Any, left: Any, right: Any, normal: Any, M_inv: np.ndarray) -> np.ndarray:
+        """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
+        force and the states."""
+        law = _Law(self.setup, about, bool(amplitudes))
+        axes, rest = divmod(law.n, 6) if self.m == 1 else (0, law.n)
+        inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(rest) for each in (left, right))
+        self.n = len(inner)
+        out = _diagonal(left @ M_inv, inner, inner, left)
+        found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, normal[:, None], outer)) / _EPS
+        if not amplitudes:
+            return found[None]
+        return found + np.array([out @ law.by_s(S * right) / S for S in amplitudes]) @ found[-self.m :]
+
+    def _step(self, drag: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """A time step of x, nu and the states of the lag, which the acceleration by the command follows."""
+        m, one, lag = self.m, np.eye(self.m), self.setup.scenario.thrusters.lag_model(self.h)
+        size = 2 * m + (m * len(lag["C"]) if lag else 0)
+        acceleration, step = np.zeros((m, size + m)), np.eye(size + m)
+        acceleration[:, : 2 * m] = np.hstack([0.0 * one, drag]) + pushed @ self.force
+        acceleration[:, 2 * m :] = np.hstack([np.kron(lag["C"], one), 0.0 * one]) if lag else one
+        if lag:
+            step[2 * m : size, 2 * m :] = np.kron(np.column_stack([lag["Phi"], lag["Gamma"]]), one)
+        step[m : 2 * m] += self.h * acceleration
+        step[:m] += self.h * step[m : 2 * m]
+        return step
+
+    def _lines(self, period: float | None) -> None:
+        """The control period and the common one, and the lines of pose, velocity, force and command."""
+        sensor, thrusters, h = self.setup.scenario.navigation, self.setup.scenario.thrusters, self.h
+        chain = ForceLatency.of(self.setup, period)
+        force, c, actuation, last = (round(each / h) for each in chain.periods.values())
+        old, late, lag = (round(each / h) for each in chain.delays.values())
+        every, velocity_late = sensor.velocity_timing
+        own = round(sensor.period / h) if sensor.period else 1 if sensor.every_step else c
+        velocity = round(every / h) if every else own
+        measured = [(own, 0), (velocity, round(velocity_late / h)), (force, old)]
+        late += 0 if thrusters.lag_model(h) else lag
+        periods = [c, actuation, last, *(every for every, _ in measured)]
+        if math.lcm(*periods) > _MOST_STEPS:
+            slowest = c * round(max(periods) / c)
+            _, actuation, last, *own_periods = (slowest if every > c else c for every in periods)
+            measured = [(every, delay) for every, (_, delay) in zip(own_periods, measured, strict=True)]
+        measured = [_shortened(every, delay, c) for every, delay in measured]
+        both, late = _shortened(math.lcm(actuation, last), late, c)
+        self.control, self.period = c, math.lcm(c, both, *(every for every, _ in measured))
+        at, k = np.arange(0, self.period, c), np.arange(self.period)
+        self.measured = [Line(self.period, at, (at - delay) // every * every, at) for every, delay in measured]
+        longer = both if both > math.lcm(actuation, last) else 1
+        read = functools.reduce(lambda step, held: step // held * held, (last, actuation, longer), k)
+        self.commands = Line(self.period, k, (read - late) // c * c, k // c * c)
+
+    @property
+    def _all(self) -> list[Line]:
+        return [*self.measured, self.commands]
+
+    @functools.cached_property
+    def _places(self) -> list[slice]:
+        """The plant with the lag, the states of the law, and the samples of each line."""
+        samples = [width * line.kept for width, line in zip((self.m, self.m, 1, self.m), self._all, strict=True)]
+        sizes = [len(self.step) - self.m, self.n, *samples]
+        return [slice(end - size, end) for end, size in zip(np.cumsum(sizes), sizes, strict=True)]
+
+    def _over(self, first: int, power: Callable[[int], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """The state after the control period that begins at a step, and s at its instant, by the state before it."""
+        m, n, inside = self.m, self.n, slice(first, first + self.control)
+        size = self._places[-1].stop
+        plant, states, *samples = (
+            np.broadcast_to(np.eye(size), (len(self.law), size, size))[:, p] for p in self._places
+        )
+        widths = (m, m, 1, m)
+        lines = [[old[:, i : i + w] for i in range(0, old.shape[1], w)] for old, w in zip(samples, widths, strict=True)]
+        newer = self.commands.newer[inside]
+        changes = np.any([line.taken[inside] for line in self._all], axis=0)
+        changes |= np.diff(newer, prepend=-1) != 0
+        sliding = plant[:, :0]
+        for at, end in itertools.pairwise([*np.flatnonzero(changes).tolist(), self.control]):
+            now = plant[:, :m], plant[:, m : 2 * m], self.force @ plant[:, : 2 * m]
+            for line, old, value in zip(self.measured, lines, now, strict=False):
+                if line.taken[first + at]:
+                    old.insert(0, value)
+            if at == 0:
+                seen = [old[line.newer[first // self.control]] for line, old in zip(self.measured, lines, strict=False)]
+                response = self.law @ np.concatenate([*seen, states], axis=1)
+                states = response[:, m : m + n] + self.h * self.control * response[:, m + n : m + 2 * n]
+                sliding = response[:, m + 2 * n :]
+                if self.commands.taken[first]:
+                    lines[3].insert(0, response[:, :m])
+            plant = power(end - at)[: plant.shape[1]] @ np.concatenate([plant, lines[3][newer[at]]], axis=1)
+        left = [value for line, old in zip(self._all, lines, strict=True) for value in old[: line.kept]]
+        return np.concatenate([plant, states, *left], axis=1), sliding
+
+    @functools.cached_property
+    def _whole(self) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """The matrix (B, size, size) of a common period, and those of each control period in it with its s."""
+        power = functools.cache(functools.partial(np.linalg.matrix_power, self.step))
+        events = [line.taken for line in self._all] + [self.commands.newer]
+        happens = [each.reshape(-1, self.control) for each in events] + [line.newer[:, None] for line in self.measured]
+        kinds = [row.tobytes() for row in np.hstack(happens)]
+        first = {kind: i * self.control for i, kind in reversed(list(enumerate(kinds)))}
+        found = {kind: self._over(step, power) for kind, step in first.items()}
+        whole: np.ndarray = np.eye(self._places[-1].stop)[None]
+        for kind, same in itertools.groupby(kinds):
+            whole = np.linalg.matrix_power(found[kind][0], len(list(same))) @ whole
+        return whole, [found[kind] for kind in kinds]
+
+    @functools.cached_property
+    def growths(self) -> np.ndarray:
+        """Growth rate of the fastest growing motion (B,), or (1,) without amplitudes [1/s]."""
+        radius = np.abs(np.linalg.eigvals(self._whole[0])).max(axis=-1)
+        return np.log(np.maximum(radius, 1e-300)) / (self.period * self.h)
+
+    def force_per_s(self, which: int) -> float:
+        """Force of the fastest growing motion over its s at an amplitude, by the largest of a common period [N s/m]."""
+        whole, parts = self._whole
+        values, vectors = np.linalg.eig(whole[which])
+        mode, forces, sliding = vectors[:, np.abs(values).argmax()], [], []
+        for over, s in parts:
+            forces.append(self.contact.stiffness * np.abs(mode[0]))
+            sliding.append(np.abs(s[which] @ mode)[0])
+            mode = over[which] @ mode
+        return float(max(forces) / max(sliding))
+
+
+def _shortened(every: int, delay: int, control: int) -> tuple[int, int]:
+    """Period and delay of a stage before a law, or behind it, with at most :data:`_ON_THE_WAY` samples on their way.
+    All in steps."""
+    if delay <= _ON_THE_WAY * max(every, control):
+        return every, delay
+    both = math.lcm(every, control)
+    held = both * (-(-delay // (_ON_THE_WAY * both)) // 2 * 2 + 1)  # odd, so that half of what is added is whole
+    return held, control * round((delay + 0.5 * (every + control - math.gcd(every, control) - held)) / control)
+
+
+class _Law:
+    """The law of a run about rest: tau, its n states as it leaves them, their rates, and the s of the task, from x, nu,
+    tau_c and the states. zeta is the last of the states of a law that slides."""
+
+    def __init__(self, setup: Any, about: About, slides: bool) -> None:
+        law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
+        kind = type(law)
+        # records of NumPy, which the functions also take, are five times slower
+        signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
+        signals.M_hat, signals.M_d, signals.D_d, signals.M = design.M_hat, design.M_d, design.D_d, design.M
+        signals.K_d, (signals.K_f, signals.F_d) = np.diag(design.K_d), map(np.array, impedance.at_end)
+        signals.quat_e, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), 1
+        signals.period = setup.scenario.control_period
+        self.signals, self.kind, self.task = signals, kind, type(task)
+        self.gains, self.task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
+        self.state, self.rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in "xd")
+        own = {**type(task).states, **type(task).memory}
+        self.zeta, self.zeta_dot = (_fields({name: np.zeros(size) for name, size in own.items()}) for _ in "xd")
+        vars(self.state).update({name: np.array(value) for name, value in about})
+        self.states = [*vars(self.state).values(), *([self.zeta.zeta] if slides else [])]
+        self.rate = [*vars(self.rates).values(), *([self.zeta_dot.zeta] if slides else [])]
+        self.ends = np.cumsum([len(each) for each in self.states])
+        self.base = np.concatenate([*self.states, np.zeros(0)])
+        self.n = len(self.base)
+        self.D, self.D_hat = (each.D_linear for each in (setup.vehicle, setup.nominal))
+        self.D_hat = setup.scenario.estimates.damping * self.D_hat
+
+    def by(self, given: np.ndarray) -> np.ndarray:
+        """The change (12 + 2 n, columns) under each column (18 + n,) while the law is given s = 0."""
+        at_rest = self._given(np.zeros(18 + self.n))
+        return np.array([self._given(y) - at_rest for y in given.T]).T
+
+    def by_s(self, s: np.ndarray) -> np.ndarray:
+        """The change (12 + 2 n, columns) under each column (6,) in place of s = 0."""
+        at_rest = self._given(np.zeros(18 + self.n))
+        return np.array([self._command(each) - at_rest for each in s.T]).T
+
+    def _given(self, y: np.ndarray) -> np.ndarray:
+        signals, half = self.signals, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+        signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
+        signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.D @ signals.nu
+        signals.s = np.zeros(6)
+        for each, value in zip(self.states, np.split(self.base + y[18:], self.ends), strict=False):
+            each[:] = value
+        if self.kind.uses_task:
+            self.task.step(self.task_gains, self.zeta, signals, self.zeta_dot, signals)
+        self.s = signals.s
+        return self._command(np.zeros(6))
+
+    def _command(self, s: np.ndarray) -> np.ndarray:
+        tau_cmd, self.signals.s = np.zeros(6), s
+        self.kind.law(self.gains, self.state, self.signals, self.rates, tau_cmd)
+        return np.concatenate([tau_cmd, *self.states, *self.rate, self.s])
+
+
+def _diagonal(*blocks: np.ndarray) -> np.ndarray:
+    """A matrix of blocks on its diagonal."""
+    rows, columns = (np.cumsum([0, *(block.shape[axis] for block in blocks)]) for axis in (0, 1))
+    whole = np.zeros((rows[-1], columns[-1]))
+    for i, block in enumerate(blocks):
+        whole[rows[i] : rows[i + 1], columns[i] : columns[i + 1]] = block
+    return whole
+
+
+def _fields(values: Mapping[str, Any]) -> SimpleNamespace:
+    """Values by attribute, tuples as arrays."""
+    return SimpleNamespace(**{name: np.array(x) if isinstance(x, tuple) else x for name, x in values.items()})
