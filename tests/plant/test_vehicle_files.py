@@ -62,7 +62,7 @@ REFUSED = {
     "composite": (edited(BODY, '<composite type="cable"/>' + BODY), "<composite>"),
     "height field": (edited("<asset>", '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/>'), "<hfield"),
     "gravcomp": (edited(BODY, BODY + ' gravcomp="1"'), 'gravcomp="1">: gravcomp is not supported; buoyancy is'),
-    "gravcomp nan": (edited(BODY, BODY + ' gravcomp="nan"'), 'gravcomp="nan">: gravcomp is not supported'),
+    "gravcomp nan": (edited(BODY, BODY + ' gravcomp="nan"'), 'gravcomp="nan">: must be finite'),
     "mocap": (edited(BODY, '<body name="m" mocap="true"/>' + BODY), '<body name="m" mocap="true">'),
     "sleep": (edited(BODY, BODY + ' sleep="init"'), 'sleep="init">'),
     "joint damping": (
@@ -95,7 +95,10 @@ REFUSED = {
     "no thrusters": (re.sub("<actuator>.*</actuator>", "", BLUEROV, flags=re.DOTALL), "<actuator>: has no thruster"),
     "site nan": (edited('<site name="surge_left"/>', '<site name="surge_left" pos="0 nan 0"/>'), 'pos="0 nan 0">'),
     "mass inf": (edited(INERTIAL, '<inertial mass="inf"'), '<inertial mass="inf">: must be finite numbers'),
-    "mass huge": (edited(INERTIAL, '<inertial mass="1e300"'), '<inertial mass="1e300">: must be finite numbers'),
+    "mass huge": (
+        edited(INERTIAL, '<inertial mass="1e300"'),
+        '<inertial mass="1e300">: must be numbers within +-1e+10',
+    ),
     "gravity nan": (with_end('<option gravity="0 0 nan"/>'), '<option gravity="0 0 nan">'),
     "misspelt numeric": (edited('name="center_of_', 'name="centre_of_'), "did you mean 'center_of_buoyancy'"),
     "unknown numeric": (
@@ -127,6 +130,9 @@ REFUSED = {
     ),
     "many more copies": (edited('<replicate count="6"', '<replicate count="1e9"'), '<replicate count="1e9">'),
     "attached to itself": (edited(BODY, '<attach body="bluerov1" prefix="x"/>' + BODY), "<attach>: has no model"),
+    "part without a file": (edited("<asset>", '<asset><model name="p"/>'), '<model name="p">: has no file'),
+    "other transmission": (edited(MOTOR, MOTOR + ' jointinparent="arm"'), 'jointinparent="arm">: jointinparent is not'),
+    "lamp nan": (edited(INERTIAL, f'<light pos="0 0 nan"/>{INERTIAL}'), '<light pos="0 0 nan">: must be finite'),
     "large texture": (
         edited("<asset>", '<asset><texture name="t" type="2d" builtin="flat" width="90000" height="90000"/>'),
         '<texture name="t" width="90000">: must be within 0 and 4096',

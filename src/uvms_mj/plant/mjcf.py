@@ -154,6 +154,8 @@ class Mjcf:
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
         with _compiling(self.name):
+            # MuJoCo keeps meshes by the names of their files, and may take that of another vehicle
+            mujoco.mj_clearCache(mujoco.mj_getCache())
             return spec.compile()
 
 

@@ -7,9 +7,7 @@ MuJoCo reads the file into a spec (MjSpec), with default classes, includes and a
 
 import functools
 import itertools
-import math
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -23,8 +21,8 @@ LARGEST_NUMBER = 1e10
 """MuJoCo's mjMAXVAL: a larger number in a state means that the simulation has diverged."""
 MOST_ELEMENTS = 10_000
 """Bound on a model's elements, counting each copy by <replicate>. MuJoCo's compile time grows with their square."""
-_MOST_PARAMETERS = 200
-"""Bound on each number of a mesh's params. MuJoCo makes about its square of vertices while it reads the file."""
+_AT_MOST = {"count": MOST_ELEMENTS, "params": 200, "width": 4096, "height": 4096, "gridsize": 64, "nchannel": 4}
+"""Bounds on what MuJoCo makes: copies of an element, vertices of a mesh, which grow with the square, and pixels."""
 
 _ELEMENTS = (
     *("mujoco", "include", "compiler", "option", "statistic", "default", "custom", "numeric", "text"),
@@ -50,12 +48,10 @@ ACCEPTED: Mapping[str, str] = {
     "mesh": "file content_type material scale refpos refquat inertia smoothnormal",
     "numeric": "data size",
 }
-"""By kind of object: the attributes that a run takes over, as MjSpec names them. Of other kinds, which are for the eye
-only, all are accepted."""
+"""By kind of object: the attributes that a run takes over, as MjSpec names them. Others are for the eye only."""
 
 _THRUSTER = "a thruster is a <motor> on a site, and a joint's motor a <motor> on a joint"
 _ORDERED = (lambda x: x[0] < x[1] or not any(x)), "must be two numbers, the lower limit first"
-_PIXELS = (lambda x: 0 <= x <= 4096), "must be within 0 and 4096"
 _RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "compiler inertiafromgeom": (lambda x: x != "true", "it would override <inertial>; leave it out"),
     "freejoint align": (lambda x: x != "true", "it would rotate the body frame of the coefficients; leave it out"),
@@ -63,9 +59,6 @@ _RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     **dict.fromkeys(("joint armature", "joint frictionloss"), (lambda x: x >= 0.0, "must not be negative")),
     **dict.fromkeys(("joint range", "freejoint range", "motor ctrlrange", "motor forcerange"), _ORDERED),
     "geom type": (lambda x: x not in ("hfield", "sdf"), "must be a primitive shape or a mesh"),
-    **dict.fromkeys(("texture width", "texture height"), _PIXELS),
-    "texture gridsize": (lambda x: 0 <= min(x) <= max(x) <= 64, "must be within 0 and 64"),
-    "texture nchannel": (lambda x: 0 <= x <= 4, "must be within 0 and 4"),
 }
 """By kind and attribute: what an accepted attribute must fulfil, and the message if it does not."""
 
@@ -84,6 +77,12 @@ _INSTEAD: Mapping[str, str] = {
 }
 """What a run has in place of an element, or of an attribute of a kind."""
 
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_TEXTS = (
+    "name class childclass model file prefix body frame joint site mesh material "
+    "assetdir meshdir texturedir content_type eulerseq"
+)
+"""Attributes without numbers."""
 _XML_NAMES: Mapping[str, str] = {
     **{"userdata": "user", "disableactuator": "actuatorgroupdisable", "ctrlspec": "input", "hfieldname": "hfield"},
     **{f"act{each}": f"actuator{each}" for each in ("frcrange", "frclimited", "gravcomp")},
@@ -167,13 +166,18 @@ def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
             yield "", f"has the text {_short(text)!r}, which would be ignored; leave it out"
     if tag == "numeric" and element.get("size", given).strip() != given:
         yield "size", f"has {given} numbers in data; MuJoCo would append zeros"
-    for attribute, largest in (("count", MOST_ELEMENTS), ("params", _MOST_PARAMETERS)):
+    for attribute, largest in _AT_MOST.items():
         if not _within(element.get(attribute, ""), largest):
             yield attribute, f"must be within 0 and {largest}"
     if tag == "replicate" and next(element.iter("include"), None) is not None:
         yield "", "contains an <include>; include the file outside of it"
     if tag == "attach" and "model" not in element.attrib:
         yield "", "has no model; name a <model> of <asset>"
+    if tag == "model" and not element.get("file"):  # MuJoCo would hang at its next warning
+        yield "", "has no file"
+    for attribute in element.attrib.keys() - _TEXTS.split() if tag != "text" else ():
+        if any(_NOT_FINITE.fullmatch(word) for word in element.attrib[attribute].split()):
+            yield attribute, "must be finite numbers"
 
 
 def _within(text: str, largest: int) -> bool:
@@ -240,26 +244,20 @@ def _words(value: Any) -> list[str]:
     """A value of a spec, or the text of an attribute, with its numbers written in the same way."""
     words = value.split() if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
     try:
-        return [f"{math.nan if word is None else float(word):g}" for word in words]
-    except ValueError:
+        return [f"{float(word):g}" for word in words]
+    except (TypeError, ValueError):
         return [str(word) for word in words]
 
 
 def _objects(spec: mujoco.MjSpec, classes: Iterable[str] = ()) -> Iterator[tuple[str, Any]]:
     """All objects of a spec with their kinds, after those of its default classes."""
     yield from (("option", spec.option), ("compiler", spec.compiler), ("statistic", spec.stat))
-    for group in ("global", "headlight", "map", "quality", "rgba", "scale"):
-        yield group, getattr(spec.visual, group)
-    inherited = [spec.default, *filter(None, map(spec.find_default, sorted(classes)))]
-    for kind in ("geom", "joint", "site", "mesh", "texture", "material", "light", "camera"):
-        yield from ((kind, getattr(each, kind)) for each in inherited)
-    yield from (("motor", each.actuator) for each in inherited)
-    for kind, objects in {
-        **{"body": spec.bodies, "frame": spec.frames, "geom": spec.geoms, "site": spec.sites, "motor": spec.actuators},
-        **{"mesh": spec.meshes, "texture": spec.textures, "material": spec.materials, "light": spec.lights},
-        **{"camera": spec.cameras, "numeric": spec.numerics},
-    }.items():
-        yield from ((kind, each) for each in objects)
+    for each in (spec.default, *filter(None, map(spec.find_default, sorted(classes)))):
+        yield from (("geom", each.geom), ("joint", each.joint), ("site", each.site), ("mesh", each.mesh))
+        yield "motor", each.actuator
+    objects = {"body": spec.bodies, "frame": spec.frames, "geom": spec.geoms, "site": spec.sites, "mesh": spec.meshes}
+    for kind, several in (objects | {"motor": spec.actuators, "numeric": spec.numerics}).items():
+        yield from ((kind, each) for each in several)
     for joint in spec.joints:
         yield "freejoint" if joint.type == mujoco.mjtJoint.mjJNT_FREE else "joint", joint
 
@@ -271,7 +269,7 @@ _OF_A_MESH = "uservert usernormal usertexcoord userface userfacenormal userfacet
 
 
 def _plain(value: Any) -> Any:
-    """A number, a text, a truth value, or a tuple of them, with None for nan, which is a number that is not given."""
+    """A number, a text, a truth value, or a tuple of them, with None for nan, a number that is not given."""
     if isinstance(value, bool | int | float | str):
         return value if value == value else None
     if isinstance(value, np.ndarray):
@@ -298,20 +296,18 @@ def _defaults(kind: str) -> Mapping[str, Any]:
 
 def _wrong(kind: str, each: Any) -> Iterator[tuple[str, Any, str]]:
     """The attributes of an object that are refused: name in XML, value and message."""
-    accepted = ACCEPTED.get(kind)
     for name, default in _defaults(kind).items():
         if (value := _plain(getattr(each, name))) == default:
             continue
-        largest = sys.float_info.max if accepted is None or name.endswith("range") else LARGEST_NUMBER
         holds, otherwise = _RULES.get(f"{kind} {name}", (None, ""))
         numbers = [x for x in (value if isinstance(value, tuple) else (value,)) if not isinstance(x, str)]
-        if accepted is not None and name not in accepted.split():
+        if name not in ACCEPTED[kind].split():
             instead = _INSTEAD.get(f"{kind} {name}", "leave it out")
             message = f"{_XML_NAMES.get(name, name)} is not supported; {instead}"
-        elif not all(x is not None and abs(x) <= largest for x in numbers):
-            message = f"must be finite numbers within +-{largest:g}"
         elif holds and not holds(value):
             message = otherwise
+        elif not holds and any(abs(x) > LARGEST_NUMBER for x in numbers):
+            message = f"must be numbers within +-{LARGEST_NUMBER:g}"
         else:
             continue
         if name in ("alt", "ialt"):
