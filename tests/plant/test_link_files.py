@@ -120,7 +120,7 @@ REFUSED = {
         "'arm' is not a joint of the vehicle",
     ),
     "speed zero": ({"water": WATER + numeric("elbow.speed_limit", 0.0)}, "elbow.speed_limit: 0: must be positive"),
-    "ball": ({"joint": '<joint type="ball"/>', "motor": ""}, "body 'arm': a link has one joint, a hinge or a slide"),
+    "ball": ({"joint": '<joint type="ball"/>'}, "<joint type=\"ball\">: must be 'hinge' or 'slide'"),
     "two joints": ({"joint": JOINT + '<joint axis="1 0 0"/>'}, "body 'arm': a link has one joint"),
     "spring": (
         {"joint": '<joint name="elbow" stiffness="3"/>'},
