@@ -288,6 +288,17 @@ def test_the_attributes_of_each_element_are_mujocos():
     assert {tag: words for tag, words in known_attributes().items() if tag not in BESIDE} == known
 
 
+def test_each_list_of_a_spec_is_compared_is_for_the_eye_or_stays_empty():
+    """The elements that would fill the last are refused by name."""
+    spec = mujoco.MjSpec()
+    names = [name for name in dir(spec) if name[0] != "_" and name != "copy_during_attach"]
+    lists = {name for name in names if isinstance(getattr(spec, name), list)}
+    compared = {"bodies", "frames", "geoms", "joints", "sites", "actuators", "meshes", "numerics"}
+    for_the_eye = {"textures", "materials", "lights", "cameras", "texts"}
+    empty = {"equalities", "excludes", "flexes", "hfields", "keys", "pairs", "plugins", "sensors", "skins", "tendons"}
+    assert lists == compared | for_the_eye | empty | {"tuples"}
+
+
 OF_KINDS = {
     "option": lambda spec: spec.option,
     "compiler": lambda spec: spec.compiler,

@@ -152,21 +152,21 @@ def check_xml(trees: Mapping[str, Element], main: str) -> None:
 
 def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
     """Errors of an element by its XML: attribute and message."""
-    tag, given = element.tag, str(len(element.get("data", "").split()))
+    tag, attributes, n = element.tag, set(element.attrib), str(len(element.get("data", "").split()))
     if tag not in _ELEMENTS:
         instead = "leave it out" if tag in known_attributes() else suggestion(tag, _ELEMENTS)
         yield "", f"is not supported in a vehicle's file; {_INSTEAD.get(tag, instead)}"
         return
-    for attribute in element.attrib.keys() - known_attributes()[tag]:  # MuJoCo ignores them in a <frame> or <replicate>
+    for attribute in sorted(attributes - known_attributes()[tag]):  # MuJoCo ignores them in a <frame> or <replicate>
         yield attribute, f"{attribute} is not supported; {suggestion(attribute, known_attributes()[tag])}"
     if tag in ("motor", "general"):  # MuJoCo ignores all but one
-        for attribute in element.attrib.keys() & {"jointinparent", "tendon", "cranksite", "body"}:
+        for attribute in sorted(attributes & {"jointinparent", "tendon", "cranksite", "body"}):
             yield attribute, f"{attribute} is not supported; {_THRUSTER}"
     for text in (element.text, *(child.tail for child in element)):
         if text and text.strip():
             yield "", f"has the text {_short(text)!r}, which would be ignored; leave it out"
-    if tag == "numeric" and element.get("size", given).strip() != given:
-        yield "size", f"has {given} numbers in data; MuJoCo would append zeros"
+    if tag == "numeric" and element.get("size", n).strip() != n:
+        yield "size", f"has {n} numbers in data; MuJoCo would append zeros"
     for attribute, largest in _AT_MOST.items():
         if not _within(element.get(attribute, ""), largest):
             yield attribute, f"must be within 0 and {largest}"
@@ -176,7 +176,7 @@ def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
         yield "", "has no model; name a <model> of <asset>"
     if tag == "model" and not element.get("file"):  # MuJoCo would hang at its next warning
         yield "", "has no file"
-    for attribute in element.attrib.keys() - _TEXTS.split() if tag != "text" else ():
+    for attribute in sorted(attributes - set(_TEXTS.split())) if tag != "text" else ():
         if any(_NOT_FINITE.fullmatch(word) for word in element.attrib[attribute].split()):
             yield attribute, "must be finite numbers"
 
