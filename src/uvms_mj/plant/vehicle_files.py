@@ -58,7 +58,7 @@ _RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "joint damping": (lambda x: x[0] >= 0.0 and not any(x[1:]), "must be one number that is not negative"),
     **dict.fromkeys(("joint armature", "joint frictionloss"), (lambda x: x >= 0.0, "must not be negative")),
     **dict.fromkeys(("joint range", "freejoint range", "motor ctrlrange", "motor forcerange"), _ORDERED),
-    "joint type": (lambda x: x == "slide", "must be 'hinge' or 'slide'; chain three hinges for a ball"),
+    "joint type": (lambda x: x != "ball", "must be 'hinge' or 'slide'; chain three hinges for a ball"),
     "geom type": (lambda x: x not in ("hfield", "sdf"), "must be a primitive shape or a mesh"),
 }
 """By kind and attribute: what an accepted attribute must fulfil, and the message if it does not."""
@@ -307,7 +307,7 @@ def _wrong(kind: str, each: Any) -> Iterator[tuple[str, Any, str]]:
             message = f"{_XML_NAMES.get(name, name)} is not supported; {instead}"
         elif holds and not holds(value):
             message = otherwise
-        elif not holds and any(abs(x) > LARGEST_NUMBER for x in numbers):
+        elif not name.endswith("range") and any(abs(x) > LARGEST_NUMBER for x in numbers):
             message = f"must be numbers within +-{LARGEST_NUMBER:g}"
         else:
             continue
