@@ -19,7 +19,7 @@ from .geometry import Geometry
 from .looks import add_vehicle
 from .mjcf_files import ModelFiles, trees
 from .vehicle import Vehicle, free_body_id
-from .vehicle_files import check_elements, check_model
+from .vehicle_files import check_model, check_specs, check_xml
 
 _COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "names")
 
@@ -77,7 +77,7 @@ class Mjcf:
     def _read(self) -> tuple[Vehicle, Geometry, np.ndarray, float]:
         whole = self.compiled(self.spec())
         check_model(whole, self.name)
-        vehicle, gravity_W = Vehicle.from_model(whole), whole.opt.gravity.copy()
+        vehicle, gravity_W = Vehicle.from_model(whole, file=self.name), whole.opt.gravity.copy()
         gravity_W.setflags(write=False)
         body = free_body_id(whole, vehicle.body)
         return vehicle, Geometry.of(whole, body, vehicle.arm.links), gravity_W, float(whole.body_invweight0[body, 0])
@@ -116,12 +116,18 @@ class Mjcf:
     @functools.cached_property
     def _parsed(self) -> mujoco.MjSpec:
         parsed = trees(self.files, self.name)
-        check_elements(parsed, self.name)
+        check_xml(parsed, self.name)
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
         texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
+        parts = {each.get("file", "") for tree in parsed.values() for each in tree.iter("model")} - {""}
         with _compiling(self.name):
-            spec = mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
+            specs = [
+                mujoco.MjSpec.from_string(texts[each].decode(), rest, rest) for each in (self.name, *sorted(parts))
+            ]
+        check_specs(specs, parsed, self.name)
+        with _compiling(self.name):
+            spec = specs[0]
             if len(spec.copy().actuators) < len(spec.actuators):
                 spec.compile()  # it names the motor without a site or a joint, which a copy loses without a word
             return spec
@@ -148,6 +154,8 @@ class Mjcf:
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
         with _compiling(self.name):
+            # MuJoCo keeps meshes by the names of their files, and may take that of another vehicle
+            mujoco.mj_clearCache(mujoco.mj_getCache())
             return spec.compile()
 
 
