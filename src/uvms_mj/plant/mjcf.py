@@ -27,10 +27,11 @@ _COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "na
 @dataclass(frozen=True)
 class Mjcf:
     """An MJCF model: its file name, and the contents of all its files by name, without folders: the model's file, and
-    all includes, meshes and textures."""
+    all includes, meshes and textures. One that ships was checked by a test, which saves a start 25 ms."""
 
     name: str
     files: Mapping[str, bytes] = field(repr=False)
+    ships: bool = field(default=False, repr=False, compare=False)
 
     @classmethod
     def find(cls, model: str) -> "Mjcf":
@@ -49,10 +50,10 @@ class Mjcf:
                 )
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path = known[str(model)]
-        path = Path(os.path.abspath(path))
+        path, ships = Path(os.path.abspath(path)), not is_file(model)
         if path not in _found or not _found[path][0].unchanged():
             files = ModelFiles(path)
-            found = cls(path.name, files.flat())
+            found = cls(path.name, files.flat(), ships)
             if len(found.files) > 1:
                 found._check_against(path)
             if len(_found) >= _MOST_FOUND:
@@ -116,7 +117,8 @@ class Mjcf:
     @functools.cached_property
     def _parsed(self) -> mujoco.MjSpec:
         parsed = trees(self.files, self.name)
-        check_xml(parsed, self.name)
+        if not self.ships:
+            check_xml(parsed, self.name)
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
         texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
@@ -125,7 +127,8 @@ class Mjcf:
             specs = [
                 mujoco.MjSpec.from_string(texts[each].decode(), rest, rest) for each in (self.name, *sorted(parts))
             ]
-        check_specs(specs, parsed, self.name)
+        if not self.ships:
+            check_specs(specs, parsed, self.name)
         with _compiling(self.name):
             spec = specs[0]
             if len(spec.copy().actuators) < len(spec.actuators):
