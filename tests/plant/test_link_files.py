@@ -9,9 +9,9 @@ import pytest
 from edited_vehicles import BLUEROV, INERTIAL, mjcf, plant
 from uvms_mj import InputError
 from uvms_mj.physics.dissipation import quadratic_gain
-from uvms_mj.plant.mjcf_elements import ELEMENTS
 from uvms_mj.plant.strip import Part, strip_theory
 from uvms_mj.plant.vehicle import Vehicle
+from uvms_mj.plant.vehicle_files import known_attributes
 
 WATER = '<numeric name="arm.strip_theory" data="1 1.1"/>'
 GEOM = '<geom type="capsule" size=".03" fromto="-.2 0 0 .2 0 0" mass=".5" contype="0" conaffinity="0"/>'
@@ -122,11 +122,14 @@ REFUSED = {
     "speed zero": ({"water": WATER + numeric("elbow.speed_limit", 0.0)}, "elbow.speed_limit: 0: must be positive"),
     "ball": ({"joint": '<joint type="ball"/>'}, "<joint type=\"ball\">: must be 'hinge' or 'slide'"),
     "two joints": ({"joint": JOINT + '<joint axis="1 0 0"/>'}, "body 'arm': a link has one joint"),
-    "spring": ({"joint": '<joint name="elbow" stiffness="3"/>'}, "must be 0: springs are not computed"),
-    "ref": ({"joint": '<joint name="elbow" ref="30"/>'}, 'ref="30">: must be 0'),
+    "spring": (
+        {"joint": '<joint name="elbow" stiffness="3"/>'},
+        '<joint name="elbow" stiffness="3">: stiffness is not supported; springs are not computed',
+    ),
+    "ref": ({"joint": '<joint name="elbow" ref="30"/>'}, 'ref="30">: ref is not supported'),
     "negative friction": (
         {"joint": '<joint name="elbow" frictionloss="-1"/>'},
-        "must be one number that is not neg",
+        'frictionloss="-1">: must not be negative',
     ),
     "negative damping": ({"joint": '<joint name="elbow" damping="-1"/>'}, "must be one number that is not neg"),
     "range": ({"joint": '<joint name="elbow" range="2 -1"/>'}, "must be two numbers, the lower limit first"),
@@ -220,7 +223,7 @@ def test_any_value_of_an_arm_gives_a_plant_or_one_clear_error(seed):
     elements += [each for each in root.iter("motor") if "joint" in each.attrib]
     for _ in range(rng.integers(1, 3)):
         element = elements[rng.integers(len(elements))]
-        attributes = [*element.attrib, *(ELEMENTS[element.tag] or ()), "unknown"]
+        attributes = [*element.attrib, *sorted(known_attributes()[element.tag]), "unknown"]
         element.set(attributes[rng.integers(len(attributes))], VALUES[rng.integers(len(VALUES))])
     try:
         built = plant(ElementTree.tostring(root).decode())

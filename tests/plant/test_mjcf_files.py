@@ -105,6 +105,20 @@ def test_a_vehicle_of_many_files_is_the_one_that_mujoco_reads(tmp_path, files, a
         assert not any("sub" in name for name in mjcf.files)
 
 
+def test_a_mesh_is_that_of_its_own_vehicle_whatever_was_read_before():
+    """Vehicles whose mesh files have the same name, one after the other: the longest edge is sqrt(2) times the leg."""
+    text = edited("</asset>", '<mesh name="m" file="hull.obj"/></asset>')
+    text = text.replace(INERTIAL, f'<geom type="mesh" mesh="m" mass="0"/>{INERTIAL}')
+    for size in (0.1, 0.2, 0.3, 0.2):
+        hull = TETRAHEDRON.format(size).encode()
+        model = Mjcf("mine.xml", {"mine.xml": text.encode(), "hull.obj": hull})
+        compiled = model.compiled(model.spec())
+        mesh = compiled.mesh("m").id
+        start, n = compiled.mesh_vertadr[mesh], compiled.mesh_vertnum[mesh]
+        sizes = np.linalg.norm(np.diff(compiled.mesh_vert[start : start + n], axis=0), axis=1)
+        assert sizes.max() == pytest.approx(np.sqrt(2) * size, rel=1e-6)
+
+
 def test_a_part_from_another_file_is_checked_and_counted():
     part = '<mujoco model="p"><worldbody><body name="p"><geom size=".1" mass="1"/>{}</body></worldbody></mujoco>'
     text = edited("<asset>", '<asset><model name="p" file="p.xml"/>')

@@ -18,6 +18,14 @@ VEHICLES = sorted(shipped("models"))
 G = 9.81
 
 
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_shipped_file_has_nothing_that_a_user_s_must_not_have(name):
+    """A run by the vehicle's name does not check it again."""
+    found = Mjcf.find(name)
+    assert found.ships
+    assert Mjcf(found.name, found.files).vehicle.mass == found.vehicle.mass
+
+
 def matrix(diagonal, **entries: float) -> np.ndarray:
     """A matrix (6, 6) from its diagonal and entries such as ``_26``, counted from one."""
     full = np.diag(np.array(diagonal, float))

@@ -46,13 +46,14 @@ class Vehicle(Body):
     """Its links."""
 
     @classmethod
-    def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
+    def from_model(cls, model: mujoco.MjModel, body: str | None = None, file: str = "") -> "Vehicle":
         """Read a vehicle from a compiled model.
 
         Args:
             model: any model with a body on a free joint.
             body: name of the body; by default the only free body. If MuJoCo's attachment added a prefix to the name
                 (``"left/bluerov1"``), the numerics are read with the same prefix.
+            file: name of the vehicle's file, for the errors. Without one, the model may have other numerics.
 
         Raises:
             InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once).
@@ -64,7 +65,7 @@ class Vehicle(Body):
             body = free[0]
         body_id = free_body_id(model, body)
         prefix = body[: body.rfind("/") + 1]
-        faults = wrong_numerics(model, body_id, prefix)
+        faults = wrong_numerics(model, body_id, prefix, alone=bool(file))
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
         D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
@@ -88,7 +89,7 @@ class Vehicle(Body):
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults:
-            raise InputError(faults, f"vehicle {body!r}")
+            raise InputError(faults, f"vehicle.model {file}" if file else f"vehicle {body!r}")
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)

@@ -1,77 +1,115 @@
-"""Checks of a vehicle's file. Supported elements and attributes are used in a run; all others are refused by name."""
+"""What a vehicle's file may have: known elements, and of their objects what a run takes over; all else has its default.
 
-import difflib
+MuJoCo reads the file into a spec (MjSpec), with default classes, includes and attached parts resolved.
+:func:`check_specs` compares each object of it with a new one: what is not in :data:`ACCEPTED` must be the same.
+:func:`check_xml` checks before what a spec does not show, and :func:`check_model` the compiled model.
+"""
+
+import functools
 import itertools
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
-from .coefficients import wrong_numerics
-from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
 
-_CLOSE = 0.8
-"""Least similarity at which an attribute counts as misspelt."""
+LARGEST_NUMBER = 1e10
+"""MuJoCo's mjMAXVAL: a larger number in a state means that the simulation has diverged."""
+MOST_ELEMENTS = 10_000
+"""Bound on a model's elements, counting each copy by <replicate>. MuJoCo's compile time grows with their square."""
+_AT_MOST = {"count": MOST_ELEMENTS, "params": 200, "width": 4096, "height": 4096, "gridsize": 64, "nchannel": 4}
+"""Bounds on what MuJoCo makes: copies of an element, vertices of a mesh, which grow with the square, and pixels."""
+
+_ELEMENTS = (
+    *("mujoco", "include", "compiler", "option", "statistic", "default", "custom", "numeric", "text"),
+    *("visual", "global", "quality", "headlight", "map", "scale", "rgba", "light", "camera"),
+    *("asset", "texture", "material", "layer", "mesh", "model", "attach", "frame", "replicate"),
+    *("worldbody", "body", "inertial", "freejoint", "joint", "geom", "site", "actuator", "motor", "general"),
+)
+"""MuJoCo must not read any other. It makes all parts of some at once, and loads plugins."""
+_JOINT = "group limited type pos axis range"
+_SHAPE = "type group pos quat alt size fromto rgba material meshname"
+ACCEPTED: Mapping[str, str] = {
+    "option": "integrator cone timestep gravity",
+    "compiler": "authored degree eulerseq autolimits meshdir texturedir inertiafromgeom inertiagrouprange fitaabb "
+    "fusestatic usethread",
+    "statistic": "center extent meansize meanmass",
+    "body": "simple pos quat alt mass ipos iquat ialt inertia fullinertia explicitinertial",
+    "frame": "pos quat alt",
+    "freejoint": f"{_JOINT} align",
+    "joint": f"{_JOINT} damping armature frictionloss",
+    "geom": f"{_SHAPE} contype conaffinity mass density typeinertia fitscale",
+    "site": _SHAPE,
+    "motor": "type group target trntype gear gainprm ctrllimited ctrlrange forcelimited forcerange",
+    "mesh": "file content_type material scale refpos refquat inertia smoothnormal",
+    "numeric": "data size",
+}
+"""By kind of object: the attributes that a run takes over, as MjSpec names them. Others are for the eye only."""
+
+_THRUSTER = "a thruster is a <motor> on a site, and a joint's motor a <motor> on a joint"
+_ORDERED = (lambda x: x[0] < x[1] or not any(x)), "must be two numbers, the lower limit first"
+_RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = {
+    "compiler inertiafromgeom": (lambda x: x != "true", "it would override <inertial>; leave it out"),
+    "freejoint align": (lambda x: x != "true", "it would rotate the body frame of the coefficients; leave it out"),
+    "joint damping": (lambda x: x[0] >= 0.0 and not any(x[1:]), "must be one number that is not negative"),
+    **dict.fromkeys(("joint armature", "joint frictionloss"), (lambda x: x >= 0.0, "must not be negative")),
+    **dict.fromkeys(("joint range", "freejoint range", "motor ctrlrange", "motor forcerange"), _ORDERED),
+    "joint type": (lambda x: x != "ball", "must be 'hinge' or 'slide'; chain three hinges for a ball"),
+    "geom type": (lambda x: x not in ("hfield", "sdf"), "must be a primitive shape or a mesh"),
+}
+"""By kind and attribute: what an accepted attribute must fulfil, and the message if it does not."""
+
+_WATER = "hydrodynamic forces come from the coefficients in <custom>"
+_INSTEAD: Mapping[str, str] = {
+    "keyframe": "a run starts from the scenario's [initial]",
+    "tuple": "write coefficients as <numeric> and remarks as <text>",
+    **dict.fromkeys(("position", "velocity", "intvelocity", "orientation", "pid", "damper"), _THRUSTER),
+    **dict.fromkeys(("cylinder", "muscle", "adhesion", "dcmotor"), _THRUSTER),
+    **dict.fromkeys(("option density", "option viscosity", "option wind"), _WATER),
+    **dict.fromkeys(
+        ("freejoint damping", "freejoint armature", "freejoint frictionloss"), f"on a free joint, {_WATER}"
+    ),
+    "body gravcomp": "buoyancy is displaced_mass times gravity",
+    "joint stiffness": "springs are not computed",
+}
+"""What a run has in place of an element, or of an attribute of a kind."""
+
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_TEXTS = (
+    "name class childclass model file prefix body frame joint site mesh material "
+    "assetdir meshdir texturedir content_type eulerseq"
+)
+"""Attributes without numbers."""
+_XML_NAMES: Mapping[str, str] = {
+    **{"userdata": "user", "disableactuator": "actuatorgroupdisable", "ctrlspec": "input", "hfieldname": "hfield"},
+    **{f"act{each}": f"actuator{each}" for each in ("frcrange", "frclimited", "gravcomp")},
+    **{"ipos": "pos", "iquat": "quat", "inertia": "diaginertia"},
+    **{"fluid_ellipsoid": "fluidshape", "fluid_coefs": "fluidcoef"},
+    **{f"sol{a}_{b}": f"sol{a}{b}" for a in ("ref", "imp") for b in ("limit", "friction")},
+}
+"""Attributes that have another name in XML."""
+
+_Found = dict[tuple[str, str, str], list[str]]
+"""Places of an error, by element, attribute and message."""
 
 
-def check_elements(trees: Mapping[str, Element], main: str) -> None:
-    """Check a model's parsed XML files, by name, before MuJoCo reads them.
-
-    Raises:
-        InputError: elements, attributes or values that are not allowed in a vehicle's file, all at once. An error that
-            occurs several times is reported once, with their number.
-    """
-    found: dict[tuple[str, str], list[str]] = {}
-    for name, root in trees.items():
-        place = "" if name == main else f" in {name}"
-        # MuJoCo drops the root of an included file, which may have any name
-        tops = [root] if root.tag == "mujoco" else [*root]
-        for what, where, message in itertools.chain.from_iterable(map(_faults, tops)):
-            found.setdefault((f"{what}{place}", message), []).append(f"{where}{place}")
-    faults = [
-        Fault(places[0], message if len(places) == 1 else f"{message} ({len(places)} times)")
-        for (_, message), places in found.items()
-    ]
-    faults += _too_many(trees)
-    if faults:
+def _refuse(found: _Found, main: str) -> None:
+    """Raise an InputError with one line for each error: its first place, and the number of its places."""
+    if found:
+        numbers = [f" ({len(places)} times)" if len(places) > 1 else "" for places in found.values()]
+        faults = [Fault(found[key][0], f"{key[2]}{n}") for key, n in zip(found, numbers, strict=True)]
         raise InputError(faults, f"vehicle.model {main}")
 
 
-def _faults(element: Element) -> Iterator[tuple[str, str, str]]:
-    """Errors of an element and its descendants: element and attribute, place, and message of each.
-
-    The attributes and children of a refused element are not checked.
-    """
-    tag = element.tag
-    if tag not in ELEMENTS:
-        reason = REASONS.get(tag) or suggestion(tag, ELEMENTS)
-        yield tag, _place(element), f"is not supported in a vehicle's file; {reason}"
-        return
-    rules = ELEMENTS[tag]
-    for attribute, value in element.attrib.items():
-        rule = finite if rules is None else rules.get(attribute)
-        if rule is None:
-            reason = f"{attribute} is not supported; {_why(tag, attribute)}"
-            yield f"{tag} {attribute}", _place(element, attribute), reason
-        elif message := rule(value):
-            yield f"{tag} {attribute}", _place(element, attribute), message
-    for text in (element.text, *(child.tail for child in element)):
-        if text and text.strip():
-            yield f"{tag} text", _place(element), f"has the text {_short(text)!r}, which would be ignored; leave it out"
-    if tag == "numeric":
-        size, given = values_of(element.get("size", "")), len(element.get("data", "").split())
-        if size and size != [given]:
-            yield "numeric size", _place(element, "size"), f"has {given} numbers in data; MuJoCo would append zeros"
-    for child in element:
-        yield from _faults(child)
-
-
-def _place(element: Element, attribute: str = "name") -> str:
-    """An element as written in its file, with its name and one attribute."""
+def _place(element: Element, attribute: str, file: str) -> str:
+    """An element as written in its file, with its name and one attribute. ``file`` is empty for the main one."""
     keys = [key for key in dict.fromkeys(("name", attribute)) if key in element.attrib]
-    return "<" + " ".join([element.tag, *(f'{key}="{_short(element.attrib[key])}"' for key in keys)]) + ">"
+    words = [element.tag, *(f'{key}="{_short(element.attrib[key])}"' for key in keys)]
+    return f"<{' '.join(words)}>{f' in {file}' if file else ''}"
 
 
 def _short(text: str) -> str:
@@ -79,49 +117,220 @@ def _short(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _why(tag: str, attribute: str) -> str:
-    known = ELEMENTS[tag] or ()
-    misspelt = difflib.get_close_matches(attribute, known, n=1, cutoff=_CLOSE)
-    return suggestion(attribute, known) if misspelt or tag not in REASONS else REASONS[tag]
+@functools.cache
+def known_attributes() -> Mapping[str, set[str]]:
+    """The attributes of each element, from MuJoCo's own table and for the elements that it lacks."""
+    known = {"include": {"file"}, "replicate": {"count", "sep", "offset", "euler"}, "worldbody": set[str]()}
+    known["frame"] = {"name", "childclass", "pos", "quat", "axisangle", "euler", "xyaxes", "zaxis"}
+    tag = ""
+    for line in mujoco.mj_printSchema(0, 0).splitlines():
+        head = re.match(r" *(?:\(world\))?(\w+) \(.\)(.*)", line)
+        tag, words = (head[1], head[2]) if head else (tag, line)
+        known.setdefault(tag, set()).update(words.split())
+    return known
 
 
-def _too_many(trees: Mapping[str, Element]) -> Iterator[Fault]:
-    """Errors for more elements, including copies, than MuJoCo compiles in seconds, and for uncountable copies."""
+def check_xml(trees: Mapping[str, Element], main: str) -> None:
+    """Check a model's parsed XML files before MuJoCo reads them.
+
+    Raises:
+        InputError: a file has unknown elements or attributes, too many copies, or what MuJoCo would ignore; all errors
+            at once.
+    """
+    found: _Found = {}
+    for name, tree in trees.items():
+        tops = [tree] if tree.tag == "mujoco" else [*tree]  # MuJoCo drops the root of an included file
+        for element in itertools.chain.from_iterable(each.iter() for each in tops):
+            for attribute, message in _of_xml(element):
+                place = _place(element, attribute, name if name != main else "")
+                found.setdefault((element.tag, attribute, message), []).append(place)
+    _refuse(found, main)
+    if (copies := _with_copies(trees)) > MOST_ELEMENTS:
+        said = f"has up to {copies:.3g} elements, counting each copy by <replicate> and <attach>"
+        raise InputError([Fault("<mujoco>", f"{said}; at most {MOST_ELEMENTS} are allowed")], f"vehicle.model {main}")
+
+
+def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
+    """Errors of an element by its XML: attribute and message."""
+    tag, attributes, n = element.tag, set(element.attrib), str(len(element.get("data", "").split()))
+    if tag not in _ELEMENTS:
+        instead = "leave it out" if tag in known_attributes() else suggestion(tag, _ELEMENTS)
+        yield "", f"is not supported in a vehicle's file; {_INSTEAD.get(tag, instead)}"
+        return
+    for attribute in sorted(attributes - known_attributes()[tag]):  # MuJoCo ignores them in a <frame> or <replicate>
+        yield attribute, f"{attribute} is not supported; {suggestion(attribute, known_attributes()[tag])}"
+    if tag in ("motor", "general"):  # MuJoCo ignores all but one
+        for attribute in sorted(attributes & {"jointinparent", "tendon", "cranksite", "body"}):
+            yield attribute, f"{attribute} is not supported; {_THRUSTER}"
+    for text in (element.text, *(child.tail for child in element)):
+        if text and text.strip():
+            yield "", f"has the text {_short(text)!r}, which would be ignored; leave it out"
+    if tag == "numeric" and element.get("size", n).strip() != n:
+        yield "size", f"has {n} numbers in data; MuJoCo would append zeros"
+    for attribute, largest in _AT_MOST.items():
+        if not _within(element.get(attribute, ""), largest):
+            yield attribute, f"must be within 0 and {largest}"
+    if tag == "replicate" and next(element.iter("include"), None) is not None:
+        yield "", "contains an <include>; include the file outside of it"
+    if tag == "attach" and "model" not in element.attrib:
+        yield "", "has no model; name a <model> of <asset>"
+    if tag == "model" and not element.get("file"):  # MuJoCo would hang at its next warning
+        yield "", "has no file"
+    for attribute in sorted(attributes - set(_TEXTS.split())) if tag != "text" else ():
+        if any(_NOT_FINITE.fullmatch(word) for word in element.attrib[attribute].split()):
+            yield attribute, "must be finite numbers"
+
+
+def _within(text: str, largest: int) -> bool:
+    """Whether the words of a text are decimal numbers from 0 to the largest. MuJoCo also reads hexadecimal ones."""
+    try:
+        return all(0.0 <= float(word) <= largest for word in text.split())
+    except ValueError:
+        return False
+
+
+def _with_copies(trees: Mapping[str, Element]) -> float:
+    """An upper bound for the number of a model's elements."""
     attached = 1.0
 
     def number(element: Element) -> float:
-        times = max(values_of(element.get("count", "")), default=1.0) if element.tag == "replicate" else 1.0
+        times = max(map(float, element.get("count", "").split()), default=1.0)
         return (attached if element.tag == "attach" else 1.0) + times * sum(map(number, element))
 
-    attached = sum(map(number, trees.values()))  # an upper bound for each sub-model
-    n = sum(map(number, trees.values()))
-    if n > MOST_ELEMENTS:
-        copies = "counting each copy by <replicate> and <attach>"
-        yield Fault("<mujoco>", f"has up to {n:.3g} elements, {copies}; at most {MOST_ELEMENTS} are allowed")
-    if any(next(each.iter("include"), None) is not None for tree in trees.values() for each in tree.iter("replicate")):
-        yield Fault("<replicate>", "contains an <include>; include the file outside of it")
-    if any("model" not in each.attrib for tree in trees.values() for each in tree.iter("attach")):
-        yield Fault("<attach>", "has no model; name a <model> of <asset>")
+    attached = sum(map(number, trees.values()))  # of each sub-model
+    return sum(map(number, trees.values()))
+
+
+def check_specs(specs: Sequence[mujoco.MjSpec], trees: Mapping[str, Element], main: str) -> None:
+    """Check a parsed model, and the sub-models whose parts it has. ``trees`` are their XML files.
+
+    Raises:
+        InputError: attributes that a run would not take over, all at once.
+    """
+    found: _Found = {}
+    classes = {each.get("class", "") for tree in trees.values() for each in tree.iter("default")} - {""}
+    for kind, each in itertools.chain.from_iterable(_objects(spec, classes) for spec in specs):
+        for attribute, value, message in _wrong(kind, each):
+            place = _written(trees, main, kind, getattr(each, "name", ""), attribute, value)
+            found.setdefault((kind, attribute, message), [place])
+    _refuse(found, main)
+
+
+_TAGS: Mapping[str, tuple[str, ...]] = {
+    "body": ("inertial", "body"),
+    "freejoint": ("freejoint", "joint"),
+    "motor": ("motor", "general"),
+}
+"""Elements of a kind, where they are not those of its name."""
+
+
+def _written(trees: Mapping[str, Element], main: str, kind: str, name: str, attribute: str, value: Any) -> str:
+    """The place of an object's attribute: the element with its name and this value, or else the first that has the
+    attribute, for example one of a default class."""
+    tags, words = _TAGS.get(kind, (kind,)), _words(value)
+    found = [(each, file) for file, tree in trees.items() for each in tree.iter() if each.tag in tags]
+    found = [(each, file) for each, file in found if attribute in each.attrib]
+    if not found:
+        return f"<{kind}{f' name={name!r}' if name else ''}>"
+
+    def fits(each: Element) -> tuple[bool, bool]:
+        given = _words(each.attrib[attribute])
+        return each.get("name", "") == name, given == words[: len(given)]
+
+    element, file = max(found, key=lambda item: fits(item[0]))
+    return _place(element, attribute, file if file != main else "")
+
+
+def _words(value: Any) -> list[str]:
+    """A value of a spec, or the text of an attribute, with its numbers written in the same way."""
+    words = value.split() if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
+    try:
+        return [f"{float(word):g}" for word in words]
+    except (TypeError, ValueError):
+        return [str(word) for word in words]
+
+
+def _objects(spec: mujoco.MjSpec, classes: Iterable[str] = ()) -> Iterator[tuple[str, Any]]:
+    """All objects of a spec with their kinds, after those of its default classes."""
+    yield from (("option", spec.option), ("compiler", spec.compiler), ("statistic", spec.stat))
+    for each in (spec.default, *filter(None, map(spec.find_default, sorted(classes)))):
+        yield from (("geom", each.geom), ("joint", each.joint), ("site", each.site), ("mesh", each.mesh))
+        yield "motor", each.actuator
+    objects = {"body": spec.bodies, "frame": spec.frames, "geom": spec.geoms, "site": spec.sites, "mesh": spec.meshes}
+    for kind, several in (objects | {"motor": spec.actuators, "numeric": spec.numerics}).items():
+        yield from ((kind, each) for each in several)
+    for joint in spec.joints:
+        yield "freejoint" if joint.type == mujoco.mjtJoint.mjJNT_FREE else "joint", joint
+
+
+_NO_ATTRIBUTES = "id info signature name parent frame compiler classname childclass plugin"
+"""What is no attribute in XML. An object of a default class does not have it, and MuJoCo would crash."""
+_OF_A_MESH = "uservert usernormal usertexcoord userface userfacenormal userfacetexcoord"
+"""Long lists, whose numbers MuJoCo checks."""
+
+
+def _plain(value: Any) -> Any:
+    """A number, a text, a truth value, or a tuple of them, with None for nan, a number that is not given."""
+    if isinstance(value, bool | int | float | str):
+        return value if value == value else None
+    if isinstance(value, np.ndarray):
+        return tuple([x if x == x else None for x in value.tolist()])
+    kind = type(value).__name__
+    if kind == "MjsOrientation":
+        return sum(map(_plain, (value.axisangle, value.euler, value.xyaxes, value.zaxis)), ())
+    if kind.endswith("Vec"):
+        return tuple(x if x == x else None for x in value)
+    return value.name.rpartition("_")[2].lower() if kind.startswith("mjt") else None
+
+
+@functools.cache
+def _defaults(kind: str) -> Mapping[str, Any]:
+    """The attributes of a new object."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body()
+    new = {kind: each for kind, each in _objects(spec) if each is not spec.worldbody}
+    new |= {"body": body, "frame": body.add_frame(), "numeric": spec.add_numeric(), "freejoint": new["joint"]}
+    others = {*_NO_ATTRIBUTES.split(), *_OF_A_MESH.split()}
+    names = [name for name in dir(new[kind]) if name[0] != "_" and name not in others]
+    return {name: _plain(getattr(new[kind], name)) for name in names}
+
+
+def _wrong(kind: str, each: Any) -> Iterator[tuple[str, Any, str]]:
+    """The attributes of an object that are refused: name in XML, value and message."""
+    for name, default in _defaults(kind).items():
+        if (value := _plain(getattr(each, name))) == default:
+            continue
+        holds, otherwise = _RULES.get(f"{kind} {name}", (None, ""))
+        numbers = [x for x in (value if isinstance(value, tuple) else (value,)) if not isinstance(x, str)]
+        if name not in ACCEPTED[kind].split():
+            instead = _INSTEAD.get(f"{kind} {name}", "leave it out")
+            message = f"{_XML_NAMES.get(name, name)} is not supported; {instead}"
+        elif holds and not holds(value):
+            message = otherwise
+        elif not name.endswith("range") and any(abs(x) > LARGEST_NUMBER for x in numbers):
+            message = f"must be numbers within +-{LARGEST_NUMBER:g}"
+        else:
+            continue
+        if name in ("alt", "ialt"):
+            name = _plain(getattr(each, name).type)
+        yield _XML_NAMES.get(name, name), value, message
 
 
 def check_model(model: mujoco.MjModel, main: str) -> None:
-    """Check the compiled model of a vehicle's file for errors that the XML does not show.
+    """Check the compiled model of a vehicle's file for errors that a spec does not show.
 
     Raises:
-        InputError: the model is not one body on a free joint, has no thrusters or unknown numerics, or something other
-            than the scenario's wall could collide with the vehicle; all errors at once.
+        InputError: the model is not one body on a free joint, has no thrusters, or something other than the scenario's
+            wall could collide with the vehicle; all errors at once.
     """
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
-    faults = [fault for i in np.flatnonzero(free).tolist() for fault in _held(model, i)]
     if len(bodies) != 1:
         found = " and ".join(bodies) or "none"
-        faults.append(Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}"))
+        faults = [Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}")]
     else:
         base = int(model.jnt_bodyid[free][0])
-        name = model.body(base).name
-        prefix = name[: name.rfind("/") + 1]
-        faults += wrong_numerics(model, base, prefix, alone=True) + _thrusters(model) + _collisions(model)
+        faults = _thrusters(model) + _collisions(model)
         faults += [
             Fault(_body(model, i), f"moves on a joint and is not carried by {_body(model, base)}; leave the joint out")
             for i in model.jnt_bodyid[~free]
@@ -129,13 +338,6 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         ]
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
-
-
-def _held(model: mujoco.MjModel, joint: int) -> Iterator[Fault]:
-    dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + 6)
-    reason = "has damping, armature or frictionloss: hydrodynamic forces come from the coefficients in <custom>"
-    if any(each[dofs].any() for each in (model.dof_damping, model.dof_armature, model.dof_frictionloss)):
-        yield Fault(f"the free joint of {_body(model, model.jnt_bodyid[joint])}", f"{reason}; leave them out")
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
