@@ -101,7 +101,6 @@ def numbers() -> Iterator[tuple]:
         state = run(law).analytic
         assert isinstance(state, SteadyState)
         yield words, state.force, final_force(run(law))[0]
-    yield from of_posture("planar_arm", ARMS["planar_arm"][0])
 
 
 def of_posture(model: str, joints: tuple[float, ...]) -> Iterator[tuple]:
