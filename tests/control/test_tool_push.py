@@ -33,7 +33,7 @@ def test_super_twisting_rests_at_the_force_of_the_turned_stiffness(estimates):
 @pytest.mark.slow
 @pytest.mark.parametrize(("law", "duration"), [("fosm", 16.0), ("impedance", 40.0)])
 def test_the_other_laws_rest_at_their_own_closed_forms(law, duration):
-    how = {"controller.epsilon": 3e-3} if law == "fosm" else {"simulation.timestep": 8e-4}
+    how = {"controller.epsilon": 3e-3} if law == "fosm" else {"simulation.timestep": 4e-4}
     trace = push(law, duration, **how)
     assert abs(trace.analytic.force / demanded_force(trace.scenario) - 1.0) > 3e-3
     assert trace.final_impulse[-1] / 0.5 == pytest.approx(trace.analytic.force, rel=1e-4)

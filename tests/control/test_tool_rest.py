@@ -69,8 +69,7 @@ WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm
 @pytest.mark.parametrize(
     ("law", "overrides"),
     [
-        ("impedance", {"current.speed": 0.2, "estimates.links": WRONG, "simulation.timestep": 1e-3}),
-        ("fosm", FINE | {"controller.epsilon": 2e-3}),
+        ("impedance", {"current.speed": 0.2, "estimates.links": WRONG}),
         ("fosm", FINE | {"controller.epsilon": 3e-3, "estimates.links": WRONG, "wall.damping": 50.0}),
     ],
 )
