@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 SHORTER = {
     "results/study.py": ('"runs": 24', '"runs": 2'),
     "results/stiffness_and_peak.py": ("np.logspace(3, 6, 13)", "np.logspace(3, 6, 2)"),
-    "notebooks/2_your_own_law.ipynb": (r'\"runs\": 24', r'\"runs\": 2'),
-    "notebooks/4_an_arm_pushes.ipynb": (r'(\"impedance\", \"fosm\", \"gsta\")', r'(\"gsta\",)'),
+    "notebooks/2_your_own_law.ipynb": (r"\"runs\": 24", r"\"runs\": 2"),
+    "notebooks/4_an_arm_pushes.ipynb": (r"(\"impedance\", \"fosm\", \"gsta\")", r"(\"gsta\",)"),
     "notebooks/5_learning_to_push.ipynb": ("in range(6):", "in range(1):"),
 }
 """What makes programs of the site short: a page of docs, a text that it has, and the shorter one."""

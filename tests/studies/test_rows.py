@@ -161,16 +161,16 @@ def test_a_scenario_that_cannot_run_is_a_row(study_file):
 
 
 def test_a_metric_beyond_the_time_of_its_run_is_a_row(study_file, files):
-    (row, _) = rows_of(study_file(runs=1, run="time_limit_s = 2.0", metrics=', "metric.py:endless"'))
+    (row, _) = rows_of(study_file(runs=1, run="time_limit_s = 0.5", metrics=', "metric.py:endless"'))
     assert (row["status"], row["steps"], row["contact.peak_N"]) == ("timed_out", None, None)
 
 
 @pytest.mark.parametrize("law", ["Endless", "Sleeps"])
 def test_a_run_beyond_its_time_is_a_row(study_file, files, law):
     start = time.monotonic()
-    (*_, row) = rows_of(study_file(runs=1, run="time_limit_s = 2.0", more=f'[[laws]]\nname = "law.py:{law}"'))
+    (*_, row) = rows_of(study_file(runs=1, run="time_limit_s = 0.5", more=f'[[laws]]\nname = "law.py:{law}"'))
     assert row["status"] == "timed_out"
-    assert row["message"] == "longer than run.time_limit_s, 2 s of wall time"
+    assert row["message"] == "longer than run.time_limit_s, 0.5 s of wall time"
     assert row["steps"] is None
     assert time.monotonic() - start < 60.0
     assert row["status"] in STATUSES

@@ -56,7 +56,9 @@ def fine():
 @pytest.fixture(scope="module")
 def drawn(traces, fine):
     """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
-    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in OF_RIGID}
+    plots = {
+        f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in ("force", "integral", "summary")
+    }
     tree = tool_run()
     plots |= {f"{what} of a tree": figures.plot({"tree": tree}, what) for what in ("position", "joints", "summary")}
     plots["joints of trees"] = figures.plot({"a": tree, "b": tree, **traces}, "joints")
@@ -519,7 +521,7 @@ def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
         wild[name][-3:] = np.nan
     wild = dataclasses.replace(gsta, arrays=wild)
     figures.save(figures.plot({"wild": wild}, "summary"), tmp_path / "alone", ("png",))
-    for what in OF_RIGID:
+    for what in ("position", "force", "tau"):
         figures.save(figures.plot({"wild": wild, "tame": gsta}, what), tmp_path / what, ("png",))
 
 
