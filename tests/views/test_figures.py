@@ -34,7 +34,7 @@ from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
-OF_RIGID = [what for what in figures.WHATS if what != "joints"]
+OF_FOUR = ("position", "force", "sliding", "tau", "integral", "summary")
 LEVELS = ("expected", "analytic", "wall", "motor limit")
 LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
 
@@ -62,7 +62,7 @@ def drawn(traces, fine):
     tree = tool_run()
     plots |= {f"{what} of a tree": figures.plot({"tree": tree}, what) for what in ("position", "joints", "summary")}
     plots["joints of trees"] = figures.plot({"a": tree, "b": tree, **traces}, "joints")
-    for what in OF_RIGID:
+    for what in OF_FOUR:
         plots[f"{what} of four"] = figures.plot(traces, what)
     plots["summary at every step"] = figures.plot({"a $name_ that is too long " * 5: fine["fosm"]}, "summary")
     plots["states of a user's law"] = figures.plot({"Odd": odd_run()}, "integral")
@@ -482,7 +482,7 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
     laws = [trace.header.law.source for trace in traces.values()]
     expected = {label: to_hex([c / 255 for c in rgb]) for label, rgb in zip(traces, colours.of_runs(laws), strict=True)}
     assert len(set(expected.values())) == 4
-    for what in OF_RIGID:
+    for what in OF_FOUR:
         for ax in drawn[f"{what} of four"].axes:
             for signal, line in lines_of(drawn[f"{what} of four"], ax):
                 if line.get_label() in expected:
