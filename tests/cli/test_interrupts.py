@@ -75,14 +75,16 @@ class Endless(Controller):
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
         tau_cmd[:] = 0.0
-        while signals.t > 0.02:
+        while {t} > 0.02:
             tau_cmd[0] += 1.0
 """
 
 
-def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
-    """The machine code never returns to Python. A second thread handles the second signal."""
-    (tmp_path / "law.py").write_text(ENDLESS)
+@pytest.mark.parametrize("t", ["signals.t", "getattr(signals, 't')"])
+def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path, t):
+    """The machine code never returns to Python; the second law runs as plain Python. A second thread handles the second
+    signal."""
+    (tmp_path / "law.py").write_text(ENDLESS.format(t=t))
     code = """if True:
         import os, signal, sys, threading, time
         from uvms_mj.cli import main
