@@ -81,6 +81,7 @@ LAWS = {
     "tau_cmd += np.ones((2, 6))": "is wrong in .*line",
     "signals.M_hat.T.flat[36] = 0.0": f"{OUT_OF_BOUNDS}|read-only",
     "tau_cmd[np.array([1, 6])] = 1.0": OUT_OF_BOUNDS,
+    "tau_cmd[4] = np.nan": r"set tau_cmd\[4\] to nan.*my_law.py, line \d+: tau_cmd",
     "state_dot.eta[1] = np.nan": r"set state_dot.eta\[1\] to nan",
     "state.eta[2] = np.nan": r"state.eta\[2\]",
     "tau_cmd[0] = np.sqrt(-signals.t)": "line .*np.sqrt",
@@ -181,6 +182,8 @@ FILES = {
 CASES = {
     **{f"law: {late}": ("controller", law(LATE + late), said) for late, said in LAWS.items()},
     "returned": ("controller", law("return signals.tau_nom"), "must fill all six entries"),
+    "rebound": ("controller", law("tau = -200.0 * signals.eta_e"), "must fill all six entries"),
+    "half set": ("controller", law("tau_cmd[:3] = 1.0"), "unset: a law must fill all six entries of tau_cmd"),
     **{
         name: ("controller", declared(f"{body}\n@staticmethod\n{SIGNATURE}\n    {SET}"), said)
         for name, (body, said) in DECLARED.items()
@@ -207,6 +210,11 @@ CASES = {
         "thrusters",
         stage("Thrusters", "u[:] = given.u_cmd", "u[int(given.t * 1e6) + 100] = 1.0", "u"),
         "your thruster model Law .*IndexError.*line",
+    ),
+    "actuation: unset": (
+        "actuation",
+        stage("Actuation", "pass", "pass", "u"),
+        r"your actuation stage Law .* left u\[0\] unset: .* must fill all (6|six)",
     ),
     "actuation: root": (
         "actuation",

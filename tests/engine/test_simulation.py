@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, StageFault, simulate
+from uvms_mj import Diverged, InputError, Scenario, Simulation, StageFault, simulate
 from uvms_mj.engine.native import pipeline
 from uvms_mj.engine.native.compilation import NotCompiled
 
@@ -218,35 +218,6 @@ def test_each_stage_keeps_its_own_period():
     assert np.allclose(np.diff(trace.thrust[:2000:5], axis=0), 5e-4 * (wanted - trace.thrust[:2000:5])[:-1] / 0.02)
     assert np.array_equal(trace.u[:2000:5], trace.thrust[:2000:5])
     assert {"s", "zeta", "tau_nom", "boundary_layer_time"}.isdisjoint(trace)  # the law does not use the task
-
-
-MISTAKES = {
-    "navigation": (
-        "Navigation",
-        "out.nu[6] = 1.0",
-        r"your navigation stage Wrong .*index 6 is out of bounds",
-    ),
-    "reference": ("Guidance", "out.p_d[0] = np.inf - np.inf", r"your guidance stage Wrong .* set out.p_d\[0\]"),
-    "actuation": ("Actuation", "pass", r"your actuation stage Wrong .* left u\[0\] unset: .* must fill all 6|six"),
-}
-
-
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
-@pytest.mark.parametrize("plain", [False, True])
-@pytest.mark.parametrize("table", MISTAKES)
-def test_a_mistake_in_a_stage_is_named_with_its_room_and_its_file(tmp_path, request, table, plain):
-    base, line, said = MISTAKES[table]
-    room = {"reference": "guidance"}.get(table, table)
-    (tmp_path / "wrong.py").write_text(
-        f"from dataclasses import dataclass\nimport numpy as np\nfrom uvms_mj.{room} import {base}\n\n"
-        f"@dataclass(frozen=True)\nclass Wrong({base}):\n    @staticmethod\n"
-        f"    def step(settings, state, given, state_dot, {'u' if table == 'actuation' else 'out'}):\n        {line}\n"
-    )
-    scenario = Scenario.load("push_wall", {f"{table}.name": f"{tmp_path / 'wrong.py'}:Wrong"})
-    if plain:
-        request.getfixturevalue("plain_python")
-    with pytest.raises(LawError if plain else (LawError, InputError), match=said):
-        simulate(scenario)
 
 
 def test_two_stages_with_one_name_of_a_state_are_refused(tmp_path):

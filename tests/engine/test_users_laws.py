@@ -196,18 +196,3 @@ def test_a_plain_law_can_not_write_on_its_signals(tmp_path):
     path = law_file(tmp_path, one_liner("Careless", slip))
     with pytest.warns(PlainPythonWarning), pytest.raises(LawError, match="read-only"):
         simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, f"{path}:Careless"))
-
-
-@pytest.mark.parametrize("body", ["tau = -200.0 * signals.eta_e", "return -200.0 * signals.eta_e", "tau_cmd[:3] = 1.0"])
-def test_a_law_that_leaves_tau_cmd_as_it_was_is_told_so(tmp_path, body):
-    path = law_file(tmp_path, one_liner("Forgets", body))
-    with pytest.raises(LawError, match="unset: a law must fill all six entries of tau_cmd") as caught:
-        simulate(Scenario.load("push_wall", SHORT, f"{path}:Forgets"))
-    assert caught.value.trace.status.name == "failed"
-
-
-def test_a_law_that_gives_no_number_stops_the_run(tmp_path):
-    path = law_file(tmp_path, one_liner("Nan", "tau_cmd[:] = np.nan if signals.t > 0.01 else 0.0"))
-    with pytest.raises(LawError, match=r"set tau_cmd\[0\] to nan.*my_law.py, line 9: tau_cmd") as caught:
-        simulate(Scenario.load("push_wall", SHORT, f"{path}:Nan"))
-    assert np.isfinite(caught.value.trace.tau).all()
