@@ -28,6 +28,11 @@ pytestmark = [
 USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
 WALL = {"wall.position": -1e-5, "wall.friction": 0.3, "reference.step_time": 0.0, "reference.target": [0.05, 0.02, 0.0]}
 SHAKEN = {"disturbance.deviation": [1.0] * 6, "vehicle.mass": 1.05, "vehicle.added_mass": 1.2} | WALL
+SHAKEN |= {
+    "disturbance.table": [[0.0] * 7, [0.02, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0]],
+    "current.table": [[0.0, 0.1, 0.0, 0.0], [0.3, 0.0, 0.1, 0.0]],
+    "current.shear": [[0.0, 1.0], [5.0, 0.8]],
+}
 OF_EACH_ROOM = {
     **{"navigation.name": f"{USERS}:Noisy", "navigation.period": 2e-3},
     **{"reference.name": f"{USERS}:Circle", "reference.period": 1e-3},
@@ -180,13 +185,20 @@ def test_a_reset_is_a_new_simulation_whatever_was_before(name):
         used.step(500)
         for seed, world in enumerate(worlds):
             used.reset(world, seed=seed)
-            used.step(300)
-            with Simulation(base.updated(world | {"simulation.seed": seed}), engine=engine) as new:
-                new.step(300)
-                for signal in used.signals:  # a new one may record the motion of the water, too
-                    assert np.array_equal(used.signals[signal], new.signals[signal], equal_nan=True), (world, signal)
+            compare(used, base.updated(world | {"simulation.seed": seed}))
             used.set({key: value for key, value in world.items() if not key.startswith(FOR_A_RESET)})
             used.step(5)
+            used.reset()
+            compare(used, base)
+
+
+def compare(used, scenario):
+    """Step a Simulation that was reset and a new one."""
+    with Simulation(scenario, engine=used.engine) as new:
+        for sim in (used, new):
+            sim.step(300)
+        for signal in used.signals:  # a new one may record the motion of the water, too
+            assert np.array_equal(used.signals[signal], new.signals[signal], equal_nan=True), (scenario, signal)
 
 
 def test_a_log_is_read_back_and_repeats(name, original, tmp_path):

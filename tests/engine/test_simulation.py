@@ -163,13 +163,6 @@ def test_a_closed_simulation_and_a_forgotten_one_detach():
     assert not in_water(model, data)
 
 
-def test_an_unknown_signal_is_suggested(sim):
-    with pytest.raises(AttributeError, match="no signal 'tau_cmdd'; did you mean 'tau_cmd'"):
-        sim.signals.tau_cmdd  # noqa: B018  # reading it is the test
-    with pytest.raises(KeyError, match="no signal"):
-        sim.signals["etae"]
-
-
 def test_a_scalar_is_a_number_and_a_vector_a_live_view(sim):
     sim.reset()
     t, tau, peaks = sim.signals.t, sim.signals.tau, [sim.signals.force_peak]

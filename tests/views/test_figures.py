@@ -546,19 +546,6 @@ def test_a_figure_of_many_runs_is_as_large_as_one_of_few(drawn, traces):
     assert names[:3] == ["impedance (15 runs)", "fosm (15 runs)", "gsta (30 runs)"]
 
 
-def test_a_long_log_of_noise_draws_quickly_and_small(traces, tmp_path, rng):
-    n = 200_000
-    noise = rng.normal(size=(n, 6))
-    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": noise})
-    figure = figures.plot({"noise": dataclasses.replace(traces["gsta"], arrays=arrays)}, "tau")
-    for i, axis in enumerate("xyz"):
-        drawn = dict(lines_of(figure))[f"tau.{axis}"].get_ydata()
-        assert (drawn.min(), drawn.max()) == (noise[:, i].min(), noise[:, i].max())
-        assert len(drawn) < 3000
-    (svg,) = figures.save(figure, tmp_path / "noise", ("svg",))
-    assert svg.stat().st_size < 500_000
-
-
 def test_what_is_wrong_is_said(traces, fine):
     with pytest.raises(InputError, match="did you mean 'sliding'"):
         figures.plot(traces, "slidng")
