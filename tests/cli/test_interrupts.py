@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from command import COMMAND, no_constants
+from law_files import law_file, one_liner
 from uvms_mj import Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
@@ -64,27 +65,12 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
     assert done.stdout == "still here\n"
 
 
-ENDLESS = """
-from dataclasses import dataclass
-
-from uvms_mj import Controller
-
-
-@dataclass(frozen=True)
-class Endless(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        while {t} > 0.02:
-            tau_cmd[0] += 1.0
-"""
-
-
 @pytest.mark.parametrize("t", ["signals.t", "getattr(signals, 't')"])
 def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path, t):
     """The machine code never returns to Python; the second law runs as plain Python. A second thread handles the second
     signal."""
-    (tmp_path / "law.py").write_text(ENDLESS.format(t=t))
+    endless = f"tau_cmd[:] = 0.0\nwhile {t} > 0.02:\n    tau_cmd[0] += 1.0"
+    law_file(tmp_path, one_liner("Endless", endless), "law.py")
     code = """if True:
         import os, signal, sys, threading, time
         from uvms_mj.cli import main

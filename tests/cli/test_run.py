@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from command import no_constants
+from law_files import law_file, one_liner
 from uvms_mj import Status, Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
@@ -129,13 +130,7 @@ def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
 
 
 def test_a_law_that_prints_leaves_json_alone(here, tmp_path):
-    text = (
-        "from dataclasses import dataclass\nfrom uvms_mj import Controller\nprint('loading')\n\n"
-        "@dataclass(frozen=True)\nclass Loud(Controller):\n"
-        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        tau_cmd[:] = 0.0\n        print('stepping')\n"
-    )
-    (tmp_path / "loud.py").write_text(text)
+    law_file(tmp_path, "print('loading')\n" + one_liner("Loud", "tau_cmd[:] = 0.0\nprint('stepping')"), "loud.py")
     done = here("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json")
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["steps"] == 3

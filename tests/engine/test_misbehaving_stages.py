@@ -236,7 +236,6 @@ def quiet_run(tmp_path_factory):
     return simulate(scenario(tmp_path_factory.mktemp("quiet"), law(SET)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 def test_a_stage_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):

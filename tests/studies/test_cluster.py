@@ -12,6 +12,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from command import COMMAND
+from law_files import HEADER, one_liner
 from page_numbers import page as page_of
 from short_study import HERE
 from uvms_mj import InputError, Study
@@ -22,20 +23,8 @@ pytest.importorskip("distributed", reason="needs the extra cluster")
 
 MODELS = Path(__file__).parents[2] / "models"
 FILES = {
-    "law.py": """
-from dataclasses import dataclass
-
-from gains import SLOPE
-from uvms_mj import Controller
-
-
-@dataclass(frozen=True)
-class Damps(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = signals.tau_nom
-        tau_cmd[0] -= SLOPE * signals.nu[0]
-""",
+    "law.py": f"from gains import SLOPE\n{HEADER}"
+    + one_liner("Damps", "tau_cmd[:] = signals.tau_nom\ntau_cmd[0] -= SLOPE * signals.nu[0]"),
     "gains.py": "SLOPE = 20.0\n",
     "metric.py": "def peak(trace):\n    return trace.force_peak[-1]\n",
 }

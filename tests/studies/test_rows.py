@@ -5,42 +5,17 @@ import time
 
 import pytest
 
+from law_files import HEADER, one_liner
 from uvms_mj import Study, simulate
 from uvms_mj.analysis.summary import summary
 from uvms_mj.studies.rows import STATUSES, lost_row, one_row
 
-LAW = """
-import time
-from dataclasses import dataclass
-
-from uvms_mj import Controller
-
-
-@dataclass(frozen=True)
-class Raises(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        if signals.t > 0.01:
-            raise ValueError("enough")
-
-
-@dataclass(frozen=True)
-class Endless(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        while signals.t > 0.01:
-            tau_cmd[0] += 1.0
-
-
-@dataclass(frozen=True)
-class Sleeps(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        time.sleep(0.1)
-"""
+LAW = (
+    f"{HEADER}import time\n"
+    + one_liner("Raises", "tau_cmd[:] = 0.0\nif signals.t > 0.01:\n    raise ValueError('enough')")
+    + one_liner("Endless", "tau_cmd[:] = 0.0\nwhile signals.t > 0.01:\n    tau_cmd[0] += 1.0")
+    + one_liner("Sleeps", "tau_cmd[:] = 0.0\ntime.sleep(0.1)")
+)
 
 METRICS = """
 def number(trace):
