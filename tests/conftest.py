@@ -4,6 +4,7 @@ look at them."""
 import signal
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,19 @@ def _signals():
     for number, handler in _HANDLERS.items():
         signal.signal(number, handler)
     signal.set_wakeup_fd(-1)
+
+
+@pytest.fixture(autouse=True)
+def _calls(request, monkeypatch):
+    """The calls of a study are made in this process, unless a test is about the processes."""
+    if not request.node.get_closest_marker("processes"):
+        here, one = Lock(), "uvms_mj.studies.pool.executors.Workers._call"
+
+        def call(workers, function, *arguments, **named):
+            with here:
+                return function(*arguments, **named)
+
+        monkeypatch.setattr(one, call)
 
 
 @cache

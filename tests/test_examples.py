@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from law_files import law_file, one_liner
 from page_numbers import page
 from uvms_mj import Scenario, attach, simulate
 from uvms_mj.analysis.metrics import final_force
@@ -89,13 +90,7 @@ def test_noise_has_the_given_deviation_and_repeats_with_the_seed():
 
 def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
     """Thrust under a constant command: u_k = u (1 - (1 - h/T)^k) by explicit Euler."""
-    law = tmp_path / "constant.py"
-    law.write_text(
-        "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n\n"
-        "@dataclass(frozen=True)\nclass Constant(Controller):\n    uses_task = False\n\n"
-        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        tau_cmd[:] = 0.0\n        tau_cmd[0] = 6.0\n"
-    )
+    law = law_file(tmp_path, one_liner("Constant", "tau_cmd[:] = 0.0\ntau_cmd[0] = 6.0"))
     T, h = 0.05, 1e-4
     settings = {
         "actuation.name": f"{EXAMPLES / 'lagging_thrusters.py'}:LaggingThrusters",

@@ -42,7 +42,7 @@ def shortened(words: list[str]) -> list[str]:
     contact where the page uses the log; few draws and trials with the fast engine."""
     match words:
         case ["run", *_]:
-            more = [f"simulation.duration={6.1 if '--out' in words else 0.02}"]
+            more = [f"simulation.duration={6.1 if '--out' in words and '--log-rate' not in words else 0.02}"]
         case ["converge" | "certify", *_]:
             more = ["simulation.duration=0.02"]
         case ["study", name, *_] if name not in ("report", "list", "plot", "table"):

@@ -93,15 +93,13 @@ def run(law: str) -> Trace:
 
 
 def numbers() -> Iterator[tuple]:
-    for law, words in (
-        ("gsta", "`tool_push`, GSTA | {} N | {} N"),
-        ("fosm", "first order, epsilon = 3e-3 | {} N | {} N"),
-        ("impedance", "impedance, after 40 s | {} N | {} N"),
-    ):
-        state = run(law).analytic
-        assert isinstance(state, SteadyState)
-        yield words, state.force, final_force(run(law))[0]
-    yield from of_posture("planar_arm", ARMS["planar_arm"][0])
+    yield from of_law("gsta", "`tool_push`, GSTA | {} N | {} N")
+
+
+def of_law(law: str, words: str) -> Iterator[tuple]:
+    state = run(law).analytic
+    assert isinstance(state, SteadyState)
+    yield words, state.force, final_force(run(law))[0]
 
 
 def of_posture(model: str, joints: tuple[float, ...]) -> Iterator[tuple]:
@@ -110,6 +108,8 @@ def of_posture(model: str, joints: tuple[float, ...]) -> Iterator[tuple]:
 
 
 def long_numbers() -> Iterator[tuple]:
+    yield from of_law("fosm", "first order, epsilon = 3e-3 | {} N | {} N")
+    yield from of_law("impedance", "impedance, after 40 s | {} N | {} N")
     for model, postures in ARMS.items():
         for joints in postures:
             yield from of_posture(model, joints)

@@ -348,16 +348,6 @@ def test_the_lost_command_is_of_the_one_that_the_allocation_is_given():
     assert np.abs(given[10:] - trace.tau_cmd[:-10]).max() < 1e-9  # rows are 1 ms apart
 
 
-def test_settings_that_depend_on_each_other_are_checked_in_a_reset():
-    stuck, ideal = {"thrusters.failed_fraction": 0.5}, {"thrusters.period": 0.5}
-    with Simulation(scenario_with("general", failed_stuck=True), **FREE) as sim, pytest.raises(InputError) as raised:
-        sim.reset(overrides=stuck)
-    assert "failed_fraction or failed_stuck" in str(raised.value)
-    with Simulation(scenario_with("ideal"), **FREE) as sim, pytest.raises(InputError) as raised:
-        sim.reset(overrides=ideal)
-    assert "ideal thrusters have no period" in str(raised.value)
-
-
 def test_ideal_thrusters_are_the_default_and_no_stage():
     assert isinstance(Scenario().thrusters, IdealThrusters)
     with Simulation(Scenario(), **FREE) as sim:

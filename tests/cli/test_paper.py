@@ -29,7 +29,9 @@ def results(tmp_path_factory):
     (folder / "logs" / "gsta.mcap").write_text("old")
     (folder / "report.html").write_text("old")
     (folder / "notes.txt").write_text("mine")
-    return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("uvms_mj.studies.pool.executors.Workers._call", lambda workers, call, *given: call(*given))
+        return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
 def test_paper_writes_what_it_says(results):

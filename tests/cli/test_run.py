@@ -8,7 +8,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from command import no_constants, run
+from command import no_constants
+from law_files import law_file, one_liner
 from uvms_mj import Status, Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
@@ -51,9 +52,9 @@ def test_a_run_writes_what_it_says_and_says_it_as_json(here, tmp_path):
     written = tomllib.loads((tmp_path / "here" / "scenario.toml").read_text())
     assert written["controller"]["k_1"] == 5.0
     assert written["impedance"]["damping_ratio"] == 1.0
-    again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)  # in a new process
+    again = here("run", "here/scenario.toml", "--json", "--out", "again")
     repeated = Trace.load(tmp_path / "again" / "run.mcap")
-    assert again.returncode == 0
+    assert again.exit_code == 0
     for name in trace:
         assert np.array_equal(trace[name], repeated[name]), name
 
@@ -128,16 +129,10 @@ def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
     assert 100 < len(trace) <= report["steps"] // 10 + 1
 
 
-def test_a_law_that_prints_leaves_json_alone(tmp_path):
-    text = (
-        "from dataclasses import dataclass\nfrom uvms_mj import Controller\nprint('loading')\n\n"
-        "@dataclass(frozen=True)\nclass Loud(Controller):\n"
-        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        tau_cmd[:] = 0.0\n        print('stepping')\n"
-    )
-    (tmp_path / "loud.py").write_text(text)
-    done = run("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_a_law_that_prints_leaves_json_alone(here, tmp_path):
+    law_file(tmp_path, "print('loading')\n" + one_liner("Loud", "tau_cmd[:] = 0.0\nprint('stepping')"), "loud.py")
+    done = here("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json")
+    assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["steps"] == 3
     assert "loading" in done.stderr
     assert "stepping" in done.stderr
@@ -172,14 +167,14 @@ def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
         assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]
 
 
-def test_settings_that_another_law_does_not_take_over_are_named_once(tmp_path):
+def test_settings_that_another_law_does_not_take_over_are_named_once(here):
     """Of a scenario and of a log alike; the period belongs to the loop and stays."""
     short = ("--set", "simulation.duration=0.02", "--quiet")
-    first = run("run", "push_soft_wall_100hz", *short, "--out", "gsta", cwd=tmp_path)
+    first = here("run", "push_soft_wall_100hz", *short, "--out", "gsta")
     assert "left out" not in first.stderr
     named = "warning: controller.name: fosm takes the place of gsta, so controller.k_1, "
     for source in (("push_soft_wall_100hz",), ("--from", "gsta/run.mcap")):
-        other = run("run", *source, *short, "--controller", "fosm", "--out", source[-1][:4], cwd=tmp_path)
-        assert other.returncode == 0, other.stderr
+        other = here("run", *source, *short, "--controller", "fosm", "--out", source[-1][:4])
+        assert other.exit_code == 0, other.stderr
         assert other.stderr.count("left out") == other.stderr.count(named) == 1
         assert "controller.period" not in other.stderr

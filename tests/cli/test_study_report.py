@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 import tomli_w
 
-from command import run
 from pages import complete_by_itself
+from short_study import HERE
 from uvms_mj.studies.study import Study
 
 LAW = """
@@ -27,7 +27,7 @@ TABLES = {
     "laws": ["gsta", "law.py:Mine", {"name": "fosm", "label": "coarse", "controller.period": 0.05}],
     "base": {
         "scenario": "push_wall",
-        "simulation.duration": 1.0,
+        "simulation.duration": 0.3,
         "wall.position": 0.02,
         "reference.step_time": 0.0,
     },
@@ -46,8 +46,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     (folder / "law.py").write_text(LAW)
     (folder / "study.toml").write_text(tomli_w.dumps(TABLES))
-    done = run("study", "study.toml", "--out", "out", "--quiet", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    Study.load(folder / "study.toml").run(folder / "out", executor=HERE)
     return folder
 
 

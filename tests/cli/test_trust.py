@@ -4,6 +4,7 @@ Every file of Python there leaves a trace when it is imported. docs/reference/st
 """
 
 import shutil
+import sys
 
 import pytest
 import tomli_w
@@ -53,9 +54,15 @@ def folder(tmp_path_factory):
         (folder / name).write_text(TRACE.format(trace=str(folder / "imported")) + text)
     (folder / "study.toml").write_text(tomli_w.dumps(TABLES))
     (folder / "tune.toml").write_text(tomli_w.dumps(TABLES | TUNE | {"laws": ["law.py:Mine"], "keep": {}}))
-    for arguments in (("study", "study.toml", "-o", "out"), ("tune", "tune.toml", "-o", "found")):
-        done = run(*arguments, "--quiet", "--workers", "1", cwd=folder)
-        assert done.returncode == 0, done.stderr
+    code = """if True:
+        from concurrent.futures import ThreadPoolExecutor
+        from uvms_mj import Study
+        from uvms_mj.studies.tune import Tuning
+        Study.load("study.toml").run("out", executor=ThreadPoolExecutor(1))
+        Tuning.load("tune.toml").run("found", executor=ThreadPoolExecutor(1))
+    """
+    done = run(code, cwd=folder, command=[sys.executable, "-c"])  # this process must not have imported the files
+    assert done.returncode == 0, done.stderr
     (folder / "run.mcap").write_bytes((folder / "out" / "logs" / "row-00001.mcap").read_bytes())
     return folder
 

@@ -1,7 +1,5 @@
 """The shipped laws: documented gains, and identities between laws."""
 
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,14 +52,9 @@ def test_ideal_without_the_truth_is_no_law_of_ours():
         simulate(Scenario.load("push_wall", SHORT), controller=Blind())
 
 
-def test_the_yardstick_says_that_it_uses_the_truth(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "uvms_mj", "run", "-c", "ideal", "simulation.duration=0.1", "-o", "x"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0
+def test_the_yardstick_says_that_it_uses_the_truth(here, tmp_path):
+    done = here("run", "-c", "ideal", "simulation.duration=0.1", "-o", "x")
+    assert done.exit_code == 0
     assert "the truth" in done.stdout
     assert b"the truth" in (tmp_path / "x" / "run.mcap").read_bytes()
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from compare_engines import differences, drawn
-from twin import TwinParameters, simulate_smooth
 from uvms_mj import Diverged, InputError, Scenario, Simulation, simulate
-from uvms_mj.control.base import SteadyState
 from uvms_mj.engine.free_engine import refusals
-from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.free_body import free_acceleration, symplectic_step
 from uvms_mj.physics.pairs import pair_force
 from uvms_mj.setup.base import set_up
@@ -118,27 +116,6 @@ def test_the_depth_of_the_probe_in_the_wall_is_mujocos():
     assert pairs[0].contact.normal_W.tolist() == [-1.0, 0.0, 0.0]
 
 
-def test_the_order_of_convergence_is_one(smooth_overrides):
-    twin = simulate_smooth(
-        TwinParameters(
-            law="impedance",
-            x_c=50.0,
-            waypoints=((0.0, (0.4, 0.3, -0.2)),),
-            quat_0=tuple(quat_from_euler_deg(10.0, -8.0, 15.0)),
-            nu_0=(0.1, -0.1, 0.05, 0.1, 0.2, -0.1),
-            duration=1.5,
-        ),
-        np.array([0.5, 1.0, 1.5]),
-    )
-    errors = []
-    for h in (1e-3, 5e-4, 2.5e-4):
-        overrides = smooth_overrides(1.5) | {"simulation.timestep": h, "wall.stiffness": 1e4}
-        trace = simulate(Scenario.load("push_wall", overrides, "impedance"), **FREE)
-        errors.append(np.abs(trace.p_WB[[500, 1000, 1500]] - twin["p"]).max())
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert (np.abs(orders - 1.0) < 0.05).all()
-
-
 def tumble(timestep: float) -> tuple[float, float]:
     """Relative gain of energy, and error of the angular momentum's size, of a rigid body that tumbles for 1 s with
     added mass, without a force."""
@@ -163,24 +140,6 @@ def test_a_tumble_keeps_energy_and_momentum_up_to_the_integration_error():
     coarse, fine = np.array(tumble(2e-3)), np.array(tumble(1e-3))
     assert (fine < 5e-3).all()
     assert (np.abs(coarse / fine - 2.0) < 0.1).all()  # first order
-
-
-def test_a_neutral_vehicle_drifts_with_the_current():
-    overrides = {"current.speed": 0.4, "wall.position": 1e3, "simulation.duration": 30.0, "simulation.timestep": 1e-3}
-    with Simulation(Scenario.load("push_wall", overrides | {"wall.stiffness": 100.0}, "external"), **FREE) as sim:
-        sim.step(30_000)
-        R_WB = rotation_matrix(sim.signals.quat_WB)
-        v_W, v_c = R_WB @ sim.signals.nu[:3], sim.scenario.current.velocity_W
-        assert np.abs(v_W - v_c).max() < 5e-3 * sim.scenario.current.speed
-
-
-@pytest.mark.parametrize("law", ["gsta", "fosm", "sta"])
-def test_it_rests_at_the_closed_form(law):
-    trace = simulate(Scenario.load("push_wall", {}, law), **FREE)
-    assert isinstance(trace.analytic, SteadyState)
-    assert abs(trace.push[-1] - trace.analytic.force) < (1e-4 if law == "sta" else 1e-5) * trace.analytic.force
-    assert trace.analytic.position is not None
-    np.testing.assert_allclose(trace.p_WB[-1], trace.analytic.position, rtol=0, atol=1e-5)
 
 
 def test_a_run_that_leaves_its_bounds_says_so():

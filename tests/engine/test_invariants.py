@@ -27,7 +27,12 @@ pytestmark = [
 ]
 USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
 WALL = {"wall.position": -1e-5, "wall.friction": 0.3, "reference.step_time": 0.0, "reference.target": [0.05, 0.02, 0.0]}
-SHAKEN = {"disturbance.deviation": [1.0] * 6} | WALL
+SHAKEN = {"disturbance.deviation": [1.0] * 6, "vehicle.mass": 1.05, "vehicle.added_mass": 1.2} | WALL
+SHAKEN |= {
+    "disturbance.table": [[0.0] * 7, [0.02, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0]],
+    "current.table": [[0.0, 0.1, 0.0, 0.0], [0.3, 0.0, 0.1, 0.0]],
+    "current.shear": [[0.0, 1.0], [5.0, 0.8]],
+}
 OF_EACH_ROOM = {
     **{"navigation.name": f"{USERS}:Noisy", "navigation.period": 2e-3},
     **{"reference.name": f"{USERS}:Circle", "reference.period": 1e-3},
@@ -74,6 +79,7 @@ OTHER = {
     "wall": {"wall.stiffness": 2e4, "wall.damping": 10.0, "wall.friction": 0.1},
 }
 """Changes of a reset: what every scenario has."""
+FULL = (np.diag([20.0, 25.0, 25.0, 4.0, 4.0, 4.0]) + 0.5).tolist()
 OWN = {
     "sensors": {
         **{"navigation.velocity_noise": 0.1, "navigation.velocity_delay": 0.025, "navigation.force_dropout": 0.2},
@@ -81,6 +87,19 @@ OWN = {
         "impedance.schedule": [{"time": 0.01, "K_f": [0.5] * 6}],
     },
     "filter": {"navigation.gyro_noise": 5e-3, "navigation.imu_period": 0.01, "observer.threshold": 0.0},
+    "a rough wall in MuJoCo": {
+        "reference.target": [0.06, 0.0, 0.01],
+        "reference.bandwidth": 3.0,
+        "reference.attitude_deg": [5.0, 10.0, 3.0],
+        "reference.waypoints": [{"time": t, "position": [t, 0.0, 0.0]} for t in (0.01, 0.02, 0.03)],
+        "impedance.M_d": FULL,
+        "impedance.D_d": FULL,
+        "impedance.F_d": [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "task.integral": True,
+        **{"controller.k_1": 7.0, "controller.nominal": False, "controller.period": 1e-3},
+        **{"navigation.period": 1e-3, "actuation.period": 6e-4},
+        **{"tether.length": 30.0, "tether.diameter": 0.01},
+    },
     "users' stages": {"navigation.sigma": 5e-3, "reference.radius": 0.3, "controller.k": 100.0, "actuation.tau": 0.05},
     "joints": {"initial.joints": [0.4, 0.0, 0.2], "joints.target": [0.7, 0.0, 0.1], "encoder.bias": 0.01},
     "a tool": {
@@ -166,13 +185,20 @@ def test_a_reset_is_a_new_simulation_whatever_was_before(name):
         used.step(500)
         for seed, world in enumerate(worlds):
             used.reset(world, seed=seed)
-            used.step(300)
-            with Simulation(base.updated(world | {"simulation.seed": seed}), engine=engine) as new:
-                new.step(300)
-                for signal in used.signals:  # a new one may record the motion of the water, too
-                    assert np.array_equal(used.signals[signal], new.signals[signal], equal_nan=True), (world, signal)
+            compare(used, base.updated(world | {"simulation.seed": seed}))
             used.set({key: value for key, value in world.items() if not key.startswith(FOR_A_RESET)})
             used.step(5)
+            used.reset()
+            compare(used, base)
+
+
+def compare(used, scenario):
+    """Step a Simulation that was reset and a new one."""
+    with Simulation(scenario, engine=used.engine) as new:
+        for sim in (used, new):
+            sim.step(300)
+        for signal in used.signals:  # a new one may record the motion of the water, too
+            assert np.array_equal(used.signals[signal], new.signals[signal], equal_nan=True), (scenario, signal)
 
 
 def test_a_log_is_read_back_and_repeats(name, original, tmp_path):

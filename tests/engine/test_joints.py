@@ -178,17 +178,6 @@ def test_the_velocity_interface_holds_a_velocity_against_the_weight(scenario):
     assert trace.q[-1, 1] == pytest.approx(-0.01, rel=0.05)
 
 
-def test_reset_changes_the_target_and_the_held_position(scenario):
-    own = {"joints.name": "position", "joints.target": [0.1, 0.0]}
-    with Simulation(scenario(own)) as sim, Simulation(scenario()) as held:
-        sim.reset(overrides={"joints.target": [-0.2, 0.01]})
-        held.reset(overrides={"initial.joints": [0.5, 0.0]})
-        for each in (sim, held):
-            each.step(4000)
-        assert sim.signals.q == pytest.approx([-0.2, 0.01], abs=1e-3)
-        assert held.signals.q == pytest.approx([0.5, 0.0], abs=1e-3)
-
-
 # the encoder
 
 

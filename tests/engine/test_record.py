@@ -71,33 +71,8 @@ def test_vehicles_among_more_or_fewer_walls_share_their_code():
     assert [room_for(n) for n in (0, 1, 8, 9, 17)] == [0, 8, 8, 16, 32]
 
 
-CURRENT = [[0.0, -0.1, 0.0, 0.0], [1.0, 0.2, 0.1, 0.0]]
-OTHER = [[0.0, 0.3, 0.0, 0.0], [0.5, -0.2, 0.0, 0.0], [1.0, 0.2, 0.1, 0.0]]
 PLATE = {"shape": "plane", "position": [0.3, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 0.0]}
 MOVED = PLATE | {"motion": [[0.0, 0.0, 0.0, 0.0], [1.0, -0.1, 0.0, 0.0]]}
-
-
-@pytest.mark.parametrize("way", ["reset", "set"])
-@pytest.mark.parametrize(
-    ("key", "start", "other"),
-    [
-        ("current.table", CURRENT, OTHER),
-        ("current.shear", [[0.0, 1.0], [5.0, 0.5]], [[0.0, 0.2], [5.0, 0.1]]),
-        ("disturbance.table", [[0.0, *range(6)], [1.0] * 7], [[0.0] * 7, [0.3, *range(6)], [1.0] * 7]),
-        ("walls", [MOVED], [MOVED | {"motion": [[0.0, 0.0, 0.0, 0.0], [1.0, -0.3, 0.0, 0.0]]}]),
-    ],
-)
-def test_a_reset_puts_the_tables_of_the_start_back(key, start, other, way):
-    scenario = Scenario.load("push_wall", {key: start, "initial.position": [0.0, 0.0, -1.0]})
-    with Simulation(scenario, engine="free_body") as sim, Simulation(scenario, engine="free_body") as fresh:
-        sim.step(10)
-        getattr(sim, way)({key: other})
-        sim.step(10)
-        sim.reset()
-        for each in (sim, fresh):
-            each.step(6000)
-        for name in ("p_WB", "nu", "f_contact_W", "v_c_W" if key.startswith("current") else "tau"):
-            assert np.array_equal(sim.signals[name], fresh.signals[name]), name
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "free_body"])

@@ -306,16 +306,6 @@ def test_there_is_no_rest_in_water_that_changes(water, reason):
     assert reason in str(trace.analytic)
 
 
-def test_in_gusts_gsta_holds_its_push_and_impedance_control_loses_the_wall():
-    """The shipped scenario: K_x (x_d - x_c)/(1 + K_x/k_c), eqs. (12) and (34) at rest, against 0.1 m/s of gusts."""
-    settled = {}
-    for law in ("gsta", "impedance"):
-        trace = simulate(Scenario.load("push_wall_gusts", controller=law), engine="free_body")
-        settled[law] = trace.push[trace.t > 10.0]
-    assert np.allclose(settled["gsta"], 1.5 / 1.0015, rtol=1e-3)
-    assert (settled["impedance"] == 0.0).mean() > 0.3
-
-
 def test_bad_water_is_refused_with_every_fault_at_once():
     wrong = {
         "current.amplitude": [0.1, 0.2],

@@ -6,26 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from law_files import law_file, one_liner
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control.design import demanded_force
 from uvms_mj.envs.push import OBSERVED, Push
 from uvms_mj.files import shipped
 
 SHORT = {"simulation.duration": 0.3, "simulation.timestep": 5e-4, "initial.position": [0.9995, 0.0, 0.0]}
-CONSTANT = """
-from dataclasses import dataclass
-from uvms_mj import Controller
-
-@dataclass(frozen=True)
-class Constant(Controller):
-    uses_task = False
-
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        tau_cmd[0] = 20.0
-        tau_cmd[5] = 0.5
-"""
+CONSTANT = one_liner("Constant", "tau_cmd[:] = 0.0\ntau_cmd[0] = 20.0\ntau_cmd[5] = 0.5")
 
 
 def episode(push, action):
@@ -40,7 +28,7 @@ def episode(push, action):
 
 def test_an_action_is_the_wrench_of_a_law_and_the_reward_is_its_formula(tmp_path):
     """Observations and rewards follow from the trace of a law with the same constant wrench."""
-    (tmp_path / "constant.py").write_text(CONSTANT)
+    law_file(tmp_path, CONSTANT, "constant.py")
     trace = simulate(Scenario.load("push_wall", SHORT, f"{tmp_path / 'constant.py'}:Constant"), log_rate="full")
     push = Push("push_wall", overrides=SHORT)
     seen, rewards = episode(push, [0.5, 0.0, 0.0, 0.0, 0.0, 0.05])

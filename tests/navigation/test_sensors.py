@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.navigation import PRESETS, Sensors
-from uvms_mj.navigation.channel import MEMORY, Channel, measure
 from uvms_mj.physics.random import random_bits
 from uvms_mj.stages.base import is_shipped
 
@@ -233,22 +232,6 @@ def test_sensors_without_errors_are_perfect_bit_for_bit(engine):
     sensors = trace_of(settings | {"navigation.name": "sensors"}, engine)
     assert perfect.push.max() > 1.0
     assert all(np.array_equal(perfect[name], sensors[name]) for name in perfect)
-
-
-def test_plain_python_gives_the_same_measurements():
-    channel = Channel(period=3 * H, delay=4 * H, jitter=2 * H, noise=(0.1, 0.2, 0.3), bias=(1.0, 0.0, 0.0), dropout=0.2)
-    given = {f"navigation.position_{name}": value for name, value in vars(channel).items() if value is not None}
-    with Simulation(Scenario.load("push_wall", MOVING | given), engine="free_body") as sim:
-        memory, measured = np.zeros(MEMORY), np.zeros(3)
-        key = int(sim._memory.stages.rows["key"][0])
-        for k in range(60):
-            measure(channel.pack(H), memory, _truth(sim), 0, k, key, 0, measured)
-            assert np.array_equal(measured, sim.signals.p_WB_m)
-            sim.step()
-
-
-def _truth(sim):
-    return sim._memory.run["true"][0]["p_WB"]
 
 
 def test_bits_are_those_of_plain_python():

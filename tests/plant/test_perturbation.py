@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.control.theory.loop import Loop
 from uvms_mj.plant.build import perturbed
 from uvms_mj.plant.mjcf import Mjcf
@@ -190,25 +190,7 @@ def test_the_ideal_law_has_no_closed_form_with_moved_thrusters():
     assert "does not know the offsets" in setup.scenario.controller.at_rest(setup)
 
 
-def test_a_log_replays_the_same_vehicle(tmp_path):
-    short = ANOTHER | {"simulation.duration": 0.2, "wall.position": -0.001}
-    trace = simulate(Scenario.load("push_wall", short), sinks=[McapLog(tmp_path / "run.mcap")])
-    loaded = Trace.load(tmp_path / "run.mcap")
-    assert loaded.scenario.vehicle.mass == 1.2
-    again = simulate(loaded.scenario, mjcf=loaded.header.mjcf)
-    assert all(np.array_equal(trace[name], again[name]) for name in trace.arrays)
-    assert again.analytic.force == loaded.analytic.force
-    assert trace.push.max() > 10.0
-
-
 def test_a_pure_moment_has_no_offset():
     moved = Scenario.load("push_wall", {"vehicle.thruster_offset": [[0.0] * 3] * 5 + [[0.1, 0.0, 0.0]]})
     with pytest.raises(InputError, match=r"thruster_offset\[5\]: m5 is a pure moment"):
         set_up(moved, NOMINAL)
-
-
-def test_reset_refuses_another_vehicle():
-    with Simulation(Scenario.load("push_wall")) as sim:
-        for key, value in (("vehicle.mass", 1.1), ("vehicle.thruster_offset", SHIFTED)):
-            with pytest.raises(InputError, match=f"{key}: reset can't change the vehicle; make a new Simulation"):
-                sim.reset(overrides={key: value})

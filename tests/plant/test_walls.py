@@ -1,14 +1,13 @@
 """Further walls, contact bodies and bumpers in a run: rest and motion against closed forms, in both engines."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from pressed import PUSH, M
-from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
+from uvms_mj import Controller, InputError, Scenario, Simulation, Trace, gain, simulate
 from uvms_mj.analysis.summary import METRICS
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.design import demanded_force
@@ -339,25 +338,6 @@ def test_a_start_inside_a_wall_is_noted_and_a_wall_can_be_changed_by_key():
     scenario = Scenario.load("push_wall", {"walls": [wall], "simulation.duration": 1e-3})
     with pytest.warns(SamplingWarning, match=r"the probe starts 0.05 m inside walls\[0\], which .* 500 N"):
         simulate(scenario.updated({"walls[0].stiffness": 1e4}), **FREE)
-
-
-def test_a_scenario_with_walls_goes_through_its_own_toml(tmp_path: Path):
-    scenario = Scenario.load("press_pile", {"walls[0].motion": [[0.0, 0.0, 0.0, 0.0], [1.0, 0.1, 0.0, 0.0]]})
-    path = tmp_path / "again.toml"
-    path.write_text(scenario.to_toml())
-    assert Scenario.load(path) == scenario
-
-
-def test_a_log_of_a_run_with_walls_gives_the_run_back(tmp_path: Path):
-    path = tmp_path / "pile.mcap"
-    scenario = Scenario.load("press_pile", {"simulation.duration": 0.3, "initial.position": [1.05, 0.0, 0.0]})
-    trace = simulate(scenario, sinks=[McapLog(path)], **FREE)
-    read = Trace.load(path)
-    assert read.scenario == trace.scenario
-    for name in trace:
-        np.testing.assert_array_equal(read[name], trace[name])
-    assert read.push.max() > 0.0
-    np.testing.assert_array_equal(read.push, read.f_normal)
 
 
 def test_a_key_of_a_wall_that_is_not_there_does_not_pass_in_silence():

@@ -40,7 +40,9 @@ def tried(path):
 def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path):
     trace, path = logged
     data = path.read_bytes()
-    places = sorted({*range(0, 64), *random.Random(1).sample(range(len(data)), 120), *range(len(data) - 40, len(data))})
+    places = sorted(
+        {*range(0, 64, 4), *random.Random(1).sample(range(len(data)), 40), *range(len(data) - 40, len(data), 3)}
+    )
     cut = tmp_path / "cut.mcap"
     lengths = []
     for place in places:
@@ -61,7 +63,7 @@ def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path)
     assert len(set(lengths)) > 3
 
 
-def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
+def test_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
     """Bits are flipped and logs truncated anywhere, including metadata and attachments."""
     log = tmp_path / "run.mcap"
     scenario = {
@@ -76,7 +78,7 @@ def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
     ends = [m.start() for m in re.finditer(rb"uvms_mj|run\.json|scenario\.toml|outcome\.json|geometry\.json", data)]
     damaged = tmp_path / "damaged.mcap"
     told = 0
-    for i in range(500):
+    for i in range(200):
         copy = bytearray(data)
         anywhere, elsewhere = dice.randrange(len(data)), dice.choice(ends) + dice.randrange(-40, 400)
         place = min(len(data) - 1, elsewhere) if i % 2 else anywhere  # half of them near metadata, the smaller part
@@ -101,7 +103,7 @@ def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
             assert part.header.law == trace.header.law
             assert part.header.geometry.shapes == trace.header.geometry.shapes
         assert time.monotonic() - start < 5.0
-    assert told > 390
+    assert told > 150
 
 
 def ends_of_chunks(data: bytes) -> list[int]:
@@ -117,17 +119,17 @@ def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path):
     trace, path = logged
     data, cut = path.read_bytes(), tmp_path / "cut.mcap"
     _, first, *_, last = ends_of_chunks(data)
-    for block, part in itertools.product((512, 4096), (0.1, 0.5, 0.9)):
+    for block, part in itertools.product((512, 4096), (0.1, 0.9)):
         end = int(first + part * (last - first)) // block * block
         cut.write_bytes(data[:end])
         expected = Trace.load(cut)
-        for zeros in (block, 100 * block, 5_000_003):
+        for zeros in (block, 5_000_003):
             cut.write_bytes(data[:end] + bytes(zeros))
             found = Trace.load(cut)
             assert found.status is Status.truncated
             assert len(found) == len(expected) > 0
             assert all(np.array_equal(found[name], expected[name]) for name in found)
-    for byte in range(60):  # a block may also be written in part
+    for byte in range(0, 60, 6):  # a block may also be written in part
         cut.write_bytes(data[: last - byte] + bytes(5000))
         found = Trace.load(cut)
         assert found.status is Status.truncated

@@ -16,6 +16,7 @@ from mcap.reader import NonSeekingReader
 
 from command import COMMAND
 from killed import started
+from law_files import law_file, one_liner
 from recorded import LAW
 from uvms_mj import McapLog, Scenario, SinkError, Status, Trace, simulate
 
@@ -28,12 +29,8 @@ def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
             instants.append(time.monotonic())
             super().write(rows)
 
-    (tmp_path / "slow.py").write_text(
-        "import time\nfrom dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
-        "@dataclass(frozen=True)\nclass Slow(Controller):\n"
-        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        tau_cmd[:] = 0.0\n        if signals.t > 0.25:\n            time.sleep(0.01)\n"
-    )
+    late = "tau_cmd[:] = 0.0\nif signals.t > 0.25:\n    time.sleep(0.01)"
+    law_file(tmp_path, "import time\n" + one_liner("Slow", late), "slow.py")
     instants = []
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.27}, f"{tmp_path}/slow.py:Slow")
     with pytest.warns(UserWarning, match="plain Python"):
@@ -87,7 +84,7 @@ def test_kill_9_at_any_moment_loses_no_chunk(tmp_path):
             os.kill(process.pid, signal.SIGABRT)  # prints where it hangs
             process.join(10.0)
         time.sleep(0.002)
-    copies = [tmp_path / f"{i}.mcap" for i in range(8)]
+    copies = [tmp_path / f"{i}.mcap" for i in range(3)]
     for copy in copies:
         copy.write_bytes(log.read_bytes())
         time.sleep(dice.uniform(0.1, 0.4))
@@ -108,4 +105,4 @@ def test_kill_9_at_any_moment_loses_no_chunk(tmp_path):
                 others += channel.topic == "/tau"
         assert others == len(trace)
         lengths.append(len(trace))
-    assert len(set(lengths)) > 5
+    assert len(set(lengths)) > 2

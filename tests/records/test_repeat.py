@@ -7,23 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from command import run
 from recorded import LAW, decoded, same
 from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
-from uvms_mj.cli import main
 from uvms_mj.records.mcap.attachments import without_paths
 
 ROOT = Path(__file__).parents[2]
 
 
-def here(*arguments):
-    """The command in this process."""
-    return CliRunner().invoke(main, [str(each) for each in arguments])
-
-
-def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
+def test_a_run_repeats_from_its_log_bit_for_bit(here, tmp_path):
     """The vehicle's file and its parts have been deleted before. Gains can be changed on the command line."""
     folder = tmp_path / "vehicle"
     (folder / "parts").mkdir(parents=True)
@@ -34,27 +26,24 @@ def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
     text = text.replace("<freejoint", '<geom type="mesh" mesh="nose" pos=".2 0 0" mass="0"/><freejoint', 1)
     (folder / "mine.xml").write_text(text)
     settings = ["simulation.duration=0.3", "wall.position=0.002", "reference.step_time=0"]
-    first = run(
-        "run", *settings, f"vehicle.model={folder / 'mine.xml'}", "-q", "-o", "a", "--log-rate", "500", cwd=tmp_path
-    )
-    assert first.returncode == 0, first.stderr
+    first = here("run", *settings, f"vehicle.model={folder / 'mine.xml'}", "-q", "-o", "a", "--log-rate", "500")
+    assert first.exit_code == 0, first.stderr
     original = Trace.load(tmp_path / "a" / "run.mcap")
     assert set(original.header.mjcf.files) == {"mine.xml", "more.xml", "nose.obj"}
     assert original.header.geometry.reach == pytest.approx(0.3, abs=0.01)
     for file in sorted(folder.rglob("*"), reverse=True):
         file.unlink() if file.is_file() else file.rmdir()
-    again = run("run", "--from", "a/run.mcap", "-q", "-o", "b", cwd=tmp_path)
-    assert (again.returncode, again.stderr) == (0, "")
+    again = here("run", "--from", "a/run.mcap", "-q", "-o", "b")
+    assert (again.exit_code, again.stderr) == (0, "")
     same(original, Trace.load(tmp_path / "b" / "run.mcap"))
-    other = run("run", "--from", "b/run.mcap", "controller.k_1=6", "-q", "-o", "c", cwd=tmp_path)
-    assert other.returncode == 0, other.stderr
+    other = here("run", "--from", "b/run.mcap", "controller.k_1=6", "-q", "-o", "c")
+    assert other.exit_code == 0, other.stderr
     changed = Trace.load(tmp_path / "c" / "run.mcap")
     assert changed.scenario.controller.k_1 == 6.0
     assert not np.array_equal(changed.tau, original.tau)
 
 
-def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_users_law_is_recorded_and_never_run_from_a_log(here, tmp_path):
     path = tmp_path / "secret_place" / "my_law.py"
     path.parent.mkdir()
     path.write_text(LAW + "\nprint('ran', __file__)\n")
@@ -82,8 +71,8 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path, monkeypatch)
     assert "ran" not in refused.stdout
     shown = here("info", log, "--show", "law/my_law.py")
     assert shown.stdout == path.read_text()
-    again = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "c", cwd=tmp_path)  # in a new process
-    assert again.returncode == 0, again.stderr
+    again = here("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "c")
+    assert again.exit_code == 0, again.stderr
     assert "sha256" not in again.stderr
     same(trace, Trace.load(tmp_path / "c" / "run.mcap"))
     path.write_text(LAW.replace("- gains.k", "- 2.0 * gains.k"))
@@ -145,11 +134,11 @@ def test_what_a_law_raises_is_logged_without_folders(tmp_path, said):
     assert message.endswith("in N/m and 'm/s', http://a.b/c")
 
 
-def test_no_path_of_a_users_is_in_a_warning(tmp_path):
+def test_no_path_of_a_users_is_in_a_warning(here, tmp_path):
     path = tmp_path / "secret_place" / "slow.py"
     path.parent.mkdir()
     path.write_text(LAW.replace("state_dot.odom[0] = 1.0", "open(__file__).close(); state_dot.odom[0] = 1.0"))
-    done = run("run", "-c", f"{path}:Mine", "simulation.duration=0.02", "-q", "-o", "a", cwd=tmp_path)
+    done = here("run", "-c", f"{path}:Mine", "simulation.duration=0.02", "-q", "-o", "a")
     assert "plain Python" in done.stderr
     assert b"secret_place" not in (tmp_path / "a" / "run.mcap").read_bytes()
     assert Trace.load(tmp_path / "a" / "run.mcap").notes

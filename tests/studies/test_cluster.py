@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 from pandas.testing import assert_frame_equal
 
-from command import COMMAND, run
+from command import COMMAND
+from law_files import HEADER, one_liner
 from page_numbers import page as page_of
+from short_study import HERE
 from uvms_mj import InputError, Study
 from uvms_mj.studies.pool.cluster import Cluster
 from uvms_mj.studies.results import frame
@@ -21,20 +23,8 @@ pytest.importorskip("distributed", reason="needs the extra cluster")
 
 MODELS = Path(__file__).parents[2] / "models"
 FILES = {
-    "law.py": """
-from dataclasses import dataclass
-
-from gains import SLOPE
-from uvms_mj import Controller
-
-
-@dataclass(frozen=True)
-class Damps(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = signals.tau_nom
-        tau_cmd[0] -= SLOPE * signals.nu[0]
-""",
+    "law.py": f"from gains import SLOPE\n{HEADER}"
+    + one_liner("Damps", "tau_cmd[:] = signals.tau_nom\ntau_cmd[0] -= SLOPE * signals.nu[0]"),
     "gains.py": "SLOPE = 20.0\n",
     "metric.py": "def peak(trace):\n    return trace.force_peak[-1]\n",
 }
@@ -114,9 +104,9 @@ def test_files_travel_and_a_killed_worker_loses_nothing(dask, study_file, tmp_pa
     dask.workers[0] = dask.worker()
 
 
-def test_the_command_on_a_cluster(dask, study_file, tmp_path):
-    done = run("study", study_file(runs=2), "-o", "out", "--scheduler", dask.address, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_the_command_on_a_cluster(dask, study_file, here):
+    done = here("study", study_file(runs=2), "-o", "out", "--scheduler", dask.address, "--json")
+    assert done.exit_code == 0, done.stderr
     assert '"completed": 4' in done.stdout
 
 
@@ -134,7 +124,7 @@ def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_p
 @pytest.mark.slow
 def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(study_file, tmp_path):
     cluster = Dask(tmp_path)
-    path, folder = study_file(runs=200), tmp_path / "out"
+    path, folder = study_file(runs=100), tmp_path / "out"
     options = ("-o", str(folder), "-q", "--scheduler", cluster.address)
     process = subprocess.Popen([*COMMAND, "study", str(path), *options], stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 100.0
@@ -146,8 +136,8 @@ def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(study
     assert said.startswith("error: the workers can't go on: ")
     assert "the same command goes on" in said
     assert len(said.splitlines()) == 1
-    Study.load(path, {"design.runs": 200}).run(folder)
-    assert len(frame(folder)) == 400
+    Study.load(path).run(folder, executor=HERE)
+    assert len(frame(folder)) == 200
 
 
 def test_no_scheduler_is_one_line(monkeypatch):

@@ -5,42 +5,17 @@ import time
 
 import pytest
 
+from law_files import HEADER, one_liner
 from uvms_mj import Study, simulate
 from uvms_mj.analysis.summary import summary
 from uvms_mj.studies.rows import STATUSES, lost_row, one_row
 
-LAW = """
-import time
-from dataclasses import dataclass
-
-from uvms_mj import Controller
-
-
-@dataclass(frozen=True)
-class Raises(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        if signals.t > 0.01:
-            raise ValueError("enough")
-
-
-@dataclass(frozen=True)
-class Endless(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        while signals.t > 0.01:
-            tau_cmd[0] += 1.0
-
-
-@dataclass(frozen=True)
-class Sleeps(Controller):
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-        time.sleep(0.1)
-"""
+LAW = (
+    f"{HEADER}import time\n"
+    + one_liner("Raises", "tau_cmd[:] = 0.0\nif signals.t > 0.01:\n    raise ValueError('enough')")
+    + one_liner("Endless", "tau_cmd[:] = 0.0\nwhile signals.t > 0.01:\n    tau_cmd[0] += 1.0")
+    + one_liner("Sleeps", "tau_cmd[:] = 0.0\ntime.sleep(0.1)")
+)
 
 METRICS = """
 def number(trace):
@@ -161,16 +136,16 @@ def test_a_scenario_that_cannot_run_is_a_row(study_file):
 
 
 def test_a_metric_beyond_the_time_of_its_run_is_a_row(study_file, files):
-    (row, _) = rows_of(study_file(runs=1, run="time_limit_s = 2.0", metrics=', "metric.py:endless"'))
+    (row, _) = rows_of(study_file(runs=1, run="time_limit_s = 0.5", metrics=', "metric.py:endless"'))
     assert (row["status"], row["steps"], row["contact.peak_N"]) == ("timed_out", None, None)
 
 
 @pytest.mark.parametrize("law", ["Endless", "Sleeps"])
 def test_a_run_beyond_its_time_is_a_row(study_file, files, law):
     start = time.monotonic()
-    (*_, row) = rows_of(study_file(runs=1, run="time_limit_s = 2.0", more=f'[[laws]]\nname = "law.py:{law}"'))
+    (*_, row) = rows_of(study_file(runs=1, run="time_limit_s = 0.5", more=f'[[laws]]\nname = "law.py:{law}"'))
     assert row["status"] == "timed_out"
-    assert row["message"] == "longer than run.time_limit_s, 2 s of wall time"
+    assert row["message"] == "longer than run.time_limit_s, 0.5 s of wall time"
     assert row["steps"] is None
     assert time.monotonic() - start < 60.0
     assert row["status"] in STATUSES

@@ -65,7 +65,7 @@ def same(a: Path, b: Path) -> None:
 def test_the_least_stiffness_that_presses_hard_enough_is_found(tuning_file, tmp_path):
     """The least force of at least 10 N at rest is 10 N, by the stiffness of the closed form."""
     tuning, optimum = Tuning.load(tuning_file(trials=40, constraint=AT_LEAST_10_N)), stiffness_for(10.0)
-    tuning.run(tmp_path / "out", workers=2)
+    tuning.run(tmp_path / "out", executor=HERE)
     trials, best = tuning.trials(tmp_path / "out"), tuning.best(tmp_path / "out")
     for each in trials:
         stiffness = each.gains["impedance.K_d[0]"]
@@ -151,7 +151,7 @@ def test_a_trial_without_all_its_numbers_is_incomplete_and_kept(tuning_file, tmp
 @pytest.mark.slow
 def test_the_engines_are_compared_for_what_was_found(tuning_file, tmp_path):
     tuning = Tuning.load(tuning_file(trials=3, duration=0.5, engine="auto"))
-    tuning.run(tmp_path / "out", workers=2)
+    tuning.run(tmp_path / "out", executor=HERE)
     best = tuning.best(tmp_path / "out")
     study = tuning.study_of(tmp_path / "out", best)
     assert study.check["within"].all()

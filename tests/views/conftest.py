@@ -20,7 +20,7 @@ def trace(tmp_path_factory) -> Trace:
 
 @pytest.fixture(scope="module")
 def other() -> Trace:
-    return simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}, "impedance"))
+    return simulate(Scenario.load("push_wall", {"simulation.duration": 1.0}, "impedance"))
 
 
 @pytest.fixture(scope="module")

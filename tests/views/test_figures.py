@@ -34,7 +34,7 @@ from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
-OF_RIGID = [what for what in figures.WHATS if what != "joints"]
+OF_FOUR = ("position", "force", "sliding", "tau", "integral", "summary")
 LEVELS = ("expected", "analytic", "wall", "motor limit")
 LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
 
@@ -56,11 +56,13 @@ def fine():
 @pytest.fixture(scope="module")
 def drawn(traces, fine):
     """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
-    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in OF_RIGID}
+    plots = {
+        f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in ("force", "integral", "summary")
+    }
     tree = tool_run()
     plots |= {f"{what} of a tree": figures.plot({"tree": tree}, what) for what in ("position", "joints", "summary")}
     plots["joints of trees"] = figures.plot({"a": tree, "b": tree, **traces}, "joints")
-    for what in OF_RIGID:
+    for what in OF_FOUR:
         plots[f"{what} of four"] = figures.plot(traces, what)
     plots["summary at every step"] = figures.plot({"a $name_ that is too long " * 5: fine["fosm"]}, "summary")
     plots["states of a user's law"] = figures.plot({"Odd": odd_run()}, "integral")
@@ -480,7 +482,7 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
     laws = [trace.header.law.source for trace in traces.values()]
     expected = {label: to_hex([c / 255 for c in rgb]) for label, rgb in zip(traces, colours.of_runs(laws), strict=True)}
     assert len(set(expected.values())) == 4
-    for what in OF_RIGID:
+    for what in OF_FOUR:
         for ax in drawn[f"{what} of four"].axes:
             for signal, line in lines_of(drawn[f"{what} of four"], ax):
                 if line.get_label() in expected:
@@ -519,7 +521,7 @@ def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
         wild[name][-3:] = np.nan
     wild = dataclasses.replace(gsta, arrays=wild)
     figures.save(figures.plot({"wild": wild}, "summary"), tmp_path / "alone", ("png",))
-    for what in OF_RIGID:
+    for what in ("position", "force", "tau"):
         figures.save(figures.plot({"wild": wild, "tame": gsta}, what), tmp_path / what, ("png",))
 
 
@@ -542,19 +544,6 @@ def test_a_figure_of_many_runs_is_as_large_as_one_of_few(drawn, traces):
     crowd = figures.plot(many(traces, 60), "force")
     names = [text.get_text() for text in crowd.legends[0].get_texts()]
     assert names[:3] == ["impedance (15 runs)", "fosm (15 runs)", "gsta (30 runs)"]
-
-
-def test_a_long_log_of_noise_draws_quickly_and_small(traces, tmp_path, rng):
-    n = 200_000
-    noise = rng.normal(size=(n, 6))
-    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": noise})
-    figure = figures.plot({"noise": dataclasses.replace(traces["gsta"], arrays=arrays)}, "tau")
-    for i, axis in enumerate("xyz"):
-        drawn = dict(lines_of(figure))[f"tau.{axis}"].get_ydata()
-        assert (drawn.min(), drawn.max()) == (noise[:, i].min(), noise[:, i].max())
-        assert len(drawn) < 3000
-    (svg,) = figures.save(figure, tmp_path / "noise", ("svg",))
-    assert svg.stat().st_size < 500_000
 
 
 def test_what_is_wrong_is_said(traces, fine):

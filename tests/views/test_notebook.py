@@ -243,6 +243,7 @@ print([trace.notes, "class Mine" in trace.header.law.code, row["law"], row["stat
 )
 
 
+@pytest.mark.processes
 def test_a_law_of_a_cell_runs_compiled_and_in_a_study_and_bars_are_one_output(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
