@@ -73,7 +73,7 @@ CALLS = {
     "plot": ("plot", "Trace.plot"),
     "compare": ("compare",),
     "info": ("Trace.load",),
-    "export": ("Trace.export", "engine.plant_fmu.write_fmu"),
+    "export": ("Trace.export", "engine.plant_fmu.write_fmu", "engine.water_plugin.write_plugin"),
     "controllers": ("control.BUILT_IN",),
     "stages": ("scenario.STAGES",),
     "vehicles": ("Mjcf.find", "files.shipped"),

@@ -86,6 +86,7 @@ def export() -> None:
     \b
     uvms-mj export results/run.mcap --to csv            the samples of a log; export log --help
     uvms-mj export fmu push_wall --out plant.fmu        the plant as an FMU; export fmu --help
+    uvms-mj export plugin bluerov2_heavy --out plugin   the water as a plugin of MuJoCo; export plugin --help
     """
 
 
@@ -164,7 +165,34 @@ def export_fmu(
         click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB; parameters {', '.join(parameters)}, simulation.seed")
 
 
-for _each in (export_log, export_fmu):
+@command("plugin")
+@click.argument("vehicle")
+@path_option(
+    "-o", "--out", metavar="DIR", help="Folder of the files; it must not exist, or be empty [default: plugin]."
+)
+def export_plugin(vehicle: str, out: str | None) -> None:
+    """Write the water of a vehicle as a plugin of the installed MuJoCo: for simulate, rollout, C++ and ROS 2's host.
+
+    VEHICLE is the name of one that ships, or a file. DIR gets a library and the vehicle's MJCF, which asks for it: its
+    added mass is in mjData.M, and its drag, weight and buoyancy act in the current of the attribute ``current``.
+
+    \b
+    uvms-mj export plugin bluerov2_heavy --out plugin
+    simulate plugin/bluerov2_heavy.xml          with libuvms_mj_water_0.so in its folder mujoco_plugin
+    """
+    with bad_input():
+        from ..engine.water_plugin import write_plugin
+        from ..errors import InputError
+
+        folder = Path(out or "plugin")
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"--out {folder}: is not an empty folder; choose another")
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in write_plugin(vehicle, folder):
+            click.echo(str(path))
+
+
+for _each in (export_log, export_fmu, export_plugin):
     export.add_command(_each)
 
 

@@ -178,7 +178,7 @@ def immerse(plant):
     passive_with_water(plant)
 
 
-def _evaluate_alone(alone, model, data):
+def evaluate_alone(alone, model, data):
     """Apply the hydrodynamics of one attached vehicle in one forward evaluation."""
     plant = alone.plant
     add_mass(plant, model, data)
@@ -247,4 +247,4 @@ def mjcb_control() -> Any:
 @functools.cache
 def evaluation(joints: int) -> int:
     """The address of the code of a forward evaluation of a vehicle with so many joints, without a closed loop."""
-    return native_function(_evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"], joints > 0).address
+    return native_function(evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"], joints > 0).address

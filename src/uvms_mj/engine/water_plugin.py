@@ -1,0 +1,160 @@
+"""The water as a MuJoCo plugin: a library for the installed MuJoCo, and the vehicle's MJCF that asks for it."""
+
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import llvmlite.binding as llvm
+import mujoco
+import numpy as np
+
+from ..compiler.targets import X86_64
+from ..errors import InputError
+from ..files import atomic_write
+from ..plant.mjcf import Mjcf
+from .native.attachment import immerse
+from .native.callback import evaluate_alone
+from .native.intrinsics import kernel_module
+from .native.record import alone_dtype, with_numbers
+from .native.shared_library import compiler
+
+CODE = "uvms_mj_water"
+_BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_at", "ctrl_at")
+
+
+def name_of(joints: int) -> str:
+    """Name of the plugin for a vehicle with so many joints: each number has kernels of its own."""
+    return f"uvms_mj.water_{joints}"
+
+
+def write_plugin(model: str, folder: Path) -> list[Path]:
+    """Write the library and the MJCF of a vehicle, a shipped one's name or a file's path, into a folder. Returns the
+    files: the library, then those of the MJCF, its main file first.
+
+    Raises:
+        InputError: the vehicle's file is wrong, or there is no C compiler.
+    """
+    mjcf = Mjcf.find(model)
+    joints = len(mjcf.vehicle.arm.links)
+    library = folder / f"lib{name_of(joints).replace('.', '_')}.so"
+    texts = {**mjcf.files, **immersed(mjcf)}
+    with atomic_write(library) as part:
+        part.write_bytes(_linked(joints))
+    written = [library]
+    for name in sorted(texts, key=lambda name: (name != mjcf.name, name)):
+        with atomic_write(folder / name) as part:
+            part.write_bytes(texts[name])
+        written.append(folder / name)
+    return written
+
+
+def _record(mjcf: Mjcf) -> str:
+    """The numbers of a vehicle's record that are not zero, each behind its place."""
+    model = mjcf.compiled(mjcf.spec())
+    data = mujoco.MjData(model)
+    attachment = immerse(model, data, mjcf.vehicle)
+    try:
+        record = attachment.image.record("run").copy()
+    finally:
+        attachment.release()
+    record["plant"]["mujoco"] = 0
+    words = record.view("<i8")
+    integers = {at // 8 for at in _whole(record.dtype, 0)}
+    parts = []
+    for place in np.flatnonzero(words).tolist():
+        number = float(words[place]) if place in integers else float(words[place : place + 1].view("f8")[0])
+        parts.append(f"{place} {number!r}")
+    return " ".join(parts)
+
+
+def _whole(kind: np.dtype, at: int) -> Iterator[int]:
+    """The offsets of the whole numbers of a record [bytes]."""
+    if kind.subdtype is not None:
+        base, shape = kind.subdtype
+        for k in range(int(np.prod(shape))):
+            yield from _whole(base, at + k * base.itemsize)
+    elif kind.fields is not None:
+        for field, offset, *_ in kind.fields.values():
+            yield from _whole(field, at + offset)
+    elif kind.kind == "i":
+        yield at
+
+
+def immersed(mjcf: Mjcf) -> dict[str, bytes]:
+    """The file of a vehicle that has its body, with the plugin in it, by its name."""
+    plugin_name = name_of(len(mjcf.vehicle.arm.links))
+    for name, data in mjcf.files.items():
+        if not name.endswith(".xml"):
+            continue
+        tree = ElementTree.fromstring(data)
+        for body in tree.iter("body"):
+            if body.get("name") == mjcf.vehicle.body:
+                body.set("simple", "false")
+                plugin = ElementTree.Element("plugin", plugin=plugin_name)
+                ElementTree.SubElement(plugin, "config", key="record", value=_record(mjcf))
+                ElementTree.SubElement(plugin, "config", key="current", value="0 0 0")
+                body.append(plugin)
+                extension = tree.find("extension")
+                if extension is None:
+                    extension = ElementTree.Element("extension")
+                    tree.insert(0, extension)
+                ElementTree.SubElement(extension, "plugin", plugin=plugin_name)
+                return {name: ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True)}
+    raise InputError(f"{mjcf.name}: no file has the body {mjcf.vehicle.body!r} by its name")
+
+
+def _header(joints: int) -> str:
+    """The constants of the shell."""
+    kind = alone_dtype(joints)
+    fields: Any = kind.fields
+    plant, at = fields["plant"][:2]
+
+    def offset(*names: str) -> int:
+        part, place = plant, at
+        for name in names:
+            inner: Any = part.fields
+            part, step = inner[name][:2]
+            place += step
+        return place
+
+    border: Any = plant.fields["mujoco"][0]
+    whole = ", ".join(map(str, _whole(kind, 0)))
+    return "\n".join(
+        [
+            f'#define NAME "{name_of(joints)}"',
+            f"#define JOINTS {joints}",
+            f"#define RECORD_BYTES {kind.itemsize}",
+            f"#define BORDER {offset('mujoco')}",
+            f"#define BORDER_BYTES {border.itemsize}",
+            *(f"#define {name.upper()} {offset('mujoco', name)}" for name in _BORDER),
+            f"#define CURRENT_MEAN {offset('current', 'mean')}",
+            f"#define CURRENT_NOW {offset('water', 'v_c_W')}",
+            f"#define GRAVITY {offset('gravity_W')}",
+            f"#define M_ROWS {offset('M_rows')}",
+            f"static const size_t whole[] = {{{whole}}};",
+            "",
+        ]
+    )
+
+
+def _linked(joints: int) -> bytes:
+    """The library for the installed MuJoCo."""
+    arguments = [with_numbers(alone_dtype(joints)), np.dtype("i8"), np.dtype("i8")]
+    module = kernel_module({CODE: (evaluate_alone, arguments)}, fused=joints > 0)
+    code = X86_64.code(llvm.parse_assembly(str(module)))
+    home = Path(mujoco.__file__).parent
+    (binary,) = home.glob("libmujoco.so.*")
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "water.o").write_bytes(code)
+        Path(folder, "water.h").write_text(_header(joints), encoding="utf-8")
+        names = ["water.o", os.fspath(Path(__file__).with_suffix(".c"))]
+        options = ["-O2", "-fPIC", "-shared", "-w", "-I", folder, "-I", os.fspath(home / "include")]
+        command = [*compiler(), *options, *names, os.fspath(binary), "-o", "water.so", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+        if done.returncode:
+            raise InputError(f"the plugin does not compile: {done.stderr.strip().splitlines()[-1]}")
+        return Path(folder, "water.so").read_bytes()
