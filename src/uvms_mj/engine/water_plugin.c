@@ -136,6 +136,9 @@ mjPLUGIN_LIB_INIT(uvms_mj_water)
 {
     static const char *attributes[] = {"record", "current"};
     mjpPlugin plugin;
+    int slot;
+    if (mjp_getPlugin(NAME, &slot)) /* by another library with the same records */
+        return;
     mjp_defaultPlugin(&plugin);
     plugin.name = NAME;
     plugin.nattribute = 2;

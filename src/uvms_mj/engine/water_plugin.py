@@ -1,5 +1,6 @@
 """The water as a MuJoCo plugin: a library for the installed MuJoCo, and the vehicle's MJCF that asks for it."""
 
+import hashlib
 import os
 import subprocess
 import tempfile
@@ -27,8 +28,10 @@ _BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_
 
 
 def name_of(joints: int) -> str:
-    """Name of the plugin for a vehicle with so many joints: each number has kernels of its own."""
-    return f"uvms_mj.water_{joints}"
+    """Name of the plugin for a vehicle with so many joints: each number has kernels of its own. Libraries with other
+    records, of other versions of this package, have other names."""
+    records = hashlib.sha256(repr(alone_dtype(joints)).encode()).hexdigest()[:6]
+    return f"uvms_mj.water_{joints}_{records}"
 
 
 def write_plugin(model: str, folder: Path) -> list[Path]:
@@ -40,7 +43,7 @@ def write_plugin(model: str, folder: Path) -> list[Path]:
     """
     mjcf = Mjcf.find(model)
     joints = len(mjcf.vehicle.arm.links)
-    library = folder / f"lib{name_of(joints).replace('.', '_')}.so"
+    library = folder / f"libuvms_mj_water_{joints}.so"
     texts = {**mjcf.files, **immersed(mjcf)}
     with atomic_write(library) as part:
         part.write_bytes(_linked(joints))
@@ -144,7 +147,8 @@ def _header(joints: int) -> str:
 def _linked(joints: int) -> bytes:
     """The library for the installed MuJoCo."""
     arguments = [with_numbers(alone_dtype(joints)), np.dtype("i8"), np.dtype("i8")]
-    module = kernel_module({CODE: (evaluate_alone, arguments)}, fused=joints > 0)
+    kernel: Any = evaluate_alone
+    module = kernel_module({CODE: (kernel, arguments)}, fused=joints > 0)
     code = X86_64.code(llvm.parse_assembly(str(module)))
     home = Path(mujoco.__file__).parent
     (binary,) = home.glob("libmujoco.so.*")
