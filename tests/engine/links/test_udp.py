@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.cli.new import write_new
 from uvms_mj.engine.links.udp import MAGIC, SIGNALS, serve
+from uvms_mj.engine.native.shared_library import compiler
 
 PD = """
 from dataclasses import dataclass
@@ -90,10 +92,16 @@ def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):
     port = free_port()
     example = Path(__file__).parents[3] / "examples" / "udp_law.py"
     scenario = Scenario.load("push_wall", {"simulation.duration": 1.0, "controller.period": 1e-3})
-    with subprocess.Popen([sys.executable, str(example), str(port)]) as other:
-        try:
-            theirs = simulate(scenario.updated({"controller.port": port}, controller="udp"), engine="free_body")
-        finally:
-            other.kill()
     ours = simulate(scenario.updated({}, controller=f"{tmp_path}/pd.py:Pd"), engine="free_body")
-    np.testing.assert_array_equal(ours.tau, theirs.tau)
+    (tmp_path / "udp_law.toml").write_text('stage = "controller"\n')
+    write_new("header", str(tmp_path / "udp_law.toml"))
+    in_c, program = example.with_name("udp_law_in_c.c"), tmp_path / "udp_law"
+    options = ["-O2", "-ffp-contract=off", "-I", str(tmp_path), "-o", str(program), str(in_c), "-lm"]
+    subprocess.run([*compiler(), *options], check=True)
+    for command in ([sys.executable, str(example)], [str(program)]):
+        with subprocess.Popen([*command, str(port)]) as other:
+            try:
+                theirs = simulate(scenario.updated({"controller.port": port}, controller="udp"), engine="free_body")
+            finally:
+                other.kill()
+        np.testing.assert_array_equal(ours.tau, theirs.tau)
