@@ -248,7 +248,7 @@ def test_a_joint_out_of_range_is_told_in_its_own_unit(scenario, key, joints, mes
 
 
 def test_solver_settings_of_the_file_are_refused(scenario):
-    with pytest.raises(InputError, match=r'solreflimit="0.01 1">: friction and stops of a joint'):
+    with pytest.raises(InputError, match=r'solreflimit="0.01 1">: solreflimit is not supported'):
         Simulation(scenario(hinge='solreflimit="0.01 1"'))
 
 
