@@ -38,7 +38,7 @@ class Mjcf:
         """Read a model from the path of its file, or a shipped model by its name. Raises InputError if there is no such
         model, or it or a file that it refers to can't be read or has something that is not allowed in a vehicle's
         file."""
-        path = Path(model)
+        path, ships = Path(model), False
         if not is_file(path):
             known = shipped("models")
             if str(model) not in known:
@@ -49,8 +49,8 @@ class Mjcf:
                     else f"is neither a file nor a shipped model; {hint}"
                 )
                 raise InputError(f"vehicle.model {model!r}: {fault}")
-            path = known[str(model)]
-        path, ships = Path(os.path.abspath(path)), not is_file(model)
+            path, ships = known[str(model)], True
+        path = Path(os.path.abspath(path))
         if path not in _found or not _found[path][0].unchanged():
             files = ModelFiles(path)
             found = cls(path.name, files.flat(), ships)

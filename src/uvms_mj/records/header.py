@@ -25,7 +25,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, listed_files
-from ..stages.foreign import LIBRARIES
+from ..stages.foreign import SHARED
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
 from ..stages.written import class_source
@@ -75,7 +75,7 @@ class StageSource:
             except (OSError, TypeError):  # defined at a prompt
                 return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
-        code = b"" if path.suffix in LIBRARIES else code  # of machine code a log has the digest alone
+        code = b"" if path.suffix in SHARED else code  # of machine code a log has the digest alone
         files = {name: file.read_bytes() for name, file in listed_files(kind).items()}
         return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states, files)
 

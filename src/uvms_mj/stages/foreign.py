@@ -24,8 +24,8 @@ from . import fmu
 from .base import ForeignCode, Stage, setting
 from .signals import OWN_UNIT
 
-C_FILE, LIBRARIES, UNIT = ".c", (".so", ".dylib"), ".fmu"
-SUFFIXES = (C_FILE, *LIBRARIES, UNIT)
+C_FILE, SHARED, UNIT = ".c", (".so", ".dylib"), ".fmu"
+SUFFIXES = (C_FILE, *SHARED, UNIT)
 HEADER = "uvms_stage.h"
 """Name of the file with the records as C structs."""
 BASES: dict[str, type[Stage]] = {}
@@ -46,9 +46,10 @@ def parted(source: Any) -> tuple[str, str]:
     return file, name or (Path(file).stem if suffix in (C_FILE, UNIT) else "")
 
 
-def is_foreign(kind: type[Stage]) -> bool:
-    """Whether a stage's function is machine code of the user's."""
-    return Path(kind.source().rpartition(":")[0]).suffix in SUFFIXES
+def suffix_of(kind: type[Stage]) -> str:
+    """The suffix of the file with a stage's machine code; empty for a stage in Python."""
+    suffix = Path(kind.source().rpartition(":")[0]).suffix
+    return suffix if suffix in SUFFIXES else ""
 
 
 Size = Annotated[int, Field(strict=True, ge=1, le=10_000)] | Annotated[str, Field(pattern="^(thrusters|joints)$")]

@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
 from .base import Stage, check_contract, setting
-from .foreign import BASES, LIBRARIES, module_for, parted
+from .foreign import BASES, SHARED, module_for, parted
 from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
@@ -65,7 +65,7 @@ class Choice(Generic[_Stage]):
         if not class_name:
             hint = suggestion(source, self.shipped)
             own = f"for your own {noun} give {USERS}"
-            if file.endswith(LIBRARIES):
+            if file.endswith(SHARED):
                 raise InputError([Fault(key, f"{source!r} names no function; give {source}:NAME")])
             if file:
                 names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]

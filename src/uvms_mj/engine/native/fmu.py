@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 import weakref
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,20 +37,23 @@ class UnitInstance:
 
     Attributes:
         wiring: what is exchanged.
+        kind: the dtype of its record in a stage's own memory.
         messages: what the FMU has logged.
     """
 
-    def __init__(self, stage: Any, records: Records) -> None:
-        """Raises InputError: the FMU has no library for this machine, or can't be instantiated."""
+    def __init__(self, stage: Any, kinds: Sequence[np.dtype]) -> None:
+        """``kinds`` as of :class:`.shared_library.Library`. Raises InputError: the FMU has no library for this
+        machine, or can't be instantiated."""
         with needs_extra("fmi"):
             import fmpy
             from fmpy.fmi2 import FMU2Slave
 
         self._stage, self._key = stage, f"{stage.room.table}.name"
         unit, faults = stage.unit, list[Fault]()
-        self.wiring = stage.wiring(records, faults)
+        self.wiring = stage.wiring(Records(*kinds), faults)
         if faults:
             raise InputError(faults)
+        self.kind = dtype_of(self.wiring)
         folder = unpacked(unit.file, cache_folder())
         name = unit.description.coSimulation.modelIdentifier
         place = folder / "binaries" / fmpy.platform

@@ -1,7 +1,7 @@
 """The stages of a run: each compiled, with its memory, and all of them in their order."""
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,7 @@ from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
 from ...setup.base import Setup
 from ...stages.base import Stage, is_shipped, random_key
-from ...stages.c_header import Records
-from ...stages.fmu import OfUnit
-from ...stages.foreign import is_foreign
+from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
 from ...stages.signals import (
     CLOCK,
     ERRORS,
@@ -53,13 +51,16 @@ from ...stages.signals import (
     record_dtype,
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
-from .fmu import UnitInstance, dtype_of
+from .fmu import UnitInstance
 from .memory import at_address
 from .own_memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
-from .shared_library import LIBRARY, Library
+from .shared_library import Library
 from .user_stage import compile_user_stage, is_check
+
+LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), Library), UNIT: UnitInstance}
+"""What has the machine code of a stage that is not in Python, by the suffix of its file."""
 
 
 class CompiledStage:
@@ -86,13 +87,8 @@ class CompiledStage:
         self._fused = fused
         self.kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
         self.code, self.not_compiled = None, ""
-        self.library: Library | UnitInstance | None = None
-        self._foreign: np.dtype | None = None
-        if isinstance(stage, OfUnit):
-            self.library = unit = UnitInstance(stage, Records(*self.kinds))
-            self._foreign = dtype_of(unit.wiring)
-        elif is_foreign(type(stage)):
-            self.library, self._foreign = Library(stage, Records(*self.kinds)), LIBRARY
+        loaded = LIBRARIES.get(suffix_of(type(stage)))
+        self.library: Any = loaded(stage, self.kinds) if loaded else None
         try:
             self.code = self._compiled()
         except NotCompiled as reason:
@@ -104,7 +100,8 @@ class CompiledStage:
         """The records of the stage behind the record of the run."""
         own = [(name, each.dtype) for name, each in self._start.items()]
         own += [("state_dot", self._start["state"].dtype)] if "state" in self._start else []
-        own += [("own", layout(*self.kinds, self._foreign))] if self.apart and "state" in self._start else []
+        foreign = self.library.kind if self.library else None
+        own += [("own", layout(*self.kinds, foreign))] if self.apart and "state" in self._start else []
         return np.dtype(own, align=True)
 
     def bind(self, image: Image, record: np.ndarray) -> None:
@@ -138,7 +135,7 @@ class CompiledStage:
 
         try:
             before = getattr(self.stage, "get_before_step", False) if self.library else False
-            return compile_user_stage(self._foreign or function, self.stage.room, kinds, before)
+            return compile_user_stage(self.library.kind if self.library else function, self.stage.room, kinds, before)
         except Mistake as mistake:
             where = f"{Path(mistake.file).name}, line {mistake.line}"
             said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"

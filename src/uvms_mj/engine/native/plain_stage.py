@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage, field_suggestion, is_shipped
-from ...stages.foreign import is_foreign
+from ...stages.foreign import suffix_of
 from .own_memory import OwnMemory
 
 
@@ -103,7 +103,7 @@ def called(stage: Stage) -> str:
     if is_shipped(stage):
         return f"the {name}"
     kind = type(stage)
-    file = kind.source().rpartition(":")[0] if is_foreign(kind) else kind.function().__code__.co_filename
+    file = kind.source().rpartition(":")[0] if suffix_of(kind) else kind.function().__code__.co_filename
     return f"your {name} ({Path(file).name})"
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import weakref
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +85,16 @@ class Library:
 
     Attributes:
         address: that of the function.
+        kind: the dtype of its record in a stage's own memory.
     """
 
-    def __init__(self, stage: Stage, records: Records) -> None:
-        """Raises InputError: the file does not compile, is not a library of this machine, lacks the function, or was
-        compiled with other records."""
-        kind = type(stage)
+    kind = LIBRARY
+
+    def __init__(self, stage: Stage, kinds: Sequence[np.dtype]) -> None:
+        """``kinds`` are the dtypes of settings, states, what the stage is given and its output. Raises InputError: the
+        file does not compile, is not a library of this machine, lacks the function, or was compiled with other
+        records."""
+        kind, records = type(stage), Records(*kinds)
         path, name = Path(stage.source().rpartition(":")[0]), kind.__name__
         self._key, self._file, self._name = f"{stage.room.table}.name", path.name, name
         try:
