@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 
@@ -18,9 +17,8 @@ from ..errors import InputError
 from ..files import atomic_write
 from ..plant.mjcf import Mjcf
 from .native.attachment import immerse
-from .native.callback import evaluate_alone
-from .native.intrinsics import kernel_module
-from .native.record import alone_dtype, with_numbers
+from .native.other_targets import water_for
+from .native.record import alone_dtype
 from .native.shared_library import compiler
 
 CODE = "uvms_mj_water"
@@ -146,10 +144,7 @@ def _header(joints: int) -> str:
 
 def _linked(joints: int) -> bytes:
     """The library for the installed MuJoCo."""
-    arguments = [with_numbers(alone_dtype(joints)), np.dtype("i8"), np.dtype("i8")]
-    kernel: Any = evaluate_alone
-    module = kernel_module({CODE: (kernel, arguments)}, fused=joints > 0)
-    code = X86_64.code(llvm.parse_assembly(str(module)))
+    code = water_for(X86_64, joints, CODE)
     home = Path(mujoco.__file__).parent
     (binary,) = home.glob("libmujoco.so.*")
     with tempfile.TemporaryDirectory() as folder:

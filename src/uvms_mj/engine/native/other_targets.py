@@ -7,15 +7,23 @@ import llvmlite.binding as llvm
 
 from ...compiler.targets import Target
 from ...compiler.values import INT
+from .callback import evaluate_alone
 from .free_body import free_steps
 from .intrinsics import kernel_module, stage_module
 from .pipeline import CompiledStage
-from .record import Shape, run_dtype, with_numbers
+from .record import Shape, alone_dtype, run_dtype, with_numbers
 from .user_stage import between_copies
 
 STEPS = "uvms_mj_free_steps"
 """The symbol of :func:`.free_body.free_steps`: a function of three 64-bit integers that returns one. The
 first is the address of the record of a run, which has it in ``address``, too."""
+
+
+def water_for(target: Target, joints: int, symbol: str) -> bytes:
+    """The water on a vehicle with so many joints in an evaluation of MuJoCo, whose function mj_factorM it uses, as an
+    object file. The function has the addresses of the record, of mjModel and of mjData."""
+    parts: dict[str, Any] = {symbol: (evaluate_alone, [with_numbers(alone_dtype(joints)), INT, INT])}
+    return target.code(llvm.parse_assembly(str(kernel_module(parts, fused=joints > 0))))
 
 
 def loop_for(
