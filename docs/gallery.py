@@ -14,6 +14,8 @@ from uvms_mj import InputError, Scenario, simulate, still
 
 ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts")
 """Programs that come first; the others follow by name."""
+WAITING = {"udp_law.py"}
+"""Examples that answer another program until Ctrl-C: the gallery runs what it shows."""
 HEADING = """
 Examples of the guides
 ----------------------
@@ -34,7 +36,8 @@ def copy_sources(docs: Path) -> None:
     examples.mkdir()
     (examples / "GALLERY_HEADER.rst").write_text(HEADING)
     for path in sorted((docs.parent / "examples").glob("*.py")):
-        (examples / path.name).write_text(_titled(path.read_text()))
+        if path.name not in WAITING:
+            (examples / path.name).write_text(_titled(path.read_text()))
     if why_not := _undrawable():
         logging.getLogger(__name__).info("the gallery has no pictures of the scene: %s", why_not)
         for path in target.glob("*.py"):

@@ -21,7 +21,7 @@ int main(int count, char **arguments)
 {
     struct { char magic[8]; uint64_t instant; struct signals signals; } request;
     struct { uint64_t instant; double tau_cmd[6]; } answer = {UINT64_MAX, {0}};
-    struct sockaddr_in here = {.sin_family = AF_INET, .sin_port = htons(count > 1 ? atoi(arguments[1]) : 9100)}, there;
+    struct sockaddr_in asked = {0}, here = {.sin_family = AF_INET, .sin_port = htons(count > 1 ? atoi(arguments[1]) : 9100)}, there;
     int peer = socket(AF_INET, SOCK_DGRAM, 0);
     here.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     if (bind(peer, (struct sockaddr *)&here, sizeof here)) {
@@ -33,8 +33,9 @@ int main(int count, char **arguments)
         ssize_t got = recvfrom(peer, &request, sizeof request, 0, (struct sockaddr *)&there, &size);
         if (got != sizeof request || memcmp(request.magic, "uvms-mj1", 8) != 0)
             continue;
-        if (request.instant != answer.instant) { /* a request that comes again gets the same answer */
+        if (request.instant != answer.instant || memcmp(&asked, &there, sizeof there) != 0) { /* not one that comes again */
             answer.instant = request.instant;
+            asked = there;
             law(&request.signals, answer.tau_cmd);
         }
         sendto(peer, &answer, sizeof answer, 0, (struct sockaddr *)&there, size);

@@ -28,6 +28,7 @@ from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
+from .stages.foreign import parted
 from .stages.loader import USERS, Choice, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
 
@@ -202,7 +203,7 @@ class Scenario:
                 del known[name]
                 recorded: Any = kind
                 in_a_log = not Path(recorded.source()).is_absolute()
-                if recorded.source() == own or (in_a_log and str(own).rpartition(":")[2] == kind.__name__):
+                if recorded.source() == own or (in_a_log and parted(own)[1] == kind.__name__):
                     tables[name]["name"] = own
         return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted)
 

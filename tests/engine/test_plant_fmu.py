@@ -1,5 +1,6 @@
 """The plant as an FMU: in the tools of others it gives the numbers of a Simulation, bit for bit."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,26 @@ def pushes(k: int) -> dict[str, float]:
 @pytest.mark.parametrize("name", ["plant", "thrusts", "noisy", "closed"])
 def test_fmpy_finds_nothing_wrong(plants, name):
     assert validate_fmu(str(plants[name])) == []
+
+
+def test_tables_of_water_and_walls_are_in_it(tmp_path):
+    wall = {"shape": "plane", "position": [0.4, 0.0, 0.0], "motion": [[0.0, 0.0, 0.0, 0.0], [1.0, -0.2, 0.0, 0.0]]}
+    scenario = Scenario.load("push_wall_gusts").updated(
+        {
+            "controller.name": "external",
+            "current.shear": [[-1.0, 0.0], [5.0, 0.4]],
+            "disturbance.table": [[0.0, *[0.0] * 6], [2.0, 5.0, *[0.0] * 5]],
+        }
+    )
+    scenario = dataclasses.replace(scenario, walls=Scenario.from_dict({"walls": [wall]}).walls)
+    write_fmu(scenario, tmp_path / "tables.fmu")
+    unit = Unit(tmp_path / "tables.fmu")
+    with Simulation(scenario, engine="free_body") as sim:
+        for _ in range(40):
+            unit.step(1000)
+            sim.step(1000)
+            np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
+        assert np.abs(sim.signals.v_c_W).max() > 0.0
 
 
 @pytest.mark.parametrize("name", ["plant", "noisy"])
@@ -195,6 +216,8 @@ def test_what_is_wrong_is_a_status(plants):
     for wrong in (
         lambda: unit.fmu.doStep(0.0, 1.5e-4),
         lambda: unit.fmu.doStep(0.0, 0.0),
+        lambda: unit.fmu.doStep(0.0, float("inf")),
+        lambda: unit.fmu.doStep(0.0, 1e300),
         lambda: unit.set({"wall.position": 2.0}),
         lambda: unit.set({"nu[1]": 2.0}),
         lambda: unit.set({"tau_cmd[1]": float("nan")}),

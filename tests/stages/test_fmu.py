@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fmus import build, description
-from uvms_mj import InputError, Scenario, Simulation, StageFault, simulate
+from uvms_mj import InputError, McapLog, Scenario, Simulation, StageFault, Trace, simulate
 from uvms_mj.studies.study import Study
 
 pytest.importorskip("fmpy", reason="needs the extra fmi")
@@ -269,3 +269,34 @@ def test_a_unit_of_pythonfmu_is_a_law(tmp_path, in_python):
     assert_same(
         *(simulate(scenario.updated(gains, controller=str(each)), engine="free_body") for each in (unit, in_python))
     )
+
+
+def test_a_log_with_a_table_of_variables_is_read(tmp_path):
+    names = {f"F{i}": f"tau_cmd[{i + 1}]" for i in range(6)}
+    unit = build(tmp_path, "named", "", {}, [], list(names))
+    keys = {"controller.name": str(unit), "controller.variables": names, "simulation.duration": 0.01}
+    simulate(Scenario.load("push_wall", keys), engine="free_body", sinks=[McapLog(tmp_path / "run.mcap")])
+    assert Trace.load(tmp_path / "run.mcap").scenario.controller.variables == names
+
+
+def test_a_parameter_with_the_name_of_a_key_gets_one_of_its_own(tmp_path):
+    parameters = {"period": 0.01, "class": 1.0, "a.b": 2.0, "a_b": 3.0, "unit": 4.0, "variables": 5.0}
+    unit = build(
+        tmp_path, "clash", "for (int i = 0; i < 6; i++) r[6 + i] = r[2] + 10.0 * r[3];", parameters, [], WRENCH
+    )
+    law = Scenario.load("push_wall", {"controller.name": str(unit)}).controller
+    assert law.period is None
+    assert (law.period_, law.class_, law.a_b, law.a_b_, law.unit_, law.variables_) == (0.01, 1.0, 2.0, 3.0, 4.0, 5.0)
+    keys = {"controller.name": str(unit), "controller.a_b_": 7.0, "simulation.duration": 1e-3}
+    assert simulate(Scenario.load("push_wall", keys), engine="free_body").tau_cmd[0, 0] == 72.0
+
+
+def test_variables_that_are_no_exchange_are_named(tmp_path):
+    unit = build(tmp_path, "twice", "", {"k": 1.0}, [], [*WRENCH, "extra"])
+    for named, words in (
+        ({"extra": "tau_cmd[1]"}, r"two outputs of the FMU are tau_cmd\[1\]"),
+        ({"k": "eta_e[1]"}, "k is neither an input nor an output"),
+        ({"no": "eta_e[1]"}, "the FMU has no variable 'no'"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Simulation(Scenario.load("push_wall", {"controller.name": str(unit), "controller.variables": named}))

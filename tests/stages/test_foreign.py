@@ -1,5 +1,6 @@
 """Stages in C and in libraries: they give the numbers of the same stage in Python, bit for bit."""
 
+import shutil
 import subprocess
 import sys
 import threading
@@ -373,3 +374,96 @@ def test_the_header_of_another_stage_is_not_overwritten(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"one.c", "one.toml", "uvms_stage.h"}
     write_new("sensor", "other", out="sensor", language="c")
     write_new("header", "one.toml")
+
+
+@pytest.mark.parametrize("include", ['#include "../common/gain.h"', '#define WHICH "../common/gain.h"\n#include WHICH'])
+def test_a_change_of_any_header_is_compiled(tmp_path, include):
+    """Also of one above the law's folder, and by a path that leads through another folder."""
+    for folder in ("common", "laws", "scenarios"):
+        (tmp_path / folder).mkdir()
+    gain = tmp_path / "common" / "gain.h"
+    written(tmp_path / "laws", "pd", f"{include}\n" + PD.replace("gains->k_p *", "GAIN * gains->k_p *"))
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.5})
+    found = []
+    for value in ("1.0", "2.0", "1.0"):
+        gain.write_text(f"#define GAIN {value}\n")
+        law = str(tmp_path / "scenarios" / ".." / "laws" / "pd.c")
+        found.append(simulate(scenario.updated({}, controller=law), engine="free_body").tau)
+    np.testing.assert_array_equal(found[0], found[2])
+    assert not np.array_equal(found[0], found[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("tau_cmd[i] =", 'tau_cmd[i] = atof("1") *'), "implicit"),
+        (("return 0;", ""), "no return statement"),
+        (("for (int", "float *p = tau_cmd; for (int"), "incompatible pointer"),
+    ],
+)
+def test_what_c_forgives_and_a_law_does_not_survive_is_an_error(tmp_path, change, words):
+    if "gcc" not in subprocess.run([*compiler(), "--version"], capture_output=True, text=True).stdout:
+        pytest.skip("the words are those of gcc")
+    file = written(tmp_path, "pd", PD.replace(*change))
+    with pytest.raises(InputError, match=words):
+        Simulation(Scenario.load("push_wall", {"controller.name": file}), engine="free_body")
+
+
+def test_a_law_in_cpp_is_a_library(tmp_path):
+    if shutil.which("g++") is None:
+        pytest.skip("no g++")
+    written(tmp_path, "pd")
+    write_new("header", str(tmp_path / "pd.toml"))
+    (tmp_path / "pd.c").rename(tmp_path / "pd.cpp")
+    options = ["-shared", "-fPIC", "-O2", "-ffp-contract=off", "-o", "libpd.so", "pd.cpp"]
+    subprocess.run(["g++", *options], check=True, cwd=tmp_path)
+    Simulation(Scenario.load("push_wall", {"controller.name": f"{tmp_path}/libpd.so:pd"}), engine="free_body").close()
+
+
+def test_a_library_finds_another_beside_it(tmp_path):
+    (tmp_path / "helper.c").write_text("double helped(double x) { return 2.0 * x; }\n")
+    options = ["-shared", "-fPIC", "-O2"]
+    subprocess.run([*compiler(), *options, "-o", "libhelper.so", "helper.c"], check=True, cwd=tmp_path)
+    written(tmp_path, "pd", "double helped(double);\n" + PD.replace("gains->k_p *", "helped(0.5) * gains->k_p *"))
+    write_new("header", str(tmp_path / "pd.toml"))
+    last = ["-o", "libpd.so", "pd.c", "-L.", "-lhelper", "-Wl,-rpath,$ORIGIN"]
+    subprocess.run([*compiler(), *options, *last], check=True, cwd=tmp_path)
+    Simulation(Scenario.load("push_wall", {"controller.name": f"{tmp_path}/libpd.so:pd"}), engine="free_body").close()
+    assert sorted(path.name for path in tmp_path.glob(".*")) == []
+
+
+def test_a_log_s_gains_are_those_of_the_file_however_it_is_named(tmp_path):
+    file = written(tmp_path, "pd")
+    scenario = Scenario.load(
+        "push_wall", {"simulation.duration": 0.1, "controller.name": file, "controller.k_p": 900.0}
+    )
+    simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")], engine="free_body")
+    recorded = Trace.load(tmp_path / "run.mcap").scenario
+    for name in (file, f"{file}:pd"):
+        assert recorded.updated({}, controller=name).controller.k_p == 900.0
+
+
+@pytest.mark.parametrize(
+    ("description", "words"),
+    [
+        ('stage = "controller"\nstates = 3\n', "states"),
+        ('stage = "controller"\nsettings._ = {default = 1.0}\n', "settings._: is no name of a field in C"),
+        ('stage = "controller"\nsettings.double = {default = 1.0}\n', "settings.double: is no name of a field in C"),
+        ('stage = "controller"\nuses_task = "no"\n', "uses_task"),
+    ],
+)
+def test_a_description_that_is_wrong_is_named(tmp_path, description, words):
+    with pytest.raises(InputError, match=words):
+        Scenario.load("push_wall", {"controller.name": written(tmp_path, "pd", PD, description)})
+
+
+def test_a_compiler_that_is_no_command_is_named(tmp_path, monkeypatch):
+    file = written(tmp_path, "pd", PD + f"/* {tmp_path} */")
+    for given, words in (
+        ("'", "No closing quotation"),
+        ("no_such_cc", "the C compiler no_such_cc"),
+        ("false", "status 1"),
+    ):
+        monkeypatch.setenv("CC", given)
+        with pytest.raises(InputError, match=words):
+            Simulation(Scenario.load("push_wall", {"controller.name": file}), engine="free_body")

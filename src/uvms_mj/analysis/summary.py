@@ -50,7 +50,7 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     """Warnings about how a run ended, besides its status."""
     from .metrics import astray
 
-    distance = astray(trace)
+    distance = None if trace.scenario.controller.external else astray(trace)
     lost = "the vehicle is still moving at the end, up to {:.3g} m from its reference: the loop may be unstable"
     return () if distance is None else (lost.format(distance),)
 

@@ -140,5 +140,11 @@ def _not_code(name: str, noun: str) -> str:
         stages = {class_name: stages[class_name]}
     options = {name: f"--set {cls.room.table}.name=" for name, cls in stages.items()}
     uses = [f"{option.replace('--set controller.name=', '--controller ')}{file}:{n}" for n, option in options.items()]
-    what = f"a {stages[class_name].room.noun}" if class_name in stages else f"a file of {what}"
+    what = (
+        f"a {stages[class_name].room.noun}"
+        if class_name in stages
+        else "a Python file"
+        if what == "Python"
+        else "a file of code"
+    )
     return f"{name}: is {what}, not a scenario" + (f": use {' or '.join(uses)}" if uses else "")

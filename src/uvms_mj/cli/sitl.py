@@ -1,5 +1,6 @@
 """``uvms-mj sitl``: an autopilot in the loop."""
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from .stop import Stop
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; others may then send.")
 @click.option("--motors", metavar="1,-2,...", help="Of each thruster its motor, and its sign [default: by geometry].")
 @click.option("--engine", metavar="NAME", help="free_body where it can [default], or mujoco.")
-@click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
+@click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 100].")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 def sitl(
@@ -56,6 +57,7 @@ def sitl(
     ardusub -w --model JSON:127.0.0.1 --speedup 1 --home 33.810313,-118.393867,0,0 --defaults sub-6dof.parm
     """
     from ..engine.links.ardupilot import PORT, ArduPilot, given_motors, motors_of, steps_of
+    from ..errors import InputError
     from ..scenario import Scenario
     from ..setup.base import set_up
     from ..studies.rows import chosen_engine
@@ -67,6 +69,11 @@ def sitl(
         given: dict[str, Any] = {"controller.name": "external", "actuation.name": "autopilot", "thrusters.name": "t200"}
         given |= {"simulation.duration": 3600.0}
         scenario = Scenario.load(name or "push_wall", given | overrides)
+        if not (scenario.controller.external and scenario.actuation.name == "autopilot"):
+            wrong = "with sitl an autopilot commands: leave out controller.name and actuation.name"
+            raise InputError(wrong)
+        if not host or not math.isfinite(depth):
+            raise InputError("--host must not be empty, and --depth must be a finite number")
         setup = set_up(scenario)
         frame = "given"
         if motors is not None:
@@ -84,7 +91,9 @@ def sitl(
                         f"frame {frame}; waits for an autopilot on UDP {host}:{place}, --model JSON:{host}", err=True
                     )
                 kind = engine or chosen_engine(scenario)
-                status = run_and_report(scenario, None, folder, files, log_rate, kind, viewer, console, stop, peer)
+                status = run_and_report(
+                    scenario, None, folder, files, log_rate or "100", kind, viewer, console, stop, peer
+                )
             finally:
                 peer.close()
                 remove_if_empty(made)

@@ -94,6 +94,8 @@ static void begin(plant *p)
 {
     memset(p->numbers, 0, 8 * (size_t)NUMBERS);
     memcpy(p->numbers, image(), IMAGE_BYTES);
+    for (int i = 0; i < TABLES; i++)
+        p->numbers[tables[i].place] = tables[i].value;
     for (int i = 0; i < SETS; i++) {
         double value = p->parameters[sets[i].parameter];
         if (value != starts[sets[i].parameter])
@@ -190,6 +192,8 @@ int fmi2SetReal(void *c, const unsigned refs[], size_t n, const double values[])
         if (ref < PARAMETERS) {
             if (p->begun)
                 return say(p, FAILED, "a parameter is set before the run begins");
+            if (values[i] < least[ref] || values[i] > 1e12 || (ref == SEED && values[i] != floor(values[i])))
+                return say(p, FAILED, "a parameter is out of its range");
             p->parameters[ref] = values[i];
         } else if (ref < PARAMETERS + INPUTS) {
             p->numbers[inputs_at[ref - PARAMETERS]] = values[i];
@@ -221,7 +225,7 @@ int fmi2DoStep(void *c, double t, double h, int no_return)
 {
     plant *p = c;
     double steps = floor(h / TIMESTEP + 0.5);
-    if (steps < 1.0 || fabs(steps * TIMESTEP - h) > 1e-6 * TIMESTEP)
+    if (!(steps >= 1.0 && steps < 1e15) || fabs(steps * TIMESTEP - h) > 1e-6 * TIMESTEP)
         return say(p, FAILED, "a step must be a multiple of the plant's time step");
     int64_t done = uvms_mj_free_steps((int64_t)(intptr_t)p->numbers, (int64_t)steps, 1);
     p->steps += done;

@@ -40,6 +40,8 @@ PARAMETERS = {
     **{f"disturbance.bias[{i}]": "N" if i < 3 else "N.m" for i in range(6)},
 }
 """Keys of a scenario that may become parameters, with their units. An index counts from 0, that of FMI from 1."""
+LEAST = {"wall.stiffness": 1.0, "wall.damping": 0.0, "wall.friction": 0.0, "current.speed": 0.0}
+"""The least value of a parameter; of the others it is -1e12, and the greatest is 1e12."""
 _PROBES = (0.125, 0.3, 0.77, 1.9, 3.0)
 """Multiples of a key's unit at which the records are compared."""
 
@@ -78,7 +80,13 @@ def write_fmu(scenario: Scenario, path: Path, with_law: bool = False) -> list[st
         archive.writestr("modelDescription.xml", description)
         archive.writestr(f"binaries/linux64/{name}.so", library)
         archive.writestr("resources/scenario.toml", scenario.to_toml())
-    return list(parts.parameters)
+    return [_counted(key) for key in parts.parameters]
+
+
+def _counted(key: str) -> str:
+    """A key as FMI has it, with an index from 1."""
+    base, _, index = key.partition("[")
+    return f"{base}[{int(index[:-1]) + 1}]" if index else key
 
 
 def _linked(loop: bytes, header: str, image: bytes) -> bytes:
@@ -92,9 +100,14 @@ def _linked(loop: bytes, header: str, image: bytes) -> bytes:
         source = Path(__file__).with_suffix(".c")
         names = ["loop.o", "image.c", os.fspath(source)]
         options = ["-O2", "-fPIC", "-shared", "-w", "-ffp-contract=off", "-I", folder, *names, "-o", "plant.so", "-lm"]
-        done = subprocess.run([*compiler(), *options], cwd=folder, capture_output=True, text=True, errors="replace")
-        if done.returncode:
-            raise InputError(f"the shell of the FMU does not compile: {done.stderr.strip().splitlines()[-1]}")
+        command = compiler()
+        try:
+            done = subprocess.run([*command, *options], cwd=folder, capture_output=True, text=True, errors="replace")
+        except OSError as error:
+            raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
+        if done.returncode or not (place / "plant.so").is_file():
+            said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+            raise InputError(f"the shell of the FMU does not compile with {command[0]}: {said}")
         return (place / "plant.so").read_bytes()
 
 
@@ -110,6 +123,10 @@ class _Parts:
             words[memory.image.place(rows[k : k + 1])] = k + 1
         words[memory.image.place(memory.run["address"])] = 0
         self.image = words.tobytes()
+        last, _ = memory.image.room("rows")
+        behind = memory.image.numbers[:last].copy()  # the tables of water and walls are in rooms behind the records
+        behind[: len(words)] = 0.0
+        self.tables = {int(place): float(behind[place]) for place in np.flatnonzero(behind)}
         self.parameters = {key: found for key in PARAMETERS if (found := self._sets(key)) is not None}
         taken: dict[int, str] = {}
         for key, found in list(self.parameters.items()):
@@ -236,6 +253,10 @@ class _Parts:
                 f"#define STOP {place(run['stop'])}",
                 f"#define CONTROL {self.sim._stages.control}",
                 f"#define TIMESTEP {self.scenario.simulation.timestep!r}",
+                f"#define TABLES {len(self.tables)}",
+                "struct number { int64_t place; double value; };",
+                rows([f"{{{p}, {v!r}}}" for p, v in self.tables.items()] or ["{0}"], "struct number", "tables"),
+                rows([repr(LEAST.get(key, -1e12)) for key in self.parameters] + ["0.0"], "double", "least"),
                 "struct set { int parameter; int64_t place; double factor, offset; };",
                 "struct key { int64_t place; const char *name; };",
                 rows(
@@ -263,10 +284,11 @@ class _Parts:
 
         fixed = 'causality="parameter" variability="fixed" initial="exact"'
         for key in self.parameters:
-            base, _, index = key.partition("[")
-            called = f"{base}[{int(index[:-1]) + 1}]" if index else key
-            variable(called, fixed, f'start="{self._value(key)!r}"')
-        variable("simulation.seed", fixed, f'start="{float(self.scenario.simulation.seed)!r}"')
+            called = _counted(key)
+            limits = f'min="{LEAST.get(key, -1e12)!r}" max="1e12"'
+            variable(called, fixed, f'{limits} start="{self._value(key)!r}"')
+        seed = float(self.scenario.simulation.seed)
+        variable("simulation.seed", fixed, f'min="0.0" max="1e12" start="{seed!r}"')
         for called, *_ in self.inputs:
             variable(called, 'causality="input" variability="continuous"', 'start="0.0"')
         first = len(lines) + 1

@@ -153,7 +153,11 @@ def _linked(joints: int) -> bytes:
         names = ["water.o", os.fspath(Path(__file__).with_suffix(".c"))]
         options = ["-O2", "-fPIC", "-shared", "-w", "-I", folder, "-I", os.fspath(home / "include")]
         command = [*compiler(), *options, *names, os.fspath(binary), "-o", "water.so", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
-        if done.returncode:
-            raise InputError(f"the plugin does not compile: {done.stderr.strip().splitlines()[-1]}")
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+        except OSError as error:
+            raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
+        if done.returncode or not Path(folder, "water.so").is_file():
+            said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+            raise InputError(f"the plugin does not compile with {command[0]}: {said}")
         return Path(folder, "water.so").read_bytes()

@@ -5,6 +5,7 @@ MuJoCo reads the file into a spec (MjSpec), with default classes, includes and a
 :func:`check_xml` checks before what a spec does not show, and :func:`check_model` the compiled model.
 """
 
+import contextlib
 import functools
 import itertools
 import re
@@ -167,6 +168,10 @@ def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
             yield "", f"has the text {_short(text)!r}, which would be ignored; leave it out"
     if tag == "numeric" and element.get("size", n).strip() != n:
         yield "size", f"has {n} numbers in data; MuJoCo would append zeros"
+    if tag == "numeric" and not _are_numbers(
+        element.get("data", "")
+    ):  # MuJoCo would name the line, not the coefficient
+        yield "data", "must be finite numbers"
     for attribute, largest in _AT_MOST.items():
         if not _within(element.get(attribute, ""), largest):
             yield attribute, f"must be within 0 and {largest}"
@@ -179,6 +184,19 @@ def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
     for attribute in sorted(attributes - set(_TEXTS.split())) if tag != "text" else ():
         if any(_NOT_FINITE.fullmatch(word) for word in element.attrib[attribute].split()):
             yield attribute, "must be finite numbers"
+
+
+def _are_numbers(text: str) -> bool:
+    """Whether MuJoCo can read the words of a text as numbers, hexadecimal ones too."""
+
+    def is_number(word: str) -> bool:
+        for read in (float, float.fromhex):
+            with contextlib.suppress(ValueError):
+                read(word)
+                return True
+        return False
+
+    return all(map(is_number, text.split()))
 
 
 def _within(text: str, largest: int) -> bool:

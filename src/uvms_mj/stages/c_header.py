@@ -126,8 +126,7 @@ int {name}(const struct settings *{called["settings"]}, struct state *{called["s
     const struct {given} *{called[given]}, struct state *{called["state_dot"]}, {output});
 
 /* The number of these records, and their sizes in bytes. */
-extern const uint64_t {name}_records[4];
-__attribute__((visibility("default"), weak))
+extern __attribute__((visibility("default"), weak)) const uint64_t {name}_records[4];
 const uint64_t {name}_records[4] = {{
     UINT64_C({records.layout}), {", ".join(sizes)}
 }};

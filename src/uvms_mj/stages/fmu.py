@@ -6,6 +6,7 @@ sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by the setting 
 
 import dataclasses
 import hashlib
+import keyword
 import os
 import re
 import shutil
@@ -13,18 +14,21 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from ..errors import Fault, InputError, needs_extra, shortened, suggestion
-from ..quantities import Number
+from ..quantities import Number, of_length
 from .base import ForeignCode, Stage, setting
 from .c_header import Records
 from .signals import OWN_UNIT, Signal
 
 _MOST_BYTES, _MOST_FILES = 1 << 29, 10_000
 """Limits of an FMU that is unpacked."""
+Whole = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
+"""An integer of FMI."""
 _ELEMENT = re.compile(r"(\w+)(?:\[(\d+(?:,\d+)*)\])?")
 
 
@@ -41,8 +45,9 @@ class Unit:
         return [each for each in self.description.modelVariables if each.causality == causality]
 
 
-def read(path: Path) -> Unit:
-    """Read an FMU. Raises InputError: it is no FMU, has no co-simulation of FMI 2.0, or its description is wrong."""
+def read(path: Path, base: type[Stage]) -> Unit:
+    """Read an FMU for the stages of a base class. Raises InputError: it is no FMU, has no co-simulation of FMI 2.0, or
+    its description is wrong."""
     with needs_extra("fmi"):
         import fmpy
         from fmpy.model_description import ValidationError
@@ -58,7 +63,7 @@ def read(path: Path) -> Unit:
         raise InputError(f"{path.name}: is an FMU of FMI {description.fmiVersion}; export it as FMI 2.0")
     if description.coSimulation is None:
         raise InputError(f"{path.name}: has no co-simulation, only model exchange; export it for co-simulation")
-    return Unit(path, description, dict(_parameters(description)))
+    return Unit(path, description, dict(_parameters(description, base)))
 
 
 def check_archive(path: Path) -> None:
@@ -109,18 +114,25 @@ def _unpack(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> N
         shutil.copyfileobj(source, out)  # zipfile ends at the size of the list
 
 
-def _parameters(description: Any) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """The settings with their parameters: of k[1], k[2], ... one list; a dot of a name becomes an underscore."""
+def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """The settings with their parameters: of k[1], k[2], ... one list; a dot of a name becomes an underscore. A name
+    that a stage has for something else gets one at its end."""
     groups: dict[str, dict[int, Any]] = {}
     for each in description.modelVariables:
         if each.causality != "parameter" or each.type not in ("Real", "Boolean", "Integer"):
             continue
         found = re.fullmatch(r"(.+)\[(\d+)\]", each.name)
         name, index = (found[1], int(found[2])) if found else (each.name, 0)
-        groups.setdefault(name.replace(".", "_"), {})[index] = each
-    for name, members in groups.items():
+        groups.setdefault(name, {})[index] = each
+    taken = {"unit", "get_before_step", "variables", *dir(OfUnit), *dir(base)}
+    taken |= {field.name for field in dataclasses.fields(base)}
+    for called, members in groups.items():
         whole = list(members) == [0] or sorted(members) == list(range(1, len(members) + 1))
-        if name.isidentifier() and name.isascii() and whole:
+        name = called.replace(".", "_")
+        if name.isidentifier() and name.isascii() and whole and not name.startswith("_"):
+            while name in taken or keyword.iskeyword(name):
+                name += "_"
+            taken.add(name)
             yield name, tuple(members[index] for index in sorted(members))
 
 
@@ -170,10 +182,17 @@ class OfUnit:
             f"the FMU has no variable {name!r}; {suggestion(name, known)}" for name in named if name not in known
         )
         faults += [Fault(f"{table}.variables", wrong) for wrong in unknown]
+        exchanged = {each.name for causality in ("input", "output") for each in self.unit.variables(causality)}
+        idle = sorted(named.keys() & known - exchanged)
+        faults += [Fault(f"{table}.variables", f"{name} is neither an input nor an output of the FMU") for name in idle]
         inputs, outputs = (
             self._side(causality, signals, dtype, named, faults)
             for causality, signals, dtype in (("input", given, records.given), ("output", out, records.out))
         )
+        places_out = [place for _, place in outputs]
+        for place in sorted({place for place in places_out if places_out.count(place) > 1}):
+            name = _element_at(out, records.out, place)
+            faults.append(Fault(f"{table}.variables", f"two outputs of the FMU are {name}"))
         missing = sorted(set(range(records.out.itemsize // 8)) - {place for _, place in outputs})
         for place in missing if not faults else ():
             name = _element_at(out, records.out, place)
@@ -245,9 +264,13 @@ def stage_class(unit: Unit, base: type[Stage], module: str) -> type[Stage]:
         starts = [_start(each) for each in members]
         of, meaning = members[0].unit or OWN_UNIT, members[0].description or f"parameter {members[0].name}"
         if members[0].name.endswith("]"):
-            fields.append((name, tuple[Number, ...], setting(tuple(starts), of, meaning)))
+            number: Any = Whole if members[0].type == "Integer" else Number
+            fields.append(
+                (name, Annotated[tuple[number, ...], of_length(len(starts))], setting(tuple(starts), of, meaning))
+            )
         else:
-            fields.append((name, bool if members[0].type == "Boolean" else Number, setting(starts[0], of, meaning)))
+            kinds = {"Boolean": Annotated[bool, Field(strict=True)], "Integer": Whole}
+            fields.append((name, kinds.get(members[0].type, Number), setting(starts[0], of, meaning)))
     before = setting(False, "-", "whether the outputs are read before the step of an instant, not after it")
     named = setting(None, "-", "the signal of a variable of the FMU, where it has another name")
     fields += [("get_before_step", bool, before), ("variables", Mapping[str, str] | None, named)]
@@ -269,4 +292,6 @@ def stage_class(unit: Unit, base: type[Stage], module: str) -> type[Stage]:
 
 def _start(variable: Any) -> float | bool:
     text = variable.start if variable.start is not None else "0"
-    return text in ("true", "1", True) if variable.type == "Boolean" else float(text)
+    if variable.type == "Boolean":
+        return text in ("true", "1", True)
+    return int(text) if variable.type == "Integer" else float(text)

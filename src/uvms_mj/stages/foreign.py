@@ -8,6 +8,7 @@ machine code.
 import dataclasses
 import functools
 import operator
+import os
 import re
 import sys
 import types
@@ -121,7 +122,7 @@ class Description:
     summary: str = ""
     settings: Mapping[str, OneSetting] = dataclasses.field(default_factory=dict)
     states: Mapping[str, OneState] = dataclasses.field(default_factory=dict)
-    uses_task: bool = True
+    uses_task: Annotated[bool, Field(strict=True)] = True
     files: list[str] = dataclasses.field(default_factory=list)
 
     __pydantic_config__ = STRICT
@@ -141,8 +142,12 @@ class Description:
             raise InputError(f"{path}: not a description in TOML: {error}") from None
         names = {kind: [f.name for f in dataclasses.fields(kind)] for kind in (cls, OneSetting, OneState)}
         choices = {"": names[cls]}
-        choices |= {f"settings.{name}": names[OneSetting] for name in tables.get("settings", {})}
-        choices |= {f"states.{name}": names[OneState] for name in tables.get("states", {})}
+        for table, kind in (("settings", OneSetting), ("states", OneState)):
+            given = tables.get(table, {})
+            words = list(given) if isinstance(given, dict) else []
+            choices |= {f"{table}.{word}": names[kind] for word in words}
+            if wrong := [word for word in words if not _NAME.fullmatch(word) or word in _WORDS_OF_C]:
+                raise InputError([Fault(f"{table}.{word}", "is no name of a field in C") for word in wrong], path.name)
         try:
             found = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
@@ -186,18 +191,72 @@ class Description:
 
 
 _VALIDATOR = TypeAdapter(Description)
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]*")
+_WORDS_OF_C = {
+    *(
+        "auto",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+    ),
+    *(
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+    ),
+    *(
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+        "unused",
+        "linux",
+        "unix",
+        "class",
+        "new",
+        "delete",
+        "this",
+        "template",
+    ),
+    *("typename", "namespace"),
+}
+"""Words of C and C++ and of the header."""
 
 
 def load_foreign(path: Path, name: str, table: str, module: types.ModuleType) -> None:
     """Set the class of a stage in C, in a library or in an FMU in a new module with this file. Raises InputError."""
     if path.suffix == UNIT:
-        setattr(module, name, fmu.stage_class(fmu.read(path), BASES[table], module.__name__))
+        setattr(module, name, fmu.stage_class(fmu.read(path, BASES[table]), BASES[table], module.__name__))
         return
     folder, own = path.parent, path if path.suffix == C_FILE else path.with_name(f"{name}.c")
     if not name.isidentifier() or not name.isascii():
         raise InputError(f"{name!r} is not the name of a C function; give {path.name}:NAME")
     found = Description.load(folder / f"{name}.toml")
-    included = [] if path.suffix != C_FILE else [each.relative_to(folder).as_posix() for each in c_sources(own)[1:]]
+    found_in = c_sources(own)[1:] if path.suffix == C_FILE else []
+    included = [each.relative_to(os.path.abspath(folder)).as_posix() for each in found_in]
     files = [f"{name}.toml", *included, *found.files]
     setattr(module, name, found.stage_class(name, module.__name__, list(dict.fromkeys(files))))
 
@@ -208,13 +267,16 @@ _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 def c_sources(path: Path) -> list[Path]:
     """A C file and the files that it includes in quotes, those of its own folder and below."""
     found: dict[Path, None] = {}
-    todo, root = [path.resolve()], path.resolve().parent
+    path = Path(os.path.abspath(path))
+    todo, root = [path], path.parent
     while todo:
         here = todo.pop()
         if here in found or here.name == HEADER or not here.is_file() or not here.is_relative_to(root):
             continue
         found[here] = None
-        todo += [(here.parent / name).resolve() for name in _INCLUDE.findall(here.read_text(errors="replace"))]
+        todo += [
+            Path(os.path.abspath(here.parent / name)) for name in _INCLUDE.findall(here.read_text(errors="replace"))
+        ]
     return list(found)
 
 

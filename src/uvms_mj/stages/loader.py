@@ -1,6 +1,7 @@
 """Loading of stages: a shipped class by its name, a user's class from a file, or its placeholder in a loaded log."""
 
 import dataclasses
+import functools
 import hashlib
 import importlib.util
 import sys
@@ -298,6 +299,11 @@ def placeholder_stage(
     for name, value in table.items():
         if name in shared:
             continue
+        if isinstance(value, Mapping) and all(isinstance(each, str) for each in value.values()):  # names of an FMU
+            factory: Any = functools.partial(dict, value)
+            metadata = {"unit": OWN_UNIT, "meaning": f"{room.setting} of {label}"}
+            fields.append((name, Mapping[str, str], dataclasses.field(default_factory=factory, metadata=metadata)))
+            continue
         kind: Any = tuple[float, ...] if isinstance(value, list | tuple) else type(value)
         if not name.isidentifier() or hasattr(base, name) or kind not in (bool, int, float, tuple[float, ...]):
             wanted = "is not a number, a flag or a list of numbers"
@@ -312,6 +318,7 @@ def placeholder_stage(
     namespace = {
         "of_log": True,
         "faults": lambda self, setup: [Fault("", wrong)],
+        "constants": lambda self, setup: {},
         "states": dict(states),
         "source": classmethod(lambda cls: source),
         "__doc__": f"{source}, recorded.",

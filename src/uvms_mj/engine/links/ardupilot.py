@@ -8,6 +8,7 @@ east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z 
 
 import socket
 import struct
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +24,11 @@ _FORMATS = {18458: _16, 29569: _32}
 PORT = 9002
 LOOPBACK = "127.0.0.1"
 _LOOKS_EVERY_S = 0.2
+_COPIES_S = 0.5
+"""Copies of a frame that are read this soon after its answer were sent before it: ArduPilot repeats a frame after a
+second. An answer to each would stay on the way, and leave the autopilot as many frames behind for good [s]."""
+_ABOVE = 1e-8
+"""Share by which the time in an answer is ahead: ArduPilot cuts each difference of times to whole microseconds [1]."""
 _FLIP = np.array([1.0, -1.0, -1.0])
 """From forward, left, up to forward, right, down, and back; likewise from W to NED."""
 
@@ -37,6 +43,8 @@ FRAMES = {
     ),
 }  # fmt: skip
 """ArduSub's frames: of each motor, from 1, the factors of roll, pitch, yaw, throttle, forward, lateral."""
+_LATE = 100
+"""A frame that is older than the last one by more than this is the first of an autopilot that was started again."""
 _SLIGHT = 0.02
 """A part of a thruster in an axis below this share of its greatest one has no sign."""
 
@@ -106,8 +114,8 @@ def given_motors(text: str, n: int) -> tuple[np.ndarray, np.ndarray]:
         numbers = [int(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != n or 0 in numbers or len({abs(x) for x in numbers}) != n:
-        raise InputError(f"--motors {text}: must be {n} motor numbers, each once, with a sign, as 1,-2,3")
+    if len(numbers) != n or 0 in numbers or len({abs(x) for x in numbers}) != n or max(map(abs, numbers)) > 16:
+        raise InputError(f"--motors {text}: must be {n} motor numbers from 1 to 16, each once, with a sign, as 1,-2,3")
     return np.array([abs(x) - 1 for x in numbers]), np.sign(np.array(numbers, float))
 
 
@@ -157,8 +165,9 @@ class ArduPilot:
             raise InputError(f"port {self.port} of {self.host}: {hint}") from None
         self._socket.settimeout(_LOOKS_EVERY_S)
         self._address: Any = None
+        self._before: set[Any] = set()  # addresses of autopilots that others have replaced
         self._last = -1
-        self._sent = b""
+        self._sent, self._answered = b"", 0.0
 
     def close(self) -> None:
         self._socket.close()
@@ -176,6 +185,7 @@ class ArduPilot:
         """Answer the frame."""
         self._sent = self.answer(sim)
         self._send(self._address)
+        self._answered = time.monotonic()
 
     def finish(self, sim: Any) -> None:
         """The last pulse widths hold."""
@@ -191,10 +201,10 @@ class ArduPilot:
         force = signals.nu_dot[:3] + np.cross(nu[3:], nu[:3]) - up
         position = _FLIP * p + np.array([0.0, 0.0, self.depth])
         attitude = quat * np.array([1.0, *_FLIP])
-        return reply(sim.t, _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
+        return reply(sim.t * (1.0 + _ABOVE), _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
 
     def _next(self) -> Servo:
-        """The next frame to step. Only the newest of the datagrams that wait counts."""
+        """The next frame to step."""
         while True:
             try:
                 data, address = self._socket.recvfrom(512)
@@ -210,19 +220,26 @@ class ArduPilot:
     def _to_step(self, servo: Servo, address: Any) -> bool:
         """Whether a frame is new. A repeated one is answered again."""
         counts = self.counts
+        if address in self._before:
+            counts.stale += 1
+            return False
         new = address != self._address
         if servo.frame == self._last and not new:
             counts.repeated += 1
-            self._send(address)
+            if time.monotonic() > self._answered + _COPIES_S:
+                self._send(address)
             return False
         if servo.frame <= self._last:
-            if not new:
+            again = servo.frame + _LATE < self._last or (servo.frame == 0 and self._last > 1)
+            if not (new or again):
                 counts.stale += 1  # a late copy
                 return False
             counts.restarts += 1
         elif self._last >= 0:
             counts.skipped += servo.frame - self._last - 1
         counts.frames += 1
+        if new and self._address is not None:
+            self._before.add(self._address)
         self._address, self._last = address, servo.frame
         return True
 
@@ -236,7 +253,7 @@ class ArduPilot:
 
 def steps_of(rate: float, timestep: float) -> int:
     """Time steps of a frame. Raises InputError unless the rate divides the step rate, and fits the autopilot."""
-    steps = round(1.0 / (max(rate, 1e-3) * timestep))
-    if steps < 1 or abs(steps * rate * timestep - 1.0) > 1e-9 or not rate > 10.0:
+    steps = round(1.0 / (rate * timestep)) if 10.0 < rate < np.inf else 0
+    if steps < 1 or abs(steps * rate * timestep - 1.0) > 1e-9:
         raise InputError(f"--rate {rate:g}: must be above 10 Hz and divide the step rate, {1.0 / timestep:g} Hz")
     return steps

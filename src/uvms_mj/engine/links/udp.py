@@ -55,11 +55,12 @@ class UdpLaw:
         while True:
             try:
                 self._socket.sendto(request, self._place)
-                answer = self._receive()
+                answer = self._receive(min(until, time.monotonic() + _AGAIN_S))
             except (TimeoutError, ConnectionRefusedError):
                 if time.monotonic() > until:
                     host, port = self._place
-                    wrong = f"no law answers on UDP {host}:{port} within {self._timeout:g} s"
+                    at = f" at t = {sim.t:.6g} s" if self._instant else ""
+                    wrong = f"no law answers on UDP {host}:{port} within {self._timeout:g} s{at}"
                     raise InputError([Fault("controller.port", wrong)]) from None
                 time.sleep(0.01)
                 continue
@@ -67,9 +68,11 @@ class UdpLaw:
             self._instant += 1
             return self._steps
 
-    def _receive(self) -> tuple[float, ...]:
-        """The answer to the request of this instant; others are late copies."""
+    def _receive(self, until: float) -> tuple[float, ...]:
+        """The answer to the request of this instant; others are late copies. Raises TimeoutError."""
         while True:
+            if time.monotonic() > until:
+                raise TimeoutError
             data = self._socket.recv(512)
             if len(data) == _ANSWER.size:
                 instant, *tau_cmd = _ANSWER.unpack(data)
@@ -88,13 +91,13 @@ def serve(law: Any, port: int, requests: int | None = None) -> None:
     instants, or until an interrupt. A repeated request gets the same answer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
         peer.bind((LOOPBACK, port))
-        last, answer = -1, b""
+        last, answer, asked = -1, b"", None
         while requests is None or last + 1 < requests:
             data, address = peer.recvfrom(65536)
             if len(data) != _REQUEST.size + SIGNALS.itemsize or data[:8] != MAGIC:
                 continue
             instant = _REQUEST.unpack_from(data)[1]
-            if instant != last:
+            if (instant, address) != (last, asked):
                 signals = np.frombuffer(data, SIGNALS, 1, _REQUEST.size).view(np.recarray)[0]
-                answer, last = _ANSWER.pack(instant, *map(float, law(signals))), instant
+                answer, last, asked = _ANSWER.pack(instant, *map(float, law(signals))), instant, address
             peer.sendto(answer, address)

@@ -141,7 +141,7 @@ def _sources() -> tuple[bytes, ...]:
 @functools.cache
 def cache_folder() -> Path:
     """The folder of the objects. If it can't be written, a temporary one replaces it, also for child processes."""
-    folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj"))
+    folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj")).absolute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -19,11 +19,11 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...stages.base import Stage
 from ...stages.c_header import Records, header
-from ...stages.foreign import C_FILE, HEADER, c_sources
+from ...stages.foreign import C_FILE, HEADER
 from .compilation import cache_folder, fingerprint
 
 _OPTIONS = (
-    *("-std=gnu11", "-O2", "-fPIC", "-shared", "-w"),
+    *("-std=gnu11", "-O2", "-fPIC", "-shared"),
     "-ffp-contract=off",  # a product and a sum are rounded twice, as in Python
     *("-Werror=implicit-function-declaration", "-Werror=incompatible-pointer-types", "-Werror=return-type"),
 )
@@ -33,8 +33,11 @@ _MOST_LINES = 6
 def compiler() -> list[str]:
     """The command of the C compiler: $CC, cc, gcc, clang, or that of the package ziglang. Raises InputError if there is
     none."""
-    if given := os.environ.get("CC"):
-        return shlex.split(given)
+    try:
+        if given := shlex.split(os.environ.get("CC", "")):
+            return given
+    except ValueError as error:
+        raise InputError(f"$CC {os.environ['CC']!r}: {error}") from None
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name):
             return [found]
@@ -44,36 +47,39 @@ def compiler() -> list[str]:
 
 
 def compiled(path: Path, kind: type[Stage], records: Records) -> Path:
-    """The library of a C file for these records, compiled unless it is kept. Raises InputError with the compiler's
-    first lines."""
-    text, command = header(kind, records), compiler()
-    whose = Path(shutil.which(command[0]) or command[0]).resolve()
-    age = str(whose.stat().st_mtime_ns) if whose.is_file() else ""
-    about = [text, *command, age, platform.machine(), *_OPTIONS]
-    kept = cache_folder() / f"c-{fingerprint([*(each.encode() for each in about), *_contents(path)])}.so"
-    if kept.is_file():
-        return kept
-    with tempfile.TemporaryDirectory(prefix="new-", dir=kept.parent) as new:
-        own, part = Path(new, HEADER), Path(new, kept.name)
+    """The library of a C file for these records, compiled unless it is kept. It is kept by all that the compiler reads:
+    what it makes of the file before it compiles. Raises InputError with the compiler's first lines."""
+    text, command, above = header(kind, records), compiler(), cache_folder()
+    with tempfile.TemporaryDirectory(prefix="new-", dir=above) as new:
+        own, whole, part = Path(new, HEADER), Path(new, "whole.i"), Path(new, "stage.so")
         own.write_text(text, encoding="utf-8")
         # this header in place of an older one beside the file: both have the same guard
-        options = [*_OPTIONS, "-include", str(own), "-I", new, str(path), "-o", str(part), "-lm"]
-        try:
-            done = subprocess.run(
-                [*command, *options], capture_output=True, text=True, errors="replace", cwd=path.parent
-            )
-        except OSError as error:
-            raise InputError(f"the C compiler {shlex.join(command)}: {error.strerror}") from None
-        if done.returncode or not part.is_file():
-            lines = [line.replace(f"{path.parent}/", "") for line in done.stderr.splitlines() if line.strip()]
-            said = "\n".join(lines[:_MOST_LINES]) or f"status {done.returncode}"
-            raise InputError(f"{path.name} does not compile with {Path(command[0]).name}:\n{said}")
-        os.replace(part, kept)
+        options = [*_OPTIONS, "-include", str(own), "-I", new]
+        _run([*command, *options, "-E", "-P", str(path), "-o", str(whole)], path)
+        about = [*command, _age(command[0]), platform.machine(), *_OPTIONS]
+        kept = above / f"c-{fingerprint([*(each.encode() for each in about), whole.read_bytes()])}.so"
+        if not kept.is_file():
+            _run([*command, *options, str(path), "-o", str(part), "-lm"], path)
+            os.replace(part, kept)
     return kept
 
 
-def _contents(path: Path) -> list[bytes]:
-    return [part for each in c_sources(path) for part in (each.name.encode(), each.read_bytes())]
+def _age(program: str) -> str:
+    """When a program was installed."""
+    whose = Path(shutil.which(program) or program).resolve()
+    return str(whose.stat().st_mtime_ns) if whose.is_file() else ""
+
+
+def _run(command: Sequence[str], path: Path) -> None:
+    """Run the compiler in the folder of a file. Raises InputError with its first lines."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=path.parent)
+    except OSError as error:
+        raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
+    if done.returncode or not Path(command[command.index("-o") + 1]).is_file():
+        lines = [line.replace(f"{path.parent}/", "") for line in done.stderr.splitlines() if line.strip()]
+        said = "\n".join(lines[:_MOST_LINES]) or f"status {done.returncode}"
+        raise InputError(f"{path.name} does not compile with {Path(command[0]).name}:\n{said}")
 
 
 LIBRARY = np.dtype([("code_at", "i8"), ("returned", "i8")])
@@ -101,14 +107,18 @@ class Library:
             given = compiled(path, kind, records) if path.suffix == C_FILE else path
         except InputError as error:
             raise InputError([Fault(self._key, str(error))]) from None
-        with tempfile.TemporaryDirectory(prefix="new-", dir=cache_folder()) as new:
-            copy = Path(new, given.name)
+        # a library finds others beside it, by $ORIGIN, if its copy lies there
+        beside = path.suffix != C_FILE and os.access(path.parent, os.W_OK)
+        with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=None if beside else cache_folder()) as new:
+            copy = path.with_name(f".{Path(new).name}{path.suffix}") if beside else Path(new, given.name)
             try:
                 shutil.copyfile(given, copy)
                 self._library = ctypes.CDLL(str(copy))
             except OSError as error:
                 said = str(error).replace(f"{copy}: ", "").replace(str(copy), path.name)
                 raise self._wrong(f"is not a library that this machine loads: {said}") from None
+            finally:
+                copy.unlink(missing_ok=True)
         self._finalizer = weakref.finalize(self, _close, self._library._handle)
         self._check(records)
         function = getattr(self._library, name, None)
