@@ -190,10 +190,10 @@ def _are_numbers(text: str) -> bool:
     """Whether MuJoCo can read the words of a text as numbers, hexadecimal ones too."""
 
     def is_number(word: str) -> bool:
-        for read in (float, float.fromhex):
-            with contextlib.suppress(ValueError):
-                read(word)
-                return True
+        read: Any = float.fromhex if "0x" in word.lower() else float
+        with contextlib.suppress(ValueError):
+            read(word)
+            return True
         return False
 
     return all(map(is_number, text.split()))
