@@ -210,7 +210,11 @@ class Server:
         code += "serve({'run': Trace.load(sys.argv[1])})"
         command = [sys.executable, "-c", code, log]
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, text=True, env={**os.environ, "HOME": str(home)}
+            command,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "HOME": str(home)},
+            preexec_fn=lambda: signals.signal(signals.SIGINT, signals.SIG_DFL),  # also as a job in the background
         )
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().strip()
