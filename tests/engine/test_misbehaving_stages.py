@@ -261,6 +261,15 @@ def test_a_law_may_set_its_states(tmp_path):
     assert np.allclose(trace.xi[-1], 0.03, atol=1e-9)
 
 
+def test_what_a_law_does_not_set_again_stays(tmp_path):
+    """tau_cmd and state_dot keep what the law set before."""
+    once = law("if signals.instant == 0:\n    tau_cmd[:] = 0.0\n    tau_cmd[0] = 3.0\n    state_dot.xi[:] = 1.0")
+    trace = simulate(scenario(tmp_path, once))
+    assert trace.notes == ()
+    assert np.array_equal(np.unique(trace.tau_cmd, axis=0), [[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    assert np.allclose(trace.xi[:, 0], trace.t, atol=1e-9)
+
+
 def test_a_law_marked_with_njit_is_a_law(tmp_path):
     text = law(SET)
     marked = scenario(tmp_path, text.replace("@staticmethod", "@staticmethod\n    @njit"), "marked.py")

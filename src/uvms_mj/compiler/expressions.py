@@ -337,13 +337,18 @@ class Expressions(Indexing):
         if (written := _hashed(known)) in FUNCTIONS:
             return FUNCTIONS[written](self, node.args, self._keywords(node))
         if written in self.unit.intrinsics:
-            return self.unit.intrinsics[written](self.at, [self.number(each, INT) for each in node.args])
+            return self.unit.intrinsics[written](self.at, [self._word(each) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
         if known is np.lib.stride_tricks.as_strided:
             self.mistake("as_strided reaches numbers beyond an array; write slices")
         if not isinstance(known, types.FunctionType) or known.__module__.partition(".")[0] in _FOREIGN:
             self.lack(f"the language has no {ast.unparse(node.func)}")
         return self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))
+
+    def _word(self, node: ast.expr) -> ir.Value:
+        """An integer, or the address of an array."""
+        value = self.value(node)
+        return self.at.ptrtoint(value.llvm[0], WORD) if value.kind.is_array else self.converted(value, INT)
 
     def _keywords(self, node: ast.Call) -> dict[str, ast.expr]:
         if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):

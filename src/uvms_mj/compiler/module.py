@@ -21,7 +21,7 @@ class Module:
         name: of the module.
         checked: whether indices that are not constants, divisions of integers and conversions to integers are checked.
             A function then returns 0, or a number that says why and where it ended early (:mod:`.codes`).
-        intrinsics: functions with code of their own, which get their arguments as integers.
+        intrinsics: functions with code of their own, which get their arguments as integers, an array by its address.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
         library: prefix of the target's names for the functions of the C library.

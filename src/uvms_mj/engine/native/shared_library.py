@@ -23,7 +23,8 @@ from ...stages.foreign import C_FILE, HEADER
 from .compilation import cache_folder, fingerprint
 
 _OPTIONS = (
-    *("-std=gnu11", "-O2", "-fPIC", "-shared"),
+    *("-std=gnu11", "-O3", "-fPIC", "-shared"),
+    "-fno-math-errno",  # a square root is one instruction
     "-ffp-contract=off",  # a product and a sum are rounded twice, as in Python
     *("-Werror=implicit-function-declaration", "-Werror=incompatible-pointer-types", "-Werror=return-type"),
 )
