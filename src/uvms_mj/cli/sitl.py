@@ -98,5 +98,5 @@ def sitl(
                 peer.close()
                 remove_if_empty(made)
                 if not quiet:
-                    click.echo(f"autopilot: {peer.counts}", err=True)
+                    click.echo(f"autopilot: {peer.counts}; the plant waited {peer.waited_s:.2f} s for them", err=True)
     sys.exit(status)

@@ -239,6 +239,14 @@ def test_the_answer_is_what_an_inertial_unit_measures():
         np.testing.assert_allclose(said["position"], [0.0, 0.0, 5.0], atol=1e-3)
 
 
+def test_an_accelerometer_feels_the_true_attitude():
+    noisy = {"navigation.name": "sensors", "navigation.attitude_noise": [0.1, 0.1, 0.1]}
+    (_, true, _), (_, measured, _) = session(20, pwm=forward), session(20, pwm=forward, keys=noisy)
+    for a, b in zip(map(json.loads, true.answers), map(json.loads, measured.answers), strict=True):
+        assert a["imu"] == b["imu"]
+        assert a["quaternion"] != b["quaternion"]
+
+
 def test_a_port_in_use_is_one_sentence():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))

@@ -145,6 +145,7 @@ class ArduPilot:
         steps: time steps of a frame.
         depth: depth of the origin of W below the surface [m].
         port: UDP port on ``host``.
+        waited_s: wall time that the plant has waited for frames [s].
     """
 
     motors: np.ndarray
@@ -154,6 +155,7 @@ class ArduPilot:
     port: int = PORT
     host: str = LOOPBACK
     counts: Counts = field(default_factory=Counts)
+    waited_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -174,7 +176,9 @@ class ArduPilot:
 
     def command(self, sim: Any) -> int:
         """Wait for the next frame, and set its pulse widths. Returns the number of time steps to take."""
+        since = time.perf_counter()
         servo = self._next()
+        self.waited_s += time.perf_counter() - since
         pulses = np.array(servo.pwm, float)[self.motors]
         pulses[pulses == 0.0] = NEUTRAL_US  # no signal
         sim.pwm_cmd[:] = np.clip(NEUTRAL_US + self.signs * (pulses - NEUTRAL_US), LEAST_US, GREATEST_US)
@@ -194,11 +198,12 @@ class ArduPilot:
         """What the sensors measure at the instant in hand, as the answer."""
         signals = sim.signals
         p, quat, nu = (signals[f"{name}_m" if f"{name}_m" in signals else name] for name in ("p_WB", "quat_WB", "nu"))
-        R, up = rotation_matrix(quat), np.zeros(3)
-        to_body(R, sim.setup.gravity_W, up)
         velocity = np.zeros(3)
-        to_world(R, nu, velocity)
-        force = signals.nu_dot[:3] + np.cross(nu[3:], nu[:3]) - up
+        to_world(rotation_matrix(quat), nu, velocity)
+        # an accelerometer feels the true attitude and motion, whatever the other sensors say of them
+        g_B, nu_B = np.zeros(3), signals.nu
+        to_body(rotation_matrix(signals.quat_WB), sim.setup.gravity_W, g_B)
+        force = signals.nu_dot[:3] + np.cross(nu_B[3:], nu_B[:3]) - g_B
         position = _FLIP * p + np.array([0.0, 0.0, self.depth])
         attitude = quat * np.array([1.0, *_FLIP])
         return reply(sim.t * (1.0 + _ABOVE), _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
