@@ -67,10 +67,10 @@ def draw(axes: dict[str, Axes]) -> None:
     for speed, colour in CURRENTS.items():
         told = f"current of {speed:+g} m/s" if speed else "no current"
         frame, trace = ardusub()[speed], gsta(speed)
-        axes["push a"].plot(frame["t_s"], frame["peak_N"], color=colour, lw=0.8, label=told)
+        axes["push a"].plot(frame["t_s"], frame["peak_N"], color=colour, lw=0.8)
         axes["command a"].plot(frame["t_s"], frame[f"pwm{DRAWN}_us"], color=colour, lw=0.8)
         axes["place a"].plot(frame["t_s"], frame["x_m"], color=colour, lw=0.8)
-        axes["push g"].plot(trace.t, trace.push_high, color=colour, lw=0.8)
+        axes["push g"].plot(trace.t, trace.push_high, color=colour, lw=0.8, label=told)
         axes["command g"].plot(trace.t, trace.u_cmd[:, DRAWN - 1], color=colour, lw=0.8)
         axes["place g"].plot(trace.t, trace.p_WB[:, 0], color=colour, lw=0.8)
     for side, title in (("a", "ArduSub in ALT_HOLD, the same stick"), ("g", "GSTA, 20 N demanded")):
