@@ -1,5 +1,6 @@
 """The water as a plugin of MuJoCo: the accelerations of ``attach``, in MuJoCo's own loops and threads."""
 
+import re
 import warnings
 from pathlib import Path
 
@@ -170,10 +171,28 @@ def test_several_models_in_one_process_do_not_meet(exported):
         np.testing.assert_array_equal(data.qpos, other.qpos)
 
 
+def test_two_vehicles_attached_to_a_scene_move_as_each_alone(exported):
+    scene, alone = mujoco.MjSpec(), mujoco.MjModel.from_xml_path(str(exported["bluerov2_alpha5"]))
+    scene.option.timestep, scene.option.cone = alone.opt.timestep, alone.opt.cone
+    for k in range(2):
+        frame = scene.worldbody.add_frame(pos=[0.0, 3.0 * k, 0.0])
+        scene.attach(mujoco.MjSpec.from_file(str(exported["bluerov2_alpha5"])), frame=frame, prefix=f"rov{k}_")
+    model = scene.compile()
+    both, one = mujoco.MjData(model), mujoco.MjData(alone)
+    both.qvel[:] = np.tile(0.1 * np.arange(1, alone.nv + 1), 2)
+    one.qvel[:] = both.qvel[: alone.nv]
+    mujoco.mj_step(model, both, 300)
+    mujoco.mj_step(alone, one, 300)
+    np.testing.assert_allclose(both.qvel, np.tile(one.qvel, 2), rtol=1e-9, atol=1e-12)
+
+
 def test_what_does_not_fit_is_one_sentence(exported, tmp_path):
     text = exported["bluerov1"].read_text()
     for change, words in (
         (('key="current" value="0 0 0"', 'key="current" value="1 2"'), "init"),
+        (('key="current" value="0 0 0"', 'key="current" value="nan 0 0"'), "init"),
+        ((re.search('<config key="record" value="[^"]*" ?/>', text)[0], ""), "init"),
+        ((" 211 ", " 212 "), "init"),
         (('key="current"', 'key="curent"'), "curent"),
         ((name_of(0), "uvms_mj.water_99"), "water_99"),
     ):

@@ -107,10 +107,10 @@ def description(
 
 def build(
     folder: Path, name: str, body: str, parameters: Mapping[str, float], inputs: Sequence[str], outputs: Sequence[str],
-    fails: str = "0", **given: str,
+    fails: str = "0", beside: str = "", **given: str,
 ) -> Path:  # fmt: skip
     """An FMU whose step runs ``body``, C with the numbers ``r``: parameters, inputs, outputs; ``x`` is its state, ``t``
-    the time and ``h`` the step."""
+    the time and ``h`` the step. ``beside`` is the source of a library beside its own."""
     starts = [*parameters.values(), *[0.0] * (len(inputs) + len(outputs))]
     source = _SOURCE.replace("BODY", body).replace("COUNT", str(len(starts))).replace("FAILS", fails)
     source = source.replace("START", ", ".join(map(repr, starts)))
@@ -127,9 +127,14 @@ def build(
         str(folder / f"{name}.c"),
         "-lm",
     ]
+    if beside:
+        (folder / "beside.c").write_text(beside)
+        subprocess.run([*compiler(), "-shared", "-fPIC", "-o", "libbeside.so", "beside.c"], check=True, cwd=folder)
+        options += [f"-L{folder}", "-lbeside", "-Wl,-rpath,$ORIGIN"]
     subprocess.run([*compiler(), *options], check=True)
     path = folder / f"{name}.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", description(name, parameters, inputs, outputs, **given))
-        archive.write(library, f"binaries/linux64/{name}.so")
+        for each in (library, *([folder / "libbeside.so"] if beside else [])):
+            archive.write(each, f"binaries/linux64/{each.name}")
     return path

@@ -126,6 +126,15 @@ def test_a_reset_begins_the_fmu_anew_and_runs_beside_each_other_do_not_meet(tmp_
             a.set({"controller.k_1": 2.0})
 
 
+def test_an_fmu_finds_a_library_beside_its_own(tmp_path, in_python):
+    body = "double scaled(double); " + PD.replace("r[0]", "scaled(r[0])")
+    beside = "double scaled(double x) { return x; }"
+    path = build(tmp_path, "pd", body, PD_GAINS, PD_INPUTS, WRENCH, beside=beside)
+    keys = {"simulation.duration": 0.5, "controller.period": 1e-3}
+    runs = [simulate(Scenario.load("push_wall", keys, law), engine="free_body") for law in (str(path), in_python)]
+    assert_same(*runs)
+
+
 def test_variables_have_the_names_that_a_table_gives_them(tmp_path, pd):
     names = {f"e{i}": f"eta_e[{i + 1}]" for i in range(6)} | {f"v{i}": f"nu_e[{i + 1}]" for i in range(6)}
     names |= {f"g{i}": f"g_hat[{i + 1}]" for i in range(6)} | {f"F{i}": f"tau_cmd[{i + 1}]" for i in range(6)}

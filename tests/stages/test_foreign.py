@@ -16,6 +16,7 @@ from uvms_mj.engine.native.shared_library import compiler
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.c_header import Records, header
+from uvms_mj.studies.pool.bundle import StudyBundle
 from uvms_mj.studies.study import Study
 
 PD = """
@@ -420,6 +421,15 @@ def test_a_law_in_cpp_is_a_library(tmp_path):
     Simulation(Scenario.load("push_wall", {"controller.name": f"{tmp_path}/libpd.so:pd"}), engine="free_body").close()
 
 
+def test_a_library_without_its_end_is_refused(tmp_path):
+    name = library(tmp_path, "pd")
+    whole = (tmp_path / "libpd.so").read_bytes()
+    for share in (0.005, 0.1, 0.3, 0.5):
+        (tmp_path / "libpd.so").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match=r"libpd\.so is not a library that this machine loads"):
+            Simulation(Scenario.load("push_wall", {"controller.name": name}), engine="free_body")
+
+
 def test_a_library_finds_another_beside_it(tmp_path):
     (tmp_path / "helper.c").write_text("double helped(double x) { return 2.0 * x; }\n")
     options = ["-shared", "-fPIC", "-O2"]
@@ -430,6 +440,8 @@ def test_a_library_finds_another_beside_it(tmp_path):
     subprocess.run([*compiler(), *options, *last], check=True, cwd=tmp_path)
     Simulation(Scenario.load("push_wall", {"controller.name": f"{tmp_path}/libpd.so:pd"}), engine="free_body").close()
     assert sorted(path.name for path in tmp_path.glob(".*")) == []
+    study = Study.from_dict({"laws": [f"{tmp_path}/libpd.so:pd"], "base": {"scenario": "push_wall"}})
+    assert "libhelper.so" in {Path(name).name for name in StudyBundle.of(study.plan).files}
 
 
 def test_a_log_s_gains_are_those_of_the_file_however_it_is_named(tmp_path):
@@ -450,6 +462,9 @@ def test_a_log_s_gains_are_those_of_the_file_however_it_is_named(tmp_path):
         ('stage = "controller"\nsettings._ = {default = 1.0}\n', "settings._: is no name of a field in C"),
         ('stage = "controller"\nsettings.double = {default = 1.0}\n', "settings.double: is no name of a field in C"),
         ('stage = "controller"\nuses_task = "no"\n', "uses_task"),
+        ('stage = "controller"\nsettings.k_p = {default = "a"}\n', "settings.k_p.default: 'a' must be a finite number"),
+        ('stage = "controller"\nsettings.period = {default = 1e-3}\n', "settings.period: is a key of every controller"),
+        ('stage = "controller"\nstates.xi = {size = 0}\n', "states.xi.size: 0 must be a whole number"),
     ],
 )
 def test_a_description_that_is_wrong_is_named(tmp_path, description, words):

@@ -9,6 +9,7 @@ import click
 
 from .common import bad_input, end, refuse_existing
 from .console import Console, log_tables, warn
+from .folders import remove_if_empty
 from .options import (
     asked_for,
     command,
@@ -187,9 +188,13 @@ def export_plugin(vehicle: str, out: str | None) -> None:
         folder = Path(out or "plugin")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"--out {folder}: is not an empty folder; choose another")
+        made = [] if folder.exists() else [folder]
         folder.mkdir(parents=True, exist_ok=True)
-        for path in write_plugin(vehicle, folder):
-            click.echo(str(path))
+        try:
+            for path in write_plugin(vehicle, folder):
+                click.echo(str(path))
+        finally:
+            remove_if_empty(made)
 
 
 for _each in (export_log, export_fmu, export_plugin):

@@ -1,5 +1,6 @@
 /* The water of uvms-mj on a vehicle with a free joint, as a MuJoCo plugin: added mass in mjData.M, and the wrench of the
    water in qfrc_passive. The records of a vehicle are numbers of its MJCF; the kernels are machine code. */
+#include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,6 +35,15 @@ static int numbers_of(const char *text, double *values, int most)
     return n;
 }
 
+/* FNV-1a of a text, 64 bits. */
+static uint64_t sum(const char *text)
+{
+    uint64_t found = 0xcbf29ce484222325;
+    for (; *text; text++)
+        found = (found ^ (unsigned char)*text) * 0x100000001b3;
+    return found;
+}
+
 static int fails(const char *said)
 {
     mju_warning("uvms_mj water: %s", said);
@@ -61,19 +71,16 @@ static int init(const mjModel *m, mjData *d, int instance)
         return fails("the vehicle has another number of joints than the library");
 
     const char *text = mj_getPluginConfig(m, instance, "record");
+    char *end = NULL;
+    uint64_t given = text ? strtoull(text, &end, 16) : 0;
+    if (!text || end != text + 16 || *end != ' ' || sum(end + 1) != given)
+        return fails("the attribute record is not that of an exported vehicle; export it again");
     unsigned char *record = calloc(1, RECORD_BYTES);
     if (!record)
         return fails("no memory");
-    for (char *end; text && *text; text = end) { /* place and number, in turn */
+    for (text = end; *text; text = end) { /* place and number, in turn; the sum vouches for them */
         long place = strtol(text, &end, 10);
-        if (end == text)
-            break;
-        text = end;
-        double value = strtod(text, &end);
-        if (end == text || place < 0 || 8 * (size_t)place + 8 > RECORD_BYTES) {
-            free(record);
-            return fails("the attribute record is not that of an exported vehicle");
-        }
+        double value = strtod(end, &end);
         memcpy(record + 8 * place, &value, sizeof value);
     }
     for (size_t i = 0; i < sizeof whole / sizeof *whole; i++) { /* whole numbers are exact as doubles */
@@ -84,7 +91,7 @@ static int init(const mjModel *m, mjData *d, int instance)
     }
     const char *current = mj_getPluginConfig(m, instance, "current");
     double v[3] = {0};
-    if (current && *current && numbers_of(current, v, 3) != 3) {
+    if (current && *current && (numbers_of(current, v, 3) != 3 || !isfinite(v[0] + v[1] + v[2]))) {
         free(record);
         return fails("the attribute current must be three numbers [m/s]");
     }

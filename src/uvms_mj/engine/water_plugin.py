@@ -54,7 +54,8 @@ def write_plugin(model: str, folder: Path) -> list[Path]:
 
 
 def _record(mjcf: Mjcf) -> str:
-    """The numbers of a vehicle's record that are not zero, each behind its place."""
+    """The numbers of a vehicle's record that are not zero, each behind its place; before them the sum of this text, so
+    that the library refuses one that was changed."""
     model = mjcf.compiled(mjcf.spec())
     data = mujoco.MjData(model)
     attachment = immerse(model, data, mjcf.vehicle)
@@ -69,7 +70,16 @@ def _record(mjcf: Mjcf) -> str:
     for place in np.flatnonzero(words).tolist():
         number = float(words[place]) if place in integers else float(words[place : place + 1].view("f8")[0])
         parts.append(f"{place} {number!r}")
-    return " ".join(parts)
+    text = " ".join(parts)
+    return f"{_sum(text.encode()):016x} {text}"
+
+
+def _sum(data: bytes) -> int:
+    """FNV-1a, 64 bits."""
+    found = 0xCBF29CE484222325
+    for byte in data:
+        found = (found ^ byte) * 0x100000001B3 % 2**64
+    return found
 
 
 def _whole(kind: np.dtype, at: int) -> Iterator[int]:
@@ -86,26 +96,29 @@ def _whole(kind: np.dtype, at: int) -> Iterator[int]:
 
 
 def immersed(mjcf: Mjcf) -> dict[str, bytes]:
-    """The file of a vehicle that has its body, with the plugin in it, by its name."""
-    plugin_name = name_of(len(mjcf.vehicle.arm.links))
-    for name, data in mjcf.files.items():
-        if not name.endswith(".xml"):
-            continue
-        tree = ElementTree.fromstring(data)
-        for body in tree.iter("body"):
-            if body.get("name") == mjcf.vehicle.body:
-                body.set("simple", "false")
-                plugin = ElementTree.Element("plugin", plugin=plugin_name)
-                ElementTree.SubElement(plugin, "config", key="record", value=_record(mjcf))
-                ElementTree.SubElement(plugin, "config", key="current", value="0 0 0")
-                body.append(plugin)
-                extension = tree.find("extension")
-                if extension is None:
-                    extension = ElementTree.Element("extension")
-                    tree.insert(0, extension)
-                ElementTree.SubElement(extension, "plugin", plugin=plugin_name)
-                return {name: ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True)}
-    raise InputError(f"{mjcf.name}: no file has the body {mjcf.vehicle.body!r} by its name")
+    """The files of a vehicle in XML by their names, with the plugin in its body. The coefficients are left out, since
+    the plugin reads its record alone."""
+    plugin, instance = name_of(len(mjcf.vehicle.arm.links)), f"water_{mjcf.name.removesuffix('.xml')}"
+    trees = {name: ElementTree.fromstring(data) for name, data in mjcf.files.items() if name.endswith(".xml")}
+    bodies = [(tree, body) for tree in trees.values() for body in tree.iter("body")]
+    bodies = [(tree, body) for tree, body in bodies if body.get("name") == mjcf.vehicle.body]
+    if not bodies:
+        raise InputError(f"{mjcf.name}: no file has the body {mjcf.vehicle.body!r} by its name")
+    for tree in trees.values():
+        for custom in tree.iter("custom"):
+            for each in custom.findall("numeric"):
+                custom.remove(each)
+    tree, body = bodies[0]
+    body.set("simple", "false")
+    # MuJoCo's attach carries an instance with a name, and no other
+    ElementTree.SubElement(body, "plugin", instance=instance)
+    extension = ElementTree.Element("extension")
+    tree.insert(0, extension)
+    known = ElementTree.SubElement(extension, "plugin", plugin=plugin)
+    named = ElementTree.SubElement(known, "instance", name=instance)
+    ElementTree.SubElement(named, "config", key="record", value=_record(mjcf))
+    ElementTree.SubElement(named, "config", key="current", value="0 0 0")
+    return {name: ElementTree.tostring(each, encoding="utf-8", xml_declaration=True) for name, each in trees.items()}
 
 
 def _header(joints: int) -> str:

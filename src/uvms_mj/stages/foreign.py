@@ -7,6 +7,7 @@ machine code.
 
 import dataclasses
 import functools
+import math
 import operator
 import os
 import re
@@ -53,15 +54,44 @@ def suffix_of(kind: type[Stage]) -> str:
     return suffix if suffix in SUFFIXES else ""
 
 
-Size = Annotated[int, Field(strict=True, ge=1, le=10_000)] | Annotated[str, Field(pattern="^(thrusters|joints)$")]
-Start = Number | list[Number]
+_MOST = 10_000
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _no_default(value: Any) -> bool:
+    return not (isinstance(value, bool) or _is_number(value) or (_is_list(value) and value))
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_number, value))
+
+
+def _no_size(value: Any) -> bool:
+    return value not in ("thrusters", "joints") and not (type(value) is int and 1 <= value <= _MOST)
+
+
+def _floats(value: Any) -> Any:
+    """A number, or a tuple for a list of them, as floats; true and false as they are."""
+    if isinstance(value, list):
+        return tuple(map(float, value))
+    return value if isinstance(value, bool) else float(value)
+
+
+Default = Annotated[Any, refusing(_no_default, "must be a finite number, a list of them, true or false")]
+Size = Annotated[Any, refusing(_no_size, f'must be a whole number from 1 to {_MOST}, "thrusters" or "joints"')]
+Start = Annotated[
+    Any, refusing(lambda each: not (_is_number(each) or _is_list(each)), "must be a finite number or a list of them")
+]
 
 
 @dataclasses.dataclass(frozen=True)
 class OneSetting:
     """A setting of a description: its default, which also gives its type and its length; unit, meaning and range."""
 
-    default: Annotated[bool, Field(strict=True)] | Number | list[Number]
+    default: Default
     unit: str = OWN_UNIT
     meaning: str = ""
     at_least: Number | None = None
@@ -157,6 +187,12 @@ class Description:
             raise InputError(
                 [Fault("stage", f"{found.stage!r} is not a table of a scenario with a stage; {hint}")], path.name
             )
+        own = {field.name for field in dataclasses.fields(BASES[found.stage])} & found.settings.keys()
+        if own:
+            faults = [
+                Fault(f"settings.{word}", f"is a key of every {found.stage}; choose another name") for word in own
+            ]
+            raise InputError(sorted(faults, key=str), path.name)
         return found
 
     def stage_class(self, name: str, module: str, files: list[str]) -> type[Stage]:
@@ -171,7 +207,7 @@ class Description:
             "states": {key: each.size for key, each in states.items()},
             "memory": {key: each.size for key, each in self.states.items() if not each.advanced},
             "units": {key: each.unit for key, each in states.items() if each.unit},
-            "start_values": {key: each.start for key, each in self.states.items() if each.start != 0.0},
+            "start_values": {key: _floats(each.start) for key, each in self.states.items() if each.start != 0.0},
             "files": files,
             base.room.method: staticmethod(function),
             "__doc__": self.summary or f"{name}.",
@@ -180,8 +216,7 @@ class Description:
             members["uses_task"] = self.uses_task
         fields = []
         for key, each in self.settings.items():
-            default = tuple(each.default) if isinstance(each.default, list) else each.default
-            fields.append((key, each.annotation, setting(default, each.unit, each.meaning)))
+            fields.append((key, each.annotation, setting(_floats(each.default), each.unit, each.meaning)))
         try:
             kind = dataclasses.make_dataclass(name, fields, bases=(base,), namespace=members, frozen=True)
         except (TypeError, SyntaxError) as error:
@@ -255,7 +290,7 @@ def load_foreign(path: Path, name: str, table: str, module: types.ModuleType) ->
     if not name.isidentifier() or not name.isascii():
         raise InputError(f"{name!r} is not the name of a C function; give {path.name}:NAME")
     found = Description.load(folder / f"{name}.toml")
-    found_in = c_sources(own)[1:] if path.suffix == C_FILE else []
+    found_in = c_sources(own)[1:] if path.suffix == C_FILE else _beside(Path(os.path.abspath(path)))
     included = [each.relative_to(os.path.abspath(folder)).as_posix() for each in found_in]
     files = [f"{name}.toml", *included, *found.files]
     setattr(module, name, found.stage_class(name, module.__name__, list(dict.fromkeys(files))))
@@ -277,6 +312,18 @@ def c_sources(path: Path) -> list[Path]:
         todo += [
             Path(os.path.abspath(here.parent / name)) for name in _INCLUDE.findall(here.read_text(errors="replace"))
         ]
+    return list(found)
+
+
+def _beside(path: Path) -> list[Path]:
+    """The libraries beside a library that it, or one of them, names."""
+    found: dict[Path, None] = {}
+    todo, others = [path], [each for each in path.parent.iterdir() if ".so" in each.suffixes or each.suffix in SHARED]
+    while todo:
+        data = todo.pop().read_bytes()
+        new = [each for each in others if each not in found and each != path and os.fsencode(each.name) in data]
+        found |= dict.fromkeys(new)
+        todo += new
     return list(found)
 
 

@@ -280,6 +280,25 @@ def test_copies_of_a_frame_that_waited_are_answered_once():
     assert peer.counts.repeated == 5
 
 
+def test_a_frame_that_is_repeated_after_its_answer_is_answered_again():
+    scenario = Scenario.load("push_wall", {**HEAVY, "simulation.duration": 0.01})
+    _, motors, signs = motors_of(set_up(scenario).vehicle.B)
+    peer = ArduPilot(motors, signs, 25, port=0)
+    place = ("127.0.0.1", peer._socket.getsockname()[1])
+    thread = threading.Thread(target=simulate, args=(scenario,), kwargs={"engine": "free_body", "peer": peer})
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pilot:
+        pilot.settimeout(10.0)
+        thread.start()
+        times = []
+        for frame in (0, 1, 1, 1, 2, 2, 3):
+            pilot.sendto(packet(frame), place)
+            times.append(json.loads(pilot.recv(4096))["timestamp"])
+        thread.join(10.0)
+    peer.close()
+    np.testing.assert_allclose(times, [0.0025, 0.005, 0.005, 0.005, 0.0075, 0.0075, 0.01], rtol=2e-8)
+    assert (peer.counts.frames, peer.counts.repeated) == (4, 3)
+
+
 def test_an_autopilot_whose_restart_has_the_same_address_and_one_that_was_replaced():
     peer = ArduPilot(np.arange(8), np.ones(8), 10, port=0)
     one, other = ("127.0.0.1", 1), ("127.0.0.1", 2)

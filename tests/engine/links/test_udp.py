@@ -1,6 +1,7 @@
 """A law in another process gives the numbers of the same law in this one."""
 
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -85,6 +86,43 @@ def test_late_copies_and_noise_are_left_alone():
     keys = {"simulation.duration": 0.1, "controller.period": 1e-3, "controller.name": "udp", "controller.port": port}
     trace = simulate(Scenario.load("push_wall", keys), engine="free_body")
     np.testing.assert_array_equal(trace.tau_cmd[:, 0], np.arange(101.0))
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (lambda n: bytes(8), "8 bytes came, and an answer has 56"),
+        (lambda n: struct.pack(">Q6d", n + 1, *[0.0] * 6), "was asked for"),
+        (lambda n: struct.pack("<Q6d", n, 0.0, 0.0, np.nan, 0.0, 0.0, 0.0), r"answers nan for tau_cmd\[2\] at t = 0 s"),
+    ],
+)
+def test_a_wrong_answer_is_told_from_none(answer, words):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as law:
+        law.bind(("127.0.0.1", 0))
+        law.settimeout(5.0)
+
+        def reply() -> None:
+            data, address = law.recvfrom(65536)
+            law.sendto(answer(struct.unpack_from("<Q", data, 8)[0]), address)
+
+        threading.Thread(target=reply, daemon=True).start()
+        keys = {"controller.port": law.getsockname()[1], "controller.timeout": 0.3}
+        with pytest.raises(InputError, match=words):
+            simulate(Scenario.load("push_wall", keys, "udp"), engine="free_body")
+
+
+def test_a_server_says_what_is_wrong_with_its_port_and_its_law():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        with pytest.raises(InputError, match="in use; choose another"):
+            serve(Gsta(), other.getsockname()[1])
+    request = MAGIC + struct.pack("<Q", 0) + np.zeros(1, SIGNALS).tobytes()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        port = free_port()
+        thread = threading.Timer(0.2, lambda: asking.sendto(request, ("127.0.0.1", port)))
+        thread.start()
+        with pytest.raises(InputError, match="six numbers"):
+            serve(lambda signals: np.zeros(3), port)
 
 
 def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
+from pydantic import Field
+
 from ...quantities import Number, within
 from ..base import Controller, gain
 
@@ -15,7 +17,7 @@ PORT = 9100
 class Udp(Controller):
     """A law of another process: it is given the signals of each instant, and answers with tau_cmd, in lockstep."""
 
-    port: Annotated[Number, within(1.0, 65535.0, "")] = gain(float(PORT), "1", "UDP port of the law on this machine")
+    port: Annotated[int, Field(strict=True, ge=1, le=65535)] = gain(PORT, "1", "UDP port of the law on this machine")
     timeout: Annotated[Number, within(0.01, 3600.0, "s")] = gain(10.0, "s", "longest wall time without an answer")
 
     name = "udp"

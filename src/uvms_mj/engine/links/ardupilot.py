@@ -6,9 +6,11 @@ answer again, and no second step. Formats and their quirks are those of ArduPilo
 east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
 """
 
+import contextlib
 import socket
 import struct
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,9 +26,8 @@ _FORMATS = {18458: _16, 29569: _32}
 PORT = 9002
 LOOPBACK = "127.0.0.1"
 _LOOKS_EVERY_S = 0.2
-_COPIES_S = 0.5
-"""Copies of a frame that are read this soon after its answer were sent before it: ArduPilot repeats a frame after a
-second. An answer to each would stay on the way, and leave the autopilot as many frames behind for good [s]."""
+_MOST_WAITING = 1000
+"""Packets that are looked through before an answer, so that noise holds nothing up."""
 _ABOVE = 1e-8
 """Share by which the time in an answer is ahead: ArduPilot cuts each difference of times to whole microseconds [1]."""
 _FLIP = np.array([1.0, -1.0, -1.0])
@@ -168,8 +169,8 @@ class ArduPilot:
         self._socket.settimeout(_LOOKS_EVERY_S)
         self._address: Any = None
         self._before: set[Any] = set()  # addresses of autopilots that others have replaced
-        self._last = -1
-        self._sent, self._answered = b"", 0.0
+        self._last, self._sent = -1, b""
+        self._waiting: deque[tuple[bytes, Any]] = deque()
 
     def close(self) -> None:
         self._socket.close()
@@ -186,10 +187,20 @@ class ArduPilot:
         return self.steps
 
     def measure(self, sim: Any) -> None:
-        """Answer the frame."""
+        """Answer the frame, once for all of its copies that have come: a second answer would stay on the way, and leave
+        the autopilot a frame behind for good."""
         self._sent = self.answer(sim)
+        self._socket.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(_MOST_WAITING):
+                data, address = self._socket.recvfrom(512)
+                servo = Servo.of(data)
+                if servo is not None and (servo.frame, address) == (self._last, self._address):
+                    self.counts.repeated += 1
+                else:
+                    self._waiting.append((data, address))
+        self._socket.settimeout(_LOOKS_EVERY_S)
         self._send(self._address)
-        self._answered = time.monotonic()
 
     def finish(self, sim: Any) -> None:
         """The last pulse widths hold."""
@@ -212,7 +223,7 @@ class ArduPilot:
         """The next frame to step."""
         while True:
             try:
-                data, address = self._socket.recvfrom(512)
+                data, address = self._waiting.popleft() if self._waiting else self._socket.recvfrom(512)
             except TimeoutError:
                 continue
             servo = Servo.of(data)
@@ -231,8 +242,7 @@ class ArduPilot:
         new = address != self._address
         if servo.frame == self._last and not new:
             counts.repeated += 1
-            if time.monotonic() > self._answered + _COPIES_S:
-                self._send(address)
+            self._send(address)
             return False
         if servo.frame <= self._last:
             again = servo.frame + _LATE < self._last or (servo.frame == 0 and self._last > 1)

@@ -5,6 +5,8 @@ A request is 8 bytes ``uvms-mj1``, the number of the instant (uint64), and the r
 numbers are little endian. A request that is not answered is sent again: a law answers it with the same numbers.
 """
 
+import contextlib
+import math
 import socket
 import struct
 import time
@@ -37,12 +39,13 @@ class UdpLaw:
         self._place, self._timeout, self._steps, self._instant = (LOOPBACK, port), timeout, period_steps, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(_AGAIN_S)
+        self._odd = ""
 
     @classmethod
     def of(cls, scenario: Any) -> "UdpLaw":
         """The peer of a scenario with the law ``udp``."""
         law = scenario.controller
-        return cls(int(law.port), law.timeout, round(scenario.control_period / scenario.simulation.timestep))
+        return cls(law.port, law.timeout, round(scenario.control_period / scenario.simulation.timestep))
 
     def close(self) -> None:
         self._socket.close()
@@ -58,15 +61,20 @@ class UdpLaw:
                 answer = self._receive(min(until, time.monotonic() + _AGAIN_S))
             except (TimeoutError, ConnectionRefusedError):
                 if time.monotonic() > until:
-                    host, port = self._place
                     at = f" at t = {sim.t:.6g} s" if self._instant else ""
-                    wrong = f"no law answers on UDP {host}:{port} within {self._timeout:g} s{at}"
-                    raise InputError([Fault("controller.port", wrong)]) from None
+                    raise self._wrong(f"no law answers{{}} within {self._timeout:g} s{at}{self._odd}") from None
                 time.sleep(0.01)
                 continue
+            for i, value in enumerate(answer):
+                if not math.isfinite(value):
+                    raise self._wrong(f"the law{{}} answers {value} for tau_cmd[{i}] at t = {sim.t:.6g} s")
             sim.tau_cmd[:] = answer
             self._instant += 1
             return self._steps
+
+    def _wrong(self, said: str) -> InputError:
+        host, port = self._place
+        return InputError([Fault("controller.port", said.format(f" on UDP {host}:{port}"))])
 
     def _receive(self, until: float) -> tuple[float, ...]:
         """The answer to the request of this instant; others are late copies. Raises TimeoutError."""
@@ -74,10 +82,14 @@ class UdpLaw:
             if time.monotonic() > until:
                 raise TimeoutError
             data = self._socket.recv(512)
-            if len(data) == _ANSWER.size:
-                instant, *tau_cmd = _ANSWER.unpack(data)
-                if instant == self._instant:
-                    return tuple(tau_cmd)
+            if len(data) != _ANSWER.size:
+                self._odd = f"; {len(data)} bytes came, and an answer has {_ANSWER.size}"
+                continue
+            instant, *tau_cmd = _ANSWER.unpack(data)
+            if instant == self._instant:
+                return tuple(tau_cmd)
+            if instant > self._instant:
+                self._odd = f"; an answer of instant {instant} came, and {self._instant} was asked for"
 
     def measure(self, sim: Any) -> None:
         """The next request has what is measured."""
@@ -88,9 +100,16 @@ class UdpLaw:
 
 def serve(law: Any, port: int, requests: int | None = None) -> None:
     """Answer requests on a port with ``law(signals)``, six numbers, from a record of :data:`SIGNALS`; for so many
-    instants, or until an interrupt. A repeated request gets the same answer."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
-        peer.bind((LOOPBACK, port))
+    instants, or until an interrupt. A repeated request gets the same answer.
+
+    Raises:
+        InputError: another program has the port, or the law does not give six numbers.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer, contextlib.suppress(KeyboardInterrupt):
+        try:
+            peer.bind((LOOPBACK, port))
+        except OSError as error:
+            raise InputError(f"UDP port {port} of {LOOPBACK}: {error.strerror}; choose another") from None
         last, answer, asked = -1, b"", None
         while requests is None or last + 1 < requests:
             data, address = peer.recvfrom(65536)
@@ -99,5 +118,8 @@ def serve(law: Any, port: int, requests: int | None = None) -> None:
             instant = _REQUEST.unpack_from(data)[1]
             if (instant, address) != (last, asked):
                 signals = np.frombuffer(data, SIGNALS, 1, _REQUEST.size).view(np.recarray)[0]
-                answer, last, asked = _ANSWER.pack(instant, *map(float, law(signals))), instant, address
+                command = np.asarray(law(signals), float)
+                if command.shape != (6,):
+                    raise InputError(f"the law must give six numbers, and gave an array of shape {command.shape}")
+                answer, last, asked = _ANSWER.pack(instant, *command), instant, address
             peer.sendto(answer, address)

@@ -16,6 +16,7 @@ from ...errors import Fault, InputError, needs_extra
 from ...stages.c_header import Records
 from ...stages.fmu import Wiring, unpacked
 from .compilation import cache_folder
+from .shared_library import check_whole
 
 STATUSES = ("ok", "warning", "discard", "error", "fatal", "pending")
 CALLS = ("fmi2SetReal", "fmi2DoStep", "fmi2GetReal")
@@ -62,18 +63,22 @@ class UnitInstance:
             there = sorted(each.name for each in (folder / "binaries").glob("*") if each.is_dir())
             has = f"it has {', '.join(there)}" if there else "it has none"
             raise self._wrong(f"has no library {name}{fmpy.sharedLibraryExtension} for {fmpy.platform}; {has}")
-        with tempfile.TemporaryDirectory(prefix="run-", dir=place) as own:
-            copy = Path(own, library.name)
-            shutil.copyfile(library, copy)
-            try:
-                with contextlib.chdir(os.getcwd()):  # FMPy stays where it looked if it can't load
-                    self._fmu = FMU2Slave(
+        # a library finds others beside it, by $ORIGIN, if its copy lies there
+        number, path = tempfile.mkstemp(prefix=f"{name}-", suffix=library.suffix, dir=place)
+        os.close(number)
+        try:
+            check_whole(library)
+            shutil.copyfile(library, path)
+            with contextlib.chdir(os.getcwd()):  # FMPy stays where it looked if it can't load
+                self._fmu = FMU2Slave(
                     guid=unit.description.guid, unzipDirectory=os.fspath(folder), modelIdentifier=name,
-                    instanceName=unit.file.stem, libraryPath=os.fspath(copy),
+                    instanceName=unit.file.stem, libraryPath=path,
                 )  # fmt: skip
-            except Exception as error:  # FMPy raises plain ones
-                said = str(error).replace(str(copy), library.name)
-                raise self._wrong(f"is not a library that this machine loads: {said}") from None
+        except Exception as error:  # FMPy raises plain ones
+            said = str(error).replace(path, library.name).replace(Path(path).name, library.name)
+            raise self._wrong(f"is not a library that this machine loads: {said}") from None
+        finally:
+            Path(path).unlink(missing_ok=True)
         self.messages: list[str] = []
         self._instantiate()
         self._finalizer = weakref.finalize(self, _free, self._fmu)

@@ -6,6 +6,7 @@ import os
 import platform
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -83,6 +84,17 @@ def _run(command: Sequence[str], path: Path) -> None:
         raise InputError(f"{path.name} does not compile with {Path(command[0]).name}:\n{said}")
 
 
+def check_whole(path: Path) -> None:
+    """Raise OSError for a library of ELF whose file lacks its end: the loader would end the process."""
+    data = path.read_bytes()
+    if data[:5] != b"\x7fELF\x02" or len(data) < 64:  # another kind of file, of which the loader says so itself
+        return
+    (first,), (size, count) = struct.unpack_from("<Q", data, 32), struct.unpack_from("<HH", data, 54)
+    segments = [data[first + k * size :][:size] for k in range(count)]
+    if any(len(each) < 40 or sum(struct.unpack_from("<Q16xQ", each, 8)) > len(data) for each in segments):
+        raise OSError("the end of its file is missing")
+
+
 LIBRARY = np.dtype([("code_at", "i8"), ("returned", "i8")])
 """The record of a library in a stage's own memory: the address of its function, and what that returned."""
 
@@ -113,6 +125,7 @@ class Library:
         with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=None if beside else cache_folder()) as new:
             copy = path.with_name(f".{Path(new).name}{path.suffix}") if beside else Path(new, given.name)
             try:
+                check_whole(given)
                 shutil.copyfile(given, copy)
                 self._library = ctypes.CDLL(str(copy))
             except OSError as error:

@@ -198,7 +198,7 @@ def _law(
         return None
     for stage in (scenario.controller, scenario.actuation):
         if stage.by_caller:
-            out = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation"
+            out = f"{stage.label()} gets {stage.by_caller} from outside of the run"
             faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
     law = scenario.controller
     return Law(label or law.label(), law.source(), plain(overrides), scenario)
