@@ -11,7 +11,7 @@ from uvms_mj.engine.plant_fmu import write_fmu
 
 fmpy = pytest.importorskip("fmpy", reason="needs the extra fmi")
 from fmpy.fmi1 import FMICallException  # noqa: E402
-from fmpy.fmi2 import FMU2Slave  # noqa: E402
+from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
 NOISY = {
@@ -36,10 +36,17 @@ def plants(tmp_path_factory) -> dict[str, Path]:
     return made
 
 
+def logging_to(log) -> fmi2CallbackFunctions:
+    callbacks = fmi2CallbackFunctions()
+    callbacks.logger = fmi2CallbackLoggerTYPE(lambda _, __, ___, ____, message: log(message.decode()))
+    callbacks.allocateMemory, callbacks.freeMemory = defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory
+    return callbacks
+
+
 class Unit:
     """An instance of an FMU in FMPy."""
 
-    def __init__(self, path: Path, parameters: dict[str, float] | None = None) -> None:
+    def __init__(self, path: Path, parameters: dict[str, float] | None = None, log=None) -> None:
         self.about = fmpy.read_model_description(str(path))
         self.refs = {each.name: each.valueReference for each in self.about.modelVariables}
         self.outputs = [each.name for each in self.about.modelVariables if each.causality == "output"]
@@ -49,7 +56,7 @@ class Unit:
             modelIdentifier=self.about.coSimulation.modelIdentifier,
             instanceName="unit",
         )
-        self.fmu.instantiate()
+        self.fmu.instantiate(callbacks=None if log is None else logging_to(log))
         self.fmu.setupExperiment(startTime=0.0)
         self.set(parameters or {})
         self.fmu.enterInitializationMode()
@@ -85,6 +92,19 @@ def pushes(k: int) -> dict[str, float]:
 @pytest.mark.parametrize("name", ["plant", "thrusts", "noisy", "closed"])
 def test_fmpy_finds_nothing_wrong(plants, name):
     assert validate_fmu(str(plants[name])) == []
+
+
+def test_variables_have_the_units_and_the_meanings_of_signals_and_keys(plants):
+    about = fmpy.read_model_description(str(plants["noisy"]))
+    named = {each.name: each for each in about.modelVariables}
+    for name, unit, words in (
+        ("nu[4]", "rad/s", "velocity"), ("f_contact_W[1]", "N", "in W"), ("tau_cmd[5]", "N.m", "wrench"),
+        ("wall.stiffness", "N/m", "k_c"), ("p_WB[1]", "m", "position"), ("R_WB[1,1]", None, "rotation"),
+    ):  # fmt: skip
+        assert named[name].unit == unit
+        assert words in named[name].description
+    assert all(each.description for each in about.modelVariables)
+    assert {each.unit for each in about.modelVariables} - {None} <= {each.name for each in about.unitDefinitions}
 
 
 def test_tables_of_water_and_walls_are_in_it(tmp_path):
@@ -228,6 +248,10 @@ def test_what_is_wrong_is_a_status(plants):
     unit.set({"tau_cmd[1]": 1e9})
     with pytest.raises(FMICallException):
         unit.step(10_000)
+    said = []
+    with pytest.raises(FMICallException):
+        Unit(plants["plant"], {"wall.stiffness": -1.0}, said.append)
+    assert said == ["wall.stiffness is out of its range"]
 
 
 def test_what_can_not_be_in_an_fmu_is_refused(tmp_path):

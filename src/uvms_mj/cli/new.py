@@ -119,8 +119,9 @@ def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: boo
 
     from ..errors import InputError
     from ..files import atomic_write
+    from ..stages.foreign import is_c_name
 
-    if not (name.isascii() and name.isidentifier()):
+    if not is_c_name(name):
         raise InputError(f"NAME {name!r}: must be the name of a C function, as my_{kind}")
     folder = Path(out or ".")
     folder.mkdir(exist_ok=True)

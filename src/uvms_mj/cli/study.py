@@ -361,6 +361,9 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
             for each in largest(found).to_dict("records"):
                 click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")
         click.echo(f"{study.folder}{os.sep}rows")
+    for (law, status), group in rows[~rows["status"].isin(("completed", "unstable"))].groupby(["law", "status"]):
+        why = printable(str(group["message"].iloc[0]))
+        click.echo(f"note: {law}: {len(group)} {status}; row {group['index'].iloc[0]}: {why}", err=True)
     for each in failed:
         click.echo(f"note: row {each['index']}, {each['law']}: {engines_differ(each)}", err=True)
     return EXIT_ENGINES_DIFFER if failed else 0

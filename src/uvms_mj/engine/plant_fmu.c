@@ -40,8 +40,15 @@ static const unsigned char *image(void)
 static int say(plant *p, int status, const char *text)
 {
     if (p->called.logger)
-        p->called.logger(p->called.environment, p->name, status, "logStatusError", "%s", text);
+        p->called.logger(p->called.environment, p->name, status, "logStatusError", text); /* no text has a % */
     return status;
+}
+
+static int say_of(plant *p, const char *name, const char *text)
+{
+    char both[200];
+    snprintf(both, sizeof both, "%s %s", name, text);
+    return say(p, FAILED, both);
 }
 
 /* SHA-256 (FIPS 180-4) of a text of at most 55 bytes; its first 8 bytes. */
@@ -114,7 +121,7 @@ static int advance(plant *p)
 {
     uvms_mj_advance((int64_t)(intptr_t)p->numbers, CONTROL);
     if (((int64_t *)p->numbers)[STOP] != 0)
-        return say(p, FAILED, "the state or a command left its bounds");
+        return say(p, FAILED, stopped(((int64_t *)p->numbers)[STOP]));
     return OK;
 }
 
@@ -191,9 +198,9 @@ int fmi2SetReal(void *c, const unsigned refs[], size_t n, const double values[])
             return say(p, FAILED, "a number is not finite");
         if (ref < PARAMETERS) {
             if (p->begun)
-                return say(p, FAILED, "a parameter is set before the run begins");
+                return say_of(p, named[ref], "is a parameter, which is set before the run begins");
             if (values[i] < least[ref] || values[i] > 1e12 || (ref == SEED && values[i] != floor(values[i])))
-                return say(p, FAILED, "a parameter is out of its range");
+                return say_of(p, named[ref], "is out of its range");
             p->parameters[ref] = values[i];
         } else if (ref < PARAMETERS + INPUTS) {
             p->numbers[inputs_at[ref - PARAMETERS]] = values[i];

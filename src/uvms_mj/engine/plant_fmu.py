@@ -22,8 +22,10 @@ from ..errors import Fault, InputError
 from ..files import atomic_write
 from ..physics.random import key_of
 from ..scenario import Scenario
+from ..stages.signals import MEASURED
 from .native.callback import advance
 from .native.other_targets import loop_for
+from .native.record import STOP_COMMAND, STOP_STATE, STOP_THRUST
 from .native.shared_library import compiler
 from .simulation import Simulation
 
@@ -40,8 +42,15 @@ PARAMETERS = {
     **{f"disturbance.bias[{i}]": "N" if i < 3 else "N.m" for i in range(6)},
 }
 """Keys of a scenario that may become parameters, with their units. An index counts from 0, that of FMI from 1."""
+SEED = "simulation.seed"
 LEAST = {"wall.stiffness": 1.0, "wall.damping": 0.0, "wall.friction": 0.0, "current.speed": 0.0}
 """The least value of a parameter; of the others it is -1e12, and the greatest is 1e12."""
+_STOPPED = {
+    STOP_STATE: "the state left its bounds",
+    STOP_COMMAND: "the commanded wrench is too large, or not finite",
+    STOP_THRUST: "a thrust is too large, or not finite",
+}
+"""Why a run stopped, by its number."""
 _PROBES = (0.125, 0.3, 0.77, 1.9, 3.0)
 """Multiples of a key's unit at which the records are compared."""
 
@@ -68,7 +77,7 @@ def write_fmu(scenario: Scenario, path: Path, with_law: bool = False) -> list[st
         stages = sim._stages
         for stage in stages.running:
             if stage.library is not None or stage.code is None:
-                wrong = f"{stage.stage.label()} is not translated by this compiler, and can't be in the FMU"
+                wrong = f"{stage.stage.label()} can't be in the FMU: what is inside is Python that the compiler takes"
                 raise InputError([Fault(f"{stage.stage.room.table}.name", wrong)])
         parts = _Parts(sim, scenario)
         guid = str(uuid.uuid5(uuid.NAMESPACE_OID, repr(scenario.to_dict())))
@@ -148,6 +157,12 @@ class _Parts:
         value = getattr(getattr(self.scenario, table), word)
         return float(value[int(index[:-1])] if index else value)
 
+    def _meaning(self, key: str) -> str:
+        table, word = key.partition("[")[0].split(".")
+        return next(
+            str(f.metadata["meaning"]) for f in dataclasses.fields(getattr(self.scenario, table)) if f.name == word
+        )
+
     def _override(self, key: str, value: float) -> dict[str, Any]:
         name, _, index = key.partition("[")
         if not index:
@@ -197,16 +212,22 @@ class _Parts:
             return [(f"tau_cmd[{i + 1}]", place(command[i : i + 1]), unit) for i, unit in enumerate(units)]
         return []
 
-    def _outputs(self) -> Iterator[tuple[str, int]]:
-        """The signals of a run, entry by entry."""
+    def _outputs(self) -> Iterator[tuple[str, int, str, str]]:
+        """The signals of a run, entry by entry: name, place, unit and meaning."""
         known = {name for name, *_ in self.inputs}
+        given = type(self.scenario.controller).given(len(self.sim.u))
+        signals = {signal.name: signal for signal in (*given, *MEASURED, *self.sim.recorded)}
         for name, view in self.memory.views().items():
             if view.dtype != np.float64 or name in ("t", "period"):
                 continue
+            signal = signals[name]
+            units = signal.units if len(signal.shape) < 2 or "," not in signal.unit else ("",) * signal.size
+            meaning = signal.meaning + (f", in {signal.frame}" if signal.frame != "-" else "")
             for flat, index in enumerate(np.ndindex(view.shape)):
                 entry = f"{name}[{','.join(str(i + 1) for i in index)}]" if index else name
                 if entry not in known:
-                    yield entry, self.memory.image.place(view.reshape(-1)[flat : flat + 1])
+                    place = self.memory.image.place(view.reshape(-1)[flat : flat + 1])
+                    yield entry, place, units[flat].replace(" ", "."), meaning
 
     def _keys(self) -> Iterator[tuple[int, str]]:
         """The places of the keys of random numbers, with their names."""
@@ -267,33 +288,44 @@ class _Parts:
                 rows([f'{{{p}, "{name}"}}' for p, name in keys] or ["{0}"], "struct key", "keys"),
                 rows(list(map(repr, starts)), "double", "starts"),
                 rows([str(p) for _, p, _ in self.inputs], "int64_t", "inputs_at"),
-                rows([str(p) for _, p in self.outputs], "int64_t", "outputs_at"),
+                rows([str(p) for _, p, *_ in self.outputs], "int64_t", "outputs_at"),
+                rows([f'"{_counted(key)}"' for key in (*self.parameters, SEED)], "char *const", "named"),
+                "static const char *stopped(int64_t stop)",
+                "{",
+                *(f'    if (stop == {stop}) return "{said}";' for stop, said in _STOPPED.items()),
+                '    return "the run has ended";',
+                "}",
                 "",
             ]
         )
 
     def description(self, name: str, guid: str) -> str:
         """modelDescription.xml."""
-        lines = list[str]()
+        lines, units = list[str](), set[str]()
 
-        def variable(called: str, rest: str, real: str) -> None:
+        def variable(called: str, rest: str, real: str, unit: str, meaning: str) -> None:
+            units.add(unit)
+            has_unit = f"unit={quoteattr(unit)} " if unit not in ("", "1", "-") else ""
             lines.append(
-                f'<ScalarVariable name={quoteattr(called)} valueReference="{len(lines)}" {rest}>'
-                f"<Real {real}/></ScalarVariable>"
+                f'<ScalarVariable name={quoteattr(called)} valueReference="{len(lines)}" '
+                f"description={quoteattr(meaning)} {rest}><Real {has_unit}{real}/></ScalarVariable>"
             )
 
         fixed = 'causality="parameter" variability="fixed" initial="exact"'
         for key in self.parameters:
             called = _counted(key)
             limits = f'min="{LEAST.get(key, -1e12)!r}" max="1e12"'
-            variable(called, fixed, f'{limits} start="{self._value(key)!r}"')
+            start = f'{limits} start="{self._value(key)!r}"'
+            variable(called, fixed, start, PARAMETERS[key], self._meaning(key))
         seed = float(self.scenario.simulation.seed)
-        variable("simulation.seed", fixed, f'min="0.0" max="1e12" start="{seed!r}"')
-        for called, *_ in self.inputs:
-            variable(called, 'causality="input" variability="continuous"', 'start="0.0"')
+        variable(SEED, fixed, f'min="0.0" max="1e12" start="{seed!r}"', "1", self._meaning(SEED))
+        for called, _, unit in self.inputs:
+            what = "commanded wrench at the origin of B, in B" if called.startswith("tau") else "commanded thrust"
+            variable(called, 'causality="input" variability="continuous"', 'start="0.0"', unit, what)
         first = len(lines) + 1
-        for called, _ in self.outputs:
-            variable(called, 'causality="output" variability="continuous" initial="calculated"', "")
+        for called, _, unit, meaning in self.outputs:
+            variable(called, 'causality="output" variability="continuous" initial="calculated"', "", unit, meaning)
+        defined = "".join(f"<Unit name={quoteattr(unit)}/>" for unit in sorted(units - {"", "1", "-"}))
         unknowns = "".join(f'<Unknown index="{first + i}"/>' for i in range(len(self.outputs)))
         h, duration = self.scenario.simulation.timestep, self.scenario.simulation.duration
         about = f"uvms-mj: {self.scenario.name}, {self.scenario.vehicle.model}, engine free_body, SI units"
@@ -304,6 +336,7 @@ class _Parts:
             'numberOfEventIndicators="0">\n'
             f'<CoSimulation modelIdentifier={quoteattr(name)} canHandleVariableCommunicationStepSize="true" '
             'canGetAndSetFMUstate="true" canSerializeFMUstate="true" canNotUseMemoryManagementFunctions="true"/>\n'
+            f"<UnitDefinitions>{defined}</UnitDefinitions>\n"
             f'<DefaultExperiment startTime="0.0" stopTime="{duration!r}" stepSize="{h!r}"/>\n'
             f"<ModelVariables>\n{chr(10).join(lines)}\n</ModelVariables>\n"
             f"<ModelStructure><Outputs>{unknowns}</Outputs><InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure>\n"

@@ -5,6 +5,7 @@ sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by the setting 
 """
 
 import dataclasses
+import difflib
 import hashlib
 import keyword
 import os
@@ -220,9 +221,9 @@ class OfUnit:
             parts = _ELEMENT.fullmatch(element)
             if parts is None or parts[1] not in signals:
                 if causality == "input" or each.name in named:
-                    word = parts[1] if parts else element
-                    hint = f"{suggestion(word, signals)}; name it in {table}.variables"
-                    wrong(f"{each.name} is no signal: {hint}")
+                    close = difflib.get_close_matches(parts[1] if parts else element, signals, n=1)
+                    hint = f"did you mean {close[0]!r}?" if close else f"`uvms-mj signals {self.room.noun}` lists them"
+                    wrong(f"{each.name} is no signal: {hint}; name it in {table}.variables")
                 continue
             place = _place(signals[parts[1]], dtype, parts[2])
             if place is None:

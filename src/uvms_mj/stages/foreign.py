@@ -176,7 +176,7 @@ class Description:
             given = tables.get(table, {})
             words = list(given) if isinstance(given, dict) else []
             choices |= {f"{table}.{word}": names[kind] for word in words}
-            if wrong := [word for word in words if not _NAME.fullmatch(word) or word in _WORDS_OF_C]:
+            if wrong := [word for word in words if not is_c_name(word)]:
                 raise InputError([Fault(f"{table}.{word}", "is no name of a field in C") for word in wrong], path.name)
         try:
             found = _VALIDATOR.validate_python(tables)
@@ -279,6 +279,11 @@ _WORDS_OF_C = {
     *("typename", "namespace"),
 }
 """Words of C and C++ and of the header."""
+
+
+def is_c_name(word: str) -> bool:
+    """Whether a word may name a field or a function in C and C++."""
+    return bool(_NAME.fullmatch(word)) and word not in _WORDS_OF_C
 
 
 def load_foreign(path: Path, name: str, table: str, module: types.ModuleType) -> None:
