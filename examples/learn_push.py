@@ -44,7 +44,7 @@ def observe(seen):
     """(n, 18): error of the desired impedance's spring [N, N m], velocity error, measured wrench of the wall."""
     wrench = seen.tau_contact_m_B
     return np.concatenate(
-        [np.arcsinh(seen.K_d * seen.eta_e - wrench) / 2.0, 5.0 * seen.nu_e, np.arcsinh(wrench) / 2.0], axis=1
+        [np.arcsinh((seen.K_d * seen.eta_e - wrench) / 5.0), 10.0 * seen.nu_e, np.arcsinh(wrench / 5.0)], axis=1
     )
 
 
@@ -156,8 +156,8 @@ class LearnedPush(Controller):
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
         wrench = signals.tau_contact_m_B
-        spring = np.arcsinh(signals.K_d * signals.eta_e - wrench) / 2.0
-        x = np.concatenate((spring, 5.0 * signals.nu_e, np.arcsinh(wrench) / 2.0))
+        spring = np.arcsinh((signals.K_d * signals.eta_e - wrench) / 5.0)
+        x = np.concatenate((spring, 10.0 * signals.nu_e, np.arcsinh(wrench / 5.0)))
         a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x + b_1) + b_2) + b_3
         state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
         tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)
