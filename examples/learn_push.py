@@ -4,8 +4,8 @@ pip install 'uvms-mj[gym]'
 python examples/learn_push.py                 learns for some minutes and writes learned_push.py
 uvms-mj run --controller learned_push.py:LearnedPush
 
-The policy is a network of two hidden layers of 64 behind a PI filter: u = a + z, where z' = a / T_I. So the thrust at
-rest is what holds the vehicle in any current, and the network decides where it rests: at a = 0.
+The policy is a network of two hidden layers of 64 without offsets behind a PI filter: u = a + z, where z' = a / T_I.
+The vehicle rests where a = 0, in any current. The network is zero where its inputs are, the errors of the impedance.
 
 Source: H. Mania, A. Guy and B. Recht, "Simple random search of static policies is competitive for reinforcement
 learning", NeurIPS 2018; here with steps and perturbations that shrink.
@@ -34,18 +34,16 @@ WALLS = [  # the [[vary]] of a study: what an episode draws, and the policy can'
 ]
 SHORT = {"simulation.timestep": 1e-3, "simulation.duration": 7.0, "reference.step_time": 0.0}
 RATE, T_I = 100.0, 0.5  # Hz, s
-SIZES = (18, 64, 64, 6)
+SIZES = (12, 64, 64, 6)
 PAIRS, BEST = 16, 8  # perturbations of a generation, and those that decide its step
-STEP, NOISE = 0.02, 0.03  # of the first generation
+STEP, NOISE = 0.01, 0.03  # of the first generation
 LEAST = 0.1  # of both at the end, times those at the beginning
 
 
 def observe(seen):
-    """(n, 18): error of the desired impedance's spring [N, N m], velocity error, measured wrench of the wall."""
-    wrench = seen.tau_contact_m_B
-    return np.concatenate(
-        [np.arcsinh((seen.K_d * seen.eta_e - wrench) / 5.0), 10.0 * seen.nu_e, np.arcsinh(wrench / 5.0)], axis=1
-    )
+    """(n, 12): errors of the desired impedance at rest, K_d eta_e - tau_c, in 5 N, and of the velocity in 0.1 m/s."""
+    spring = seen.K_d * seen.eta_e - seen.tau_contact_m_B
+    return np.concatenate([np.arcsinh(spring / 5.0), 10.0 * seen.nu_e], axis=1)
 
 
 def reward(seen):
@@ -55,30 +53,24 @@ def reward(seen):
 
 
 def first(dice):
-    """Parameters of a policy that does nothing: random hidden layers, and zeros behind them."""
+    """Parameters (d,) of a policy that does nothing: random hidden layers, and zeros behind them."""
     layers = [dice.normal(size=shape) / np.sqrt(shape[0]) for shape in pairwise(SIZES)]
     layers[-1][:] = 0.0
-    return np.concatenate([np.append(W.ravel(), np.zeros(W.shape[1])) for W in layers])
+    return np.concatenate([W.ravel() for W in layers])
 
 
 def layers_of(theta):
-    """Weights (n, in, out) and offsets (n, 1, out) of each layer, from the parameters (n, d) of n policies."""
-    found, at = [], 0
-    for rows, columns in pairwise(SIZES):
-        W = theta[:, at : at + rows * columns].reshape(-1, rows, columns)
-        at += rows * columns
-        found.append((W, theta[:, None, at : at + columns]))
-        at += columns
-    return found
+    """Weights (n, in, out) of each layer, from the parameters (n, d) of n policies. There are no offsets: a network is
+    zero where its inputs are."""
+    shapes = list(pairwise(SIZES))
+    parts = np.split(theta, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [part.reshape(-1, *shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 def actions(layers, x):
-    """(n, 6) outputs of n policies for their observations (n, 18)."""
-    h = x[:, None, :]
-    for W, b in layers[:-1]:
-        h = np.tanh(h @ W + b)
-    W, b = layers[-1]
-    return (h @ W + b)[:, 0, :]
+    """(n, 6) outputs of n policies for their observations (n, 12)."""
+    W_1, W_2, W_3 = layers
+    return (np.tanh(np.tanh(x[:, None, :] @ W_1) @ W_2) @ W_3)[:, 0, :]
 
 
 def returns(env, theta, seeds):
@@ -134,18 +126,17 @@ import numpy as np
 from uvms_mj import Controller, setting
 from uvms_mj.quantities import Positive, Step
 
-NUMBERS = np.array("""
+WEIGHTS = """
 {numbers}
-""".split(), float)  # fmt: skip
-W_1, b_1, W_2, b_2, W_3, b_3 = np.split(NUMBERS, {places})
-W_1, W_2, W_3 = W_1.reshape({first}).T, W_2.reshape({second}).T, W_3.reshape({third}).T
-W_1, W_2, W_3 = W_1.copy(), W_2.copy(), W_3.copy()
+"""  # of the three layers one after another, row by row
+_LAYERS = np.split(np.array(WEIGHTS.split(), float), {places})
+W_1, W_2, W_3 = (each.reshape(-1, n).T.copy() for each, n in zip(_LAYERS, {sizes}, strict=True))
 SCALE = np.array([40.0, 40.0, 40.0, 10.0, 10.0, 10.0])  # wrench at 1 [N, N m]
 
 
 @dataclass(frozen=True)
 class LearnedPush(Controller):
-    """Two hidden layers of 64 behind a PI filter; its weights are constants."""
+    """Two hidden layers of 64 without offsets behind a PI filter; the weights are constants."""
 
     period: Step = setting({period}, "s", "control period; it has learned at {period} s")
     T_I: Positive = setting({T_I}, "s", "time constant of the integral; it has learned with {T_I} s")
@@ -155,10 +146,9 @@ class LearnedPush(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        wrench = signals.tau_contact_m_B
-        spring = np.arcsinh((signals.K_d * signals.eta_e - wrench) / 5.0)
-        x = np.concatenate((spring, 10.0 * signals.nu_e, np.arcsinh(wrench / 5.0)))
-        a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x + b_1) + b_2) + b_3
+        spring = signals.K_d * signals.eta_e - signals.tau_contact_m_B
+        x = np.concatenate((np.arcsinh(spring / 5.0), 10.0 * signals.nu_e))
+        a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x))
         state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
         tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)
 '''
@@ -167,16 +157,12 @@ class LearnedPush(Controller):
 def export(theta, path, about):
     """Write the policy as the file of a law, with five digits of each number."""
     words = [f"{x:.5g}" for x in theta]
-    shapes = list(pairwise(SIZES))
-    places = np.cumsum([n for rows, columns in shapes for n in (rows * columns, columns)])[:-1].tolist()
     text = LAW.format(
         about=about,
         name=path.name,
-        numbers="\n".join(" ".join(words[k : k + 12]) for k in range(0, len(words), 12)),
-        places=places,
-        first=shapes[0],
-        second=shapes[1],
-        third=shapes[2],
+        numbers="\n".join(" ".join(words[k : k + 10]) for k in range(0, len(words), 10)),
+        places=np.cumsum([rows * columns for rows, columns in pairwise(SIZES)])[:-1].tolist(),
+        sizes=SIZES[1:],
         period=1.0 / RATE,
         T_I=T_I,
     )

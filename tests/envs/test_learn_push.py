@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("gymnasium", reason="needs the extra gym")
 
-from uvms_mj import Scenario, simulate  # noqa: E402  # after the skip
-from uvms_mj.control.design import demanded_force  # noqa: E402
+from uvms_mj import Scenario, simulate  # after the skip
+from uvms_mj.control.design import demanded_force
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -40,7 +40,7 @@ def test_a_policy_is_the_law_that_it_is_written_as(example, tmp_path):
     scenario = Scenario.load("push_wall", example.SHORT | start | current, f"{tmp_path / 'policy.py'}:LearnedPush")
     trace = simulate(scenario, engine="free_body")
     assert np.abs(trace.nu_e[-1]).max() > 0.01
-    assert seen[0, 6:12] / 10.0 == pytest.approx(trace.nu_e[-1], rel=1e-6, abs=1e-9)
+    assert seen[0, 6:] / 10.0 == pytest.approx(trace.nu_e[-1], rel=1e-6, abs=1e-9)
     env.close()
 
 
