@@ -29,7 +29,7 @@ KEPT = {
     "wall.stiffness": "stiffness_N_per_m",
     "current.speed": "current_m_per_s",
     "status": "status",
-    "contact.settled": "settled",
+    "force_range_N": "range_N",
     "force_error_N": "error_N",
     "contact.final_N": "final_N",
     "contact.peak_N": "peak_N",
