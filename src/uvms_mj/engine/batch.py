@@ -50,7 +50,8 @@ class Batch:
             each.prepare()
         memory = self._simulations[0].memory
         self._addresses = np.array([each.memory.address for each in self._simulations], np.int64)
-        self._parts, self._places = _parts(memory), dict[tuple[str, ...], np.ndarray]()
+        self._all_at, self._native = self._addresses.ctypes.data, self._simulations[0].all_native
+        self._parts, self._layouts = _parts(memory), dict[tuple[str, ...], _Layout]()
 
     @property
     def names(self) -> list[str]:
@@ -80,18 +81,19 @@ class Batch:
             StageFault: a user's stage raised or violated its contract.
         """
         found: dict[int, Diverged] = {}
-        indices = which.tolist()
-        if not indices:
+        if not len(which):
             return found
-        if all(self._simulations[i].all_native for i in indices):
+        if self._native:
             self._step_natively(n, which)
-            stopped = self.read([STOP])[STOP][which] != 0
-            for i in which[stopped].tolist():
+            stopped = self.read((STOP,))[STOP]
+            for i in which[stopped[which] != 0].tolist() if stopped.any() else ():
                 self._simulations[i].check()
                 diverged = self._simulations[i].diverged
                 assert diverged is not None
                 found[i] = diverged
             return found
+
+        indices = which.tolist()
 
         def one_by_one(first: int, last: int) -> None:
             for i in indices[first:last]:
@@ -129,34 +131,27 @@ class Batch:
             for other in others:
                 other.result()
 
-    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+    def read(self, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         """Signals of all Simulations by name, as arrays (n, ...) of their own."""
-        key = tuple(names)
-        places = self._places_of(key)
-        table = np.empty((len(self), places.size))
-        self._copy("gather", places, table)
-        found, at = {}, 0
-        for name in key:
-            part = self._parts[name]
-            found[name] = table[:, at : at + part.size].copy().view(part.kind).reshape(len(self), *part.shape)
-            at += part.size
-        return found
-
-    def _places_of(self, names: tuple[str, ...]) -> np.ndarray:
-        """The places of all numbers of some signals."""
-        if names not in self._places:
-            parts = [self._parts[name] for name in names]
-            each = [np.arange(part.first, part.first + part.size) for part in parts]
-            self._places[names] = np.concatenate(each) if each else np.zeros(0, int)
-        return self._places[names]
+        layout, n = self._layout(names), len(self._simulations)
+        many_runs()["gather"].ctypes(self._all_at, n, layout.places_at, layout.places.size, layout.table_at)
+        table = layout.table
+        return {
+            name: table[:, first:end].copy().view(kind).reshape(n, *shape)
+            for name, first, end, shape, kind in layout.parts
+        }
 
     def write(self, command: str, values: np.ndarray, which: np.ndarray) -> None:
         """Set ``tau_cmd`` or ``u_cmd`` (k, ...) of k Simulations, where the caller of a Simulation sets it."""
-        self._copy("scatter", self._places_of((command,)), np.ascontiguousarray(values, float), which)
+        layout, runs = self._layout((command,)), self._addresses[which]
+        table = np.ascontiguousarray(values, float)
+        given = runs.ctypes.data, len(runs), layout.places_at, layout.places.size, table.ctypes.data
+        many_runs()["scatter"].ctypes(*given)
 
-    def _copy(self, way: str, places: np.ndarray, table: np.ndarray, which: np.ndarray | slice = slice(None)) -> None:
-        runs = self._addresses[which]
-        many_runs()[way].ctypes(runs.ctypes.data, len(runs), places.ctypes.data, places.size, table.ctypes.data)
+    def _layout(self, names: tuple[str, ...]) -> "_Layout":
+        if names not in self._layouts:
+            self._layouts[names] = _Layout([(name, self._parts[name]) for name in names], len(self))
+        return self._layouts[names]
 
     def close(self) -> None:
         """Close all Simulations, and end the threads."""
@@ -177,6 +172,20 @@ class _Part:
     @property
     def size(self) -> int:
         return math.prod(self.shape)
+
+
+class _Layout:
+    """Parts of a run one after another, as the columns of a table with one row a run."""
+
+    def __init__(self, named: Sequence[tuple[str, _Part]], n: int) -> None:
+        ends = np.cumsum([part.size for _, part in named]).tolist()
+        self.parts = [
+            (name, end - part.size, end, part.shape, part.kind) for (name, part), end in zip(named, ends, strict=True)
+        ]
+        places = [np.arange(part.first, part.first + part.size) for _, part in named]
+        self.places = np.concatenate(places) if places else np.zeros(0, np.int64)
+        self.table = np.zeros((n, self.places.size))
+        self.places_at, self.table_at = self.places.ctypes.data, self.table.ctypes.data
 
 
 def _parts(memory: RunMemory) -> dict[str, _Part]:

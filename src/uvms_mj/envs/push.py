@@ -130,7 +130,7 @@ class Pushes:
         self._base = checked(checks.base_gains, self.scenario, gains) if action == "gains" else {}
         self.steps_each = checked(checks.steps_each, self.scenario.simulation.timestep, control_rate)
         self.rngs = checked(checks.generators, seed, n)
-        self._observed = observe if callable(observe) else checked(checks.names, "observe", observe)
+        self._observed = observe if callable(observe) else tuple(checked(checks.names, "observe", observe) or ())
         self._reward = checked(checks.function, "reward", reward)
         if faults:
             raise InputError(faults, "push")
@@ -149,6 +149,7 @@ class Pushes:
         self._steps, self._last = np.zeros(n, int), np.full(n, self.scenario.steps)
         self._demands = np.full(n, demanded, float)
         self._actions, self._force, self._effort = np.zeros((n, self.size)), np.zeros(n), np.zeros((n, 6))
+        self._impulse, self._spent = np.zeros(n), np.zeros((n, 6))  # integrals at the end of the last step
         self._try_out()
 
     @property
@@ -180,7 +181,8 @@ class Pushes:
         self.rngs[i] = rng
         self._steps[i], self._last[i] = 0, scenario.steps
         self._demands[i] = _demanded(scenario) if self._force_d is None else self._force_d
-        self._actions[i], self._force[i], self._effort[i] = 0.0, 0.0, 0.0
+        for each in (self._actions, self._force, self._effort, self._impulse, self._spent):
+            each[i] = 0.0
 
     def _restart(self, i: int, overrides: Mapping[str, Any], seed: int) -> None:
         """Return a run to the start with other numbers. Of another vehicle, a new Simulation is made: in milliseconds,
@@ -233,13 +235,13 @@ class Pushes:
         Returns:
             The rewards (n,), zero for other runs, and the divergences by index.
         """
-        before = self.batch.read(("impulse", "effort"))
         diverged = self.batch.step(steps, which)
-        after = self.batch.read(("impulse", "effort"))
+        impulse, effort = self.batch.read(("impulse", "effort")).values()
         T = steps * self.scenario.simulation.timestep
         self._steps[which] += steps
-        self._force[which] = ((after["impulse"] - before["impulse"]) / T)[which]
-        self._effort[which] = ((after["effort"] - before["effort"]) / T)[which]
+        self._force[which] = ((impulse - self._impulse) / T)[which]
+        self._effort[which] = ((effort - self._spent) / T)[which]
+        self._impulse, self._spent = impulse, effort
         rewards = np.zeros(self.n)
         rewards[which] = self._rewards()[which]
         rewards[list(diverged)] = self.reward_diverged
@@ -268,8 +270,10 @@ class Pushes:
             if isinstance(given, Mapping):
                 return {name: self._rows(name, each) for name, each in given.items()}
             return self._rows("the array", given)
-        found = self.batch.read(self._observed) | {"force_d": self._demands}
-        return {name: self._rows(name, each) for name, each in found.items()}
+        found = self.batch.read(self._observed) | {"force_d": self._demands.copy()}
+        return {
+            name: (rows if rows.ndim > 1 else rows[:, None]).astype(float, copy=False) for name, rows in found.items()
+        }
 
     @property
     def shapes(self) -> Any:

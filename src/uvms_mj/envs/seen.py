@@ -29,7 +29,7 @@ class Seen:
         self.force_d, self.action, self.force, self.effort_rate = force_d, action, force, effort_rate
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self._batch.read([name])[name]
+        return self._batch.read((name,))[name]
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name.startswith("_") or name not in self._batch.names:
