@@ -41,9 +41,9 @@ LEAST = 0.1  # of both at the end, times those at the beginning
 
 
 def observe(seen):
-    """(n, 12): errors of the desired impedance at rest, K_d eta_e - tau_c, in 5 N, and of the velocity in 0.1 m/s."""
-    spring = seen.K_d * seen.eta_e - seen.tau_contact_m_B
-    return np.concatenate([np.arcsinh(spring / 5.0), 10.0 * seen.nu_e], axis=1)
+    """(n, 12): errors of the desired impedance at rest, paper eq. (7), in 5 N, and of the velocity in 0.1 m/s."""
+    off = seen.K_d * seen.eta_e - seen.K_f * (seen.tau_contact_m_B - seen.F_d)
+    return np.concatenate([np.arcsinh(off / 5.0), 10.0 * seen.nu_e], axis=1)
 
 
 def reward(seen):
@@ -146,8 +146,8 @@ class LearnedPush(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        spring = signals.K_d * signals.eta_e - signals.tau_contact_m_B
-        x = np.concatenate((np.arcsinh(spring / 5.0), 10.0 * signals.nu_e))
+        off = signals.K_d * signals.eta_e - signals.K_f * (signals.tau_contact_m_B - signals.F_d)
+        x = np.concatenate((np.arcsinh(off / 5.0), 10.0 * signals.nu_e))
         a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x))
         state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
         tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)

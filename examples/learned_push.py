@@ -556,8 +556,8 @@ class LearnedPush(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        spring = signals.K_d * signals.eta_e - signals.tau_contact_m_B
-        x = np.concatenate((np.arcsinh(spring / 5.0), 10.0 * signals.nu_e))
+        off = signals.K_d * signals.eta_e - signals.K_f * (signals.tau_contact_m_B - signals.F_d)
+        x = np.concatenate((np.arcsinh(off / 5.0), 10.0 * signals.nu_e))
         a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x))
         state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
         tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)
