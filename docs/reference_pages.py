@@ -165,14 +165,18 @@ def _study_keys() -> str:
 
 
 def _environment() -> str:
-    """The task as an environment, from the docstrings of its module and of its class."""
+    """The task as an environment, from the docstrings of its modules and of their classes."""
     return _page(
         [
             "# The environment",
-            'Keyword arguments of `gymnasium.make("uvms_mj/PushWall-v0", ...)` and of '
-            '`uvms_mj.envs.load("push_wall", ...)`. [](../how_to/learn.md) shows both at work.',
+            'Keyword arguments of `gymnasium.make("uvms_mj/PushWall-v0", ...)`, of '
+            '`gymnasium.make_vec("uvms_mj/PushWall-v0", n, ...)` and of `uvms_mj.envs.load("push_wall", ...)`. '
+            "[](../how_to/learn.md) shows them at work.",
             "```{eval-rst}\n.. automodule:: uvms_mj.envs.push\n   :no-members:",
-            ".. autoclass:: uvms_mj.envs.push.Push\n```",
+            ".. autoclass:: uvms_mj.envs.push.Pushes",
+            ".. autoclass:: uvms_mj.envs.Seen",
+            ".. automodule:: uvms_mj.envs.domain\n   :no-members:",
+            ".. autoclass:: uvms_mj.envs.gym.PushWallVec\n```",
         ]
     )
 

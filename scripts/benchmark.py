@@ -31,6 +31,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import resolve_name
 from pathlib import Path
+from typing import Any
 
 import click
 import mujoco
@@ -338,7 +339,7 @@ def environments(rounds: int) -> list[dict]:
     rows, action = [], np.full(6, 0.1)
     for timestep in (1e-4, 1e-3):
         overrides = {"simulation.timestep": timestep, "simulation.duration": 1e4}
-        gym = gymnasium.make("uvms_mj/PushWall-v0", overrides=overrides)
+        gym = gymnasium.make("uvms_mj/PushWall-v0", overrides=overrides, engine="mujoco")
         dm = envs.load("push_wall", overrides=overrides)
         subjects: dict[str, tuple[Callable, Callable]] = {
             "Gymnasium": (gym.reset, gym.step),
@@ -364,6 +365,31 @@ def environments(rounds: int) -> list[dict]:
                     "in_mj_step": within / median,
                 }
             )
+    return rows
+
+
+def many_environments(rounds: int) -> list[dict]:
+    """Control steps a second of Gymnasium's environments at 50 Hz, all together: single ones, and n that are stepped
+    together."""
+    import gymnasium
+
+    import uvms_mj.envs  # noqa: F401  # registers the environment
+
+    rows = []
+    for timestep in (1e-4, 1e-3):
+        overrides = {"simulation.timestep": timestep, "simulation.duration": 1e4}
+        kinds = [("one, mujoco", 0, "mujoco"), ("one, free_body", 0, "auto")]
+        kinds += [(f"{n} together", n, "auto") for n in (4, 16, 64)]
+        for what, n, engine in kinds:
+            if n == 0:
+                env: Any = gymnasium.make("uvms_mj/PushWall-v0", overrides=overrides, engine=engine)
+            else:
+                env = gymnasium.make_vec("uvms_mj/PushWall-v0", n, overrides=overrides, engine=engine)
+            env.reset(seed=0)
+            action = np.full(env.action_space.shape, 0.1)
+            found = [_seconds(env.step, action) for _ in range(20 * max(2, rounds // 4))]
+            env.close()
+            rows.append({"what": what, "timestep": timestep, "a_second": max(1, n) / statistics.median(found)})
     return rows
 
 
@@ -508,6 +534,11 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elem
         times = (f"{row[key]:.0f}" for key in ("reset_us", "step_us", "beside_us"))
         table.add_row(row["what"], f"{row['timestep']:g}", *times, f"{row['in_mj_step']:.0%}")
     Console().print(table)
+    together = many_environments(rounds)
+    table = Table("environments", "time step s", "control steps/s")
+    for row in together:
+        table.add_row(row["what"], f"{row['timestep']:g}", f"{row['a_second']:.3g}")
+    Console().print(table)
     workers = engines(rounds)
     table = Table("engine, gsta in contact", "steps/s", "of two threads", "gain", "gain / bare's", "new run ms")
     for row in workers:
@@ -538,6 +569,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elem
             "steps": steps,
             "resets": resetting,
             "environments": environment,
+            "many_environments": together,
             "engines": workers,
             "logs": logging,
             "long_run": memory,

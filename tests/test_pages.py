@@ -23,7 +23,8 @@ from uvms_mj.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(page for part in ("start", "how_to") for page in sorted(ROOT.glob(f"docs/{part}/*.md")))]
-EXTRAS = {"learn": ("gymnasium", "dm_control"), "tune": ("optuna",), "video": ("imageio_ffmpeg",)}
+_LEARNING = ("gymnasium", "dm_control")
+EXTRAS = {"learn": _LEARNING, "learn_by_hand": _LEARNING, "tune": ("optuna",), "video": ("imageio_ffmpeg",)}
 """Modules of the extras that a page needs."""
 FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")

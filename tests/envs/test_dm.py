@@ -45,6 +45,15 @@ def test_both_interfaces_are_the_same_task_bit_for_bit():
     assert step.discount == 1.0
 
 
+def test_an_episode_with_another_vehicle_has_its_data():
+    env = envs.load(overrides=SHORT, randomise={"vehicle.mass": (0.9, 1.1)}, seed=1)
+    for _ in range(2):
+        env.reset()
+        env.step(np.ones(6))
+        assert np.array_equal(env.physics.data.qvel, env.physics.push.simulation.data.qvel)
+        assert env.physics.data.time == pytest.approx(0.02)
+
+
 def test_the_physics_has_the_water():
     """A free vehicle in a current drifts with it."""
     drifting = SHORT | {"simulation.duration": 30.0, "simulation.timestep": 5e-3, "wall.position": 50.0}

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, truncnorm
 
 from law_files import law_file, one_liner
 from uvms_mj import InputError, Scenario, simulate
@@ -124,8 +124,20 @@ def test_the_desired_force_is_the_impedances_unless_given():
         ({"randomise": {"current.sped": (0.0, 1.0)}}, "did you mean 'speed'"),
         ({"randomise": {"current.speed": (0.0, -1.0)}}, "must be a lower and an upper bound"),
         ({"randomise": {"current.speed": (0.0, 1e9)}}, "must be from 0 to 100 m/s"),
-        ({"randomise": {"vehicle.mass": (10.0, 20.0)}}, r"randomise\['vehicle.mass'\]: reset can't change the vehicle"),
-        ({"randomise": {"controller.delay": (0.0, 0.1)}}, r"randomise\['controller.delay'\]: reset can't add .* delay"),
+        (
+            {"randomise": [{"key": "controller.delay", "values": [0.001, 0.002]}]},
+            r"randomise\[0\]: controller.delay: reset can't add .* delay",
+        ),
+        ({"randomise": {"controller.delay": (0.0, 0.1)}}, "no draw can run with this environment: .*delay"),
+        ({"randomise": {"simulation.timestep": (1e-4, 2e-4)}}, "all episodes have one time step"),
+        ({"randomise": [{"key": "controller.name", "values": ["gsta"]}]}, "controller.name: is set by the action"),
+        ({"randomise": [{"key": "vehicle.model", "values": ["lauv"]}]}, "the runs of a batch have the same signals"),
+        ({"randomise": [{"key": "wall.stiffness"}]}, r"randomise\[0\]: give one of values, a grid"),
+        ({"randomise": "nothing"}, "study 'nothing': neither a file nor built in"),
+        ({"engine": "bullet"}, "engine: 'bullet': must be 'mujoco', 'free_body' or 'auto'"),
+        ({"reward": 5}, "reward: 5: must be a function"),
+        ({"reward_diverged": math.nan}, "reward_diverged: nan: must be a finite number"),
+        ({"threads": 2}, "threads: is of several runs"),
         ({"randomise": {"current.speed": (0.0, 0.1), "wall.stiffness": (1.0, 1e30)}}, "wall.stiffness"),
         ({"overrides": {"wall.stifness": 1.0}}, "did you mean 'stiffness'"),
         ({"overrides": 5}, "overrides: 5 is not a mapping"),
@@ -145,6 +157,102 @@ def test_the_desired_force_is_the_impedances_unless_given():
 def test_a_wrong_argument_is_named(wrong, message):
     with pytest.raises(InputError, match=message):
         Push(**({"overrides": SHORT} | wrong))
+
+
+STUDY = """
+[base]
+scenario = "push_wall"
+simulation.duration = 0.3
+simulation.timestep = 5e-4
+wall.damping = 5.0
+[design]
+runs = 4
+[[vary]]
+keys = ["vehicle.mass", "vehicle.displaced_mass"]
+distribution = "truncated_normal"
+mean = 1.0
+deviation = 0.1
+low = 0.8
+high = 1.2
+[[vary]]
+key = "wall.stiffness"
+distribution = "loguniform"
+low = 1e3
+high = 1e5
+[[vary]]
+key = "current.direction_deg"
+values = [0.0, 90.0]
+[[vary]]
+key = "initial.position[1]"
+low = -0.1
+high = 0.1
+number = 5
+"""
+
+
+def test_a_study_decides_the_scenario_and_what_each_episode_draws(tmp_path):
+    """Of its [[vary]] the distributions are those of the study. Another vehicle is a new run with its inertia."""
+    (tmp_path / "walls.toml").write_text(STUDY)
+    push, drawn, inertias = Push(randomise=str(tmp_path / "walls.toml"), engine="free_body"), [], set()
+    assert push.scenario.wall.damping == 5.0
+    for k in range(150):
+        push.reset(seed=k)
+        scenario = push.simulation.scenario
+        drawn.append((scenario.vehicle.mass, scenario.wall.stiffness, scenario.current.direction_deg))
+        assert scenario.vehicle.displaced_mass == scenario.vehicle.mass
+        assert np.abs(scenario.initial.position[1] - np.linspace(-0.1, 0.1, 5)).min() == 0.0
+        assert push.force_d == demanded_force(scenario, scenario.wall.stiffness)
+        inertias.add(push.simulation.setup.vehicle.M_RB[0, 0] / scenario.vehicle.mass)
+    mass, stiffness, direction = np.array(drawn).T
+    assert len(set(np.round(list(inertias), 9))) == 1
+    assert kstest(mass, truncnorm(-2.0, 2.0, 1.0, 0.1).cdf).pvalue > 1e-3
+    assert kstest(np.log10(stiffness), "uniform", (3.0, 2.0)).pvalue > 1e-3
+    assert 45 < (direction == 90.0).sum() < 105
+
+
+def test_a_draw_of_another_vehicle_leaves_nothing_to_the_next_episode():
+    push = Push(overrides=SHORT, randomise=[{"key": "wall.damping", "values": [1.0]}])
+    first, _ = episode(push, np.full(6, 0.1))
+    push.reset(seed=0, overrides={"vehicle.mass": 1.1})
+    assert push.simulation.scenario.vehicle.mass == 1.1
+    again, _ = episode(push, np.full(6, 0.1))
+    assert push.simulation.scenario.vehicle.mass == 1.0
+    assert all(np.array_equal(a["nu"], b["nu"]) for a, b in zip(first, again, strict=True))
+
+
+def test_a_reward_and_an_observation_of_ones_own():
+    def reward(seen):
+        return seen.force - seen.action[:, 0] - 1e-3 * seen.effort_rate[:, 0]
+
+    def observe(seen):
+        return np.column_stack([seen.nu, seen["t"], seen.force_d])
+
+    settings = {"overrides": SHORT, "engine": "free_body"}
+    own, default = Push(observe=observe, reward=reward, **settings), Push(observe=("nu", "t"), **settings)
+    seen, before = own.reset(seed=0), default.reset(seed=0)
+    assert np.array_equal(seen, np.concatenate([before["nu"], before["t"], before["force_d"]]))
+    for _ in range(3):
+        impulse, effort = (np.array(own.simulation.signals[name]) for name in ("impulse", "effort"))
+        own.apply(np.full(6, 2.0))
+        got = own.advance(40)
+        after = own.simulation.signals
+        expected = (after.impulse - impulse) / 0.02 - 1.0 - 1e-3 * (after.effort - effort)[0] / 0.02
+        assert got == pytest.approx(float(expected), rel=1e-12)
+    assert own.simulation.signals.touches > 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"reward": lambda seen: 1.0}, r"reward: gives \(\): must be \(1,\)"),
+        ({"reward": lambda seen: np.array([math.nan])}, "reward: .*must be finite"),
+        ({"observe": lambda seen: np.zeros(3)}, r"observe: the array is \(3,\): its first index"),
+        ({"observe": lambda seen: seen.nuu}, "no signal 'nuu'; did you mean 'nu'"),
+    ],
+)
+def test_a_function_that_gives_something_else_is_named(wrong, message):
+    with pytest.raises((InputError, AttributeError), match=message):
+        episode(Push(overrides=SHORT, **wrong), np.zeros(6))
 
 
 def test_all_wrong_arguments_at_once():

@@ -120,9 +120,7 @@ class Simulation:
     @property
     def signals(self) -> Signals:
         """The signals by name: a float, or a live, read-only view; copy what you keep."""
-        if not self._ready:
-            with self._alone:
-                self._prepare()
+        self.prepare()
         return self._signals
 
     @property
@@ -240,9 +238,8 @@ class Simulation:
         with self._alone:
             self._run(n, np.inf)
             self._prepare()
-        divergence = self.divergence
-        if divergence:
-            raise Diverged(f"t = {self.t:.6g} s: {divergence}")
+        if (diverged := self.diverged) is not None:
+            raise diverged
 
     def _check_pulses(self) -> None:
         """Raise InputError for a pulse width that no speed controller takes, such as 0 for no signal."""
@@ -276,6 +273,21 @@ class Simulation:
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done
 
+    @property
+    def memory(self) -> RunMemory:
+        """The memory of the run, which :class:`.batch.Batch` reads and steps."""
+        return self._memory
+
+    @property
+    def all_native(self) -> bool:
+        """Whether its steps are machine code without Python or MuJoCo between them."""
+        return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
+
+    @property
+    def diverged(self) -> Diverged | None:
+        """The exception of a run that has left its bounds; None of any other."""
+        return Diverged(f"t = {self.t:.6g} s: {self.divergence}") if self.divergence else None
+
     def record(self, row_steps: int) -> RunMemory:
         """Record a row every so many time steps, from the start of the run. The memory must be emptied at least once in
         :attr:`chunk_steps` steps."""
@@ -287,6 +299,12 @@ class Simulation:
         if self._plain:
             self._run_stages(len(self._stages.rows))
         self._engine.evaluate()
+
+    def prepare(self) -> None:
+        """Compute what is measured and wanted at the instant in hand, unless it is done."""
+        if not self._ready:
+            with self._alone:
+                self._prepare()
 
     def _prepare(self) -> None:
         """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its

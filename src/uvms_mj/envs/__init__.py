@@ -9,6 +9,7 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 from ..errors import needs_extra
+from .seen import Seen as Seen
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment
@@ -34,4 +35,8 @@ def load(name: str = "push_wall", **settings: Any) -> "Environment":
 with contextlib.suppress(ModuleNotFoundError):  # without Gymnasium there is nothing to register with
     from gymnasium.envs.registration import register
 
-    register("uvms_mj/PushWall-v0", entry_point="uvms_mj.envs.gym:PushWall")
+    register(
+        "uvms_mj/PushWall-v0",
+        entry_point="uvms_mj.envs.gym:PushWall",
+        vector_entry_point="uvms_mj.envs.gym:PushWallVec",
+    )

@@ -26,11 +26,14 @@ class WaterPhysics(Physics):
         try:
             self.reward = self.push.advance(nstep)
         except Diverged as divergence:
-            self.reward, self.divergence = -1.0, str(divergence)
+            self.reward, self.divergence = self.push.reward_diverged, str(divergence)
 
     def reset(self, keyframe_id: int | None = None) -> None:
         """Begin an episode. Keyframes are not used."""
+        before = self.push.simulation
         self.push.reset()
+        if self.push.simulation is not before:  # of another vehicle
+            self._reload_from_data(MjData(self.push.simulation.data))
         self.reward, self.divergence = 0.0, ""
 
     def render(self, *arguments: Any, **settings: Any) -> Any:

@@ -1,16 +1,41 @@
-"""The task for Gymnasium: ``gymnasium.make("uvms_mj/PushWall-v0")``."""
+"""The task for Gymnasium, as one environment and as many that are stepped together."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..engine.simulation import Diverged
-from ..errors import needs_extra
-from .push import Observation, Push
+from ..errors import Fault, InputError, needs_extra
+from .push import Observation, Push, Pushes
 
 with needs_extra("gym"):
     import gymnasium
-    from gymnasium.spaces import Box, Dict
+    from gymnasium.spaces import Box, Dict, Space
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+
+BOUND = 1e12
+"""Bound of each number of an observation: a signal has none of its own."""
+
+
+def _space(shapes: Any) -> Space:
+    """The space of arrays of a shape, or of arrays by name."""
+    if isinstance(shapes, dict):
+        return Dict({name: _space(shape) for name, shape in shapes.items()})
+    return Box(-BOUND, BOUND, shapes, np.float64)
+
+
+def _row(rows: Observation, i: int) -> Observation:
+    """The observation of one environment as a copy."""
+    return {name: each[i].copy() for name, each in rows.items()} if isinstance(rows, dict) else rows[i].copy()
+
+
+def _within(seen: Observation) -> Observation:
+    """Finite numbers within the space, also of a run that has diverged."""
+    if isinstance(seen, dict):
+        return {name: _within(each) for name, each in seen.items()}
+    return np.clip(np.nan_to_num(seen), -BOUND, BOUND)
 
 
 class PushWall(gymnasium.Env):
@@ -18,16 +43,15 @@ class PushWall(gymnasium.Env):
 
     An episode is truncated at the scenario's duration and terminated if the run diverges. ``reset(options={...})``
     takes dotted keys of the scenario with values for this episode. The settings are the keyword arguments of
-    :class:`uvms_mj.envs.push.Push`.
+    :class:`uvms_mj.envs.push.Push`; the engine is "auto" unless it is given.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own attribute
 
     def __init__(self, **settings: Any) -> None:
-        self.push = Push(**settings)
+        self.push = Push(**{"engine": "auto"} | settings)
         self.action_space = Box(-1.0, 1.0, (self.push.size,), np.float64)
-        shapes = {name: values.shape for name, values in self.push.observation().items()}
-        self.observation_space = Dict({name: Box(-np.inf, np.inf, shape, np.float64) for name, shape in shapes.items()})
+        self.observation_space = _space(self.push.shapes)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -41,8 +65,110 @@ class PushWall(gymnasium.Env):
         try:
             reward = push.advance(push.steps_each)
         except Diverged as divergence:
-            return push.observation(), -1.0, True, False, {"diverged": str(divergence)}
+            return _within(push.observation()), push.reward_diverged, True, False, {"diverged": str(divergence)}
         return push.observation(), reward, False, push.over, {}
 
     def close(self) -> None:
-        self.push.simulation.close()
+        self.push.close()
+
+
+class PushWallVec(VectorEnv):
+    """Environments :class:`PushWall` that are stepped together, on all cores. Environment i is, bit for bit, the one
+    that :class:`PushWall` is with the seed ``seed + i``.
+
+    Args:
+        num_envs: number of environments.
+        autoreset_mode: a ``gymnasium.vector.AutoresetMode``, or its value: an environment whose episode has ended
+            begins the next one in the next step (the default), in the same step, with the last observation in
+            ``infos["final_obs"]``, or when the caller resets it with ``options={"reset_mask": ...}``.
+        settings: those of :class:`PushWall`, and ``threads``, the number of threads; default: one a core.
+    """
+
+    def __init__(
+        self, num_envs: int = 1, *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, **settings: Any
+    ) -> None:
+        modes = [mode.value for mode in AutoresetMode]
+        if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
+            raise InputError([Fault("autoreset_mode", f"{autoreset_mode!r}: must be one of {', '.join(modes)}")])
+        self.num_envs, self.autoreset_mode = num_envs, AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        chosen: dict[str, Any] = {"engine": "auto"} | settings
+        self.pushes = Pushes(**chosen, n=num_envs)
+        self.single_action_space = Box(-1.0, 1.0, (self.pushes.size,), np.float64)
+        self.single_observation_space = _space(self.pushes.shapes)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._all, self._over = np.arange(num_envs), np.zeros(num_envs, bool)
+        self._begun = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode in all environments, or in those of ``options["reset_mask"]``, (n,) truth values. The other
+        options are dotted keys of the scenario with values for these episodes. Environment i has the seed ``seed + i``,
+        or seed i of a list."""
+        given = dict(options or {})
+        mask = _mask(given.pop("reset_mask", None), self.num_envs)
+        single = seed is None or isinstance(seed, int | np.integer)
+        super().reset(seed=int(seed) if single and seed is not None else None)  # type: ignore[arg-type]
+        seeds = _seeds(seed, self.num_envs)
+        for i in self._all[mask].tolist():
+            self.pushes.begin(i, seeds[i], given)
+        self._over[mask], self._begun[mask] = False, True
+        return self.pushes.observations(), {}
+
+    def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Do a control step in all environments; those whose episode has ended do what ``autoreset_mode`` says.
+
+        Raises:
+            ResetNeeded: an environment has not been reset, or has to be reset by the caller.
+        """
+        pushes, mode = self.pushes, self.autoreset_mode
+        if not self._begun.all() or (mode is AutoresetMode.DISABLED and self._over.any()):
+            wrong = self._all[~self._begun | self._over].tolist()
+            raise gymnasium.error.ResetNeeded(f"reset environments {wrong} before the next step")
+        stepped = self._all[~self._over]
+        pushes.apply(actions, stepped)
+        for i in self._all[self._over].tolist():
+            pushes.begin(i)
+        rewards, diverged = pushes.advance(pushes.steps_each, stepped)
+        ended = np.zeros(self.num_envs, bool)
+        ended[list(diverged)] = True
+        truncated = pushes.ended & ~ended
+        self._over = ended | truncated
+        seen = _within(pushes.observations()) if diverged else pushes.observations()
+        messages = {i: {"diverged": str(divergence)} for i, divergence in sorted(diverged.items())}
+        infos: dict[str, Any] = {}
+        if mode is AutoresetMode.SAME_STEP and self._over.any():
+            for i in self._all[self._over].tolist():
+                final = {"final_obs": _row(seen, i), "final_info": messages.get(i, {})}
+                infos = self._add_info(infos, final, i)
+                pushes.begin(i)
+            self._over = np.zeros(self.num_envs, bool)
+            seen = pushes.observations()
+        else:
+            for i, info in messages.items():
+                infos = self._add_info(infos, info, i)
+        return seen, rewards, ended, truncated, infos
+
+    def close_extras(self, **_: Any) -> None:
+        self.pushes.close()
+
+
+def _mask(given: Any, n: int) -> np.ndarray:
+    """The environments to reset; all without a mask."""
+    if given is None:
+        return np.ones(n, bool)
+    if not isinstance(given, np.ndarray) or given.shape != (n,) or given.dtype != np.bool_ or not given.any():
+        raise InputError([Fault("reset_mask", f"{given!r}: must be {n} truth values as an array, at least one true")])
+    return given
+
+
+def _seeds(seed: Any, n: int) -> list[Any]:
+    """The seed of each environment."""
+    if seed is None or isinstance(seed, int | np.integer):
+        return [None if seed is None else int(seed) + i for i in range(n)]
+    seeds = list(seed)
+    if len(seeds) != n:
+        raise InputError([Fault("seed", f"has {len(seeds)} seeds for {n} environments")])
+    return seeds

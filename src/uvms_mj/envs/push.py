@@ -1,4 +1,4 @@
-r"""The task of both environments: push on the wall with a desired force, at a control rate.
+r"""The task of all environments: push on the wall with a desired force, at a control rate.
 
 **Action** (array, each entry from -1 to 1), one of
 
@@ -7,7 +7,8 @@ r"""The task of both environments: push on the wall with a desired force, at a c
 - ``gains``: gains of the scenario's law: a multiplies a gain of the scenario by :math:`4^a`.
 
 **Observation**: signals of the simulation by name: what navigation and guidance give the law (:data:`OBSERVED`), and
-``force_d``, the desired pushing force [N].
+``force_d``, the desired pushing force [N]. A function of :class:`Seen` in their place gives an array (n, m), or arrays
+by name.
 
 **Reward** of a control step of length T, with the mean pushing force :math:`\bar F` and the mean square of tau, both
 integrated at every time step,
@@ -18,52 +19,67 @@ integrated at every time step,
         - c\, \frac{1}{6} \sum_{i=1}^6 \frac{1}{T \tau_i^2} \int \tau_i(t)^2\, dt
 
 where :math:`\tau_i` is ``wrench_scale`` and c ``effort_weight``. A vehicle that does not touch the wall gets
-exp(-1) = 0.37 less its effort. A run that diverges ends with the reward -1.
+exp(-1) = 0.37 less its effort. A function of :class:`Seen` in its place gives the rewards (n,). A run that diverges
+ends with ``reward_diverged``.
 
-**Randomisation**: ``randomise = {"current.speed": (0.0, 0.5), ...}`` draws each key uniformly at every reset.
+**Randomisation**: ``randomise`` is the ``[[vary]]`` of a study (:mod:`.domain`).
 """
 
-import dataclasses
 import functools
 import inspect
-import math
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from ..control.design import demanded_force
-from ..engine.simulation import Simulation
+from ..engine.batch import Batch
+from ..engine.free_engine import refusals
+from ..engine.simulation import ENGINES, Diverged, Simulation
 from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of
 from ..scenario import Scenario
+from ..setup.base import set_up
+from . import checks
+from .domain import Domain, domain_of
+from .seen import Observe, Reward, Seen
 
 OBSERVED = ("p_WB", "quat_WB", "nu", "f_contact_m_W", "p_d", "quat_d")
 """Signals of the observation, if none are given."""
 SPAN = 4.0
 """Largest factor by which an action changes a gain."""
 Action = Literal["wrench", "thrusts", "gains"]
-_REPLACED = {"wrench": {"controller.name": "external"}, "thrusts": {"actuation.name": "external"}}
+_REPLACED = {"wrench": {"controller.name": "external"}, "thrusts": {"actuation.name": "external"}, "gains": {}}
 """The stage that the caller replaces, by the action."""
-Observation = dict[str, np.ndarray]
+Observation = Any
+"""An array, or arrays by name."""
 
 
-class Push:
-    """Pushing on the wall as a sequence of control steps.
+class Pushes:
+    """Pushing on the wall as a sequence of control steps, in n runs that are stepped together.
 
     Args:
-        scenario: the scenario, its name or the path of its file. An episode lasts ``simulation.duration``.
+        scenario: the scenario, its name or the path of its file; default: the base of the study that ``randomise``
+            names, otherwise push_wall. An episode lasts ``simulation.duration``.
         overrides: dotted keys and values that replace the scenario's.
         action: "wrench", "thrusts" or "gains".
         control_rate: control steps per second [Hz]; must divide the step rate.
         gains: names of the gains that an action changes, for "gains".
-        force_d: desired pushing force [N]; default: the one that the scenario's impedance demands.
-        observe: names of the observed signals.
+        force_d: desired pushing force [N]; default: the one that the impedance of each episode's scenario demands.
+        observe: names of the observed signals, or a function of :class:`Seen` that gives an array (n, m), or arrays
+            (n, ...) by name.
+        reward: a function of :class:`Seen` that gives the rewards (n,); default: the one above.
+        reward_diverged: reward of the step in which a run diverges.
         wrench_scale: (6,) wrench at action 1, and the unit of the effort [N, N m].
         thrust_scale: thrust at action 1 [N].
         effort_weight: weight c of the effort in the reward.
-        randomise: lower and upper bound by dotted key; a vector's bounds are vectors.
-        seed: seed of the first episodes, until :meth:`reset` is given one.
+        randomise: what each episode draws: the name or the path of a study, for its ``[[vary]]``, or a list of such
+            tables; or a lower and an upper bound by dotted key, for uniform draws, where a vector's bounds are vectors.
+        engine: "mujoco", "free_body", or "auto" for free_body where it can, as in :class:`uvms_mj.Simulation`.
+        seed: seed of the first episodes, until :meth:`reset` is given one; run i has ``seed + i``.
+        n: number of runs.
+        threads: number of threads that step them; default: one a core.
 
     Raises:
         InputError: an argument is wrong; lists every error.
@@ -71,69 +87,240 @@ class Push:
 
     def __init__(
         self,
-        scenario: Scenario | str = "push_wall",
+        scenario: Scenario | str | None = None,
         *,
         overrides: Mapping[str, Any] | None = None,
         action: Action = "wrench",
         control_rate: float = 50.0,
         gains: Sequence[str] = ("k_1", "k_2"),
         force_d: float | None = None,
-        observe: Sequence[str] = OBSERVED,
+        observe: Sequence[str] | Observe = OBSERVED,
+        reward: Reward | None = None,
+        reward_diverged: float = -1.0,
         wrench_scale: Sequence[float] = (40.0, 40.0, 40.0, 10.0, 10.0, 10.0),
         thrust_scale: float = 20.0,
         effort_weight: float = 0.1,
-        randomise: Mapping[str, tuple[Any, Any]] | None = None,
+        randomise: Mapping[str, tuple[Any, Any]] | Sequence[Mapping[str, Any]] | str | os.PathLike | None = None,
+        engine: str = "mujoco",
         seed: int | None = None,
+        n: int = 1,
+        threads: int | None = None,
         **unknown: Any,
     ) -> None:
         faults = [Fault(name, f"no such argument; {suggestion(name, ARGUMENTS)}") for name in unknown]
-        chosen = (
-            scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
-        )
+        checked = functools.partial(checks.checked, faults)
+        base, variations = checked(domain_of, randomise) or (None, {})
+        chosen = _scenario(scenario, base, overrides)
+        self.action, self.scenario = action, chosen.updated(_REPLACED.get(action, {}))
         if action not in get_args(Action):
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
-        self.action, self.scenario = action, chosen.updated(_REPLACED.get(action, {}))
-        if force_d is None:
-            force_d = demanded_force(self.scenario, self.scenario.wall.stiffness)
-        checked = functools.partial(_checked, faults)
-        self.randomise = checked(_bounds, randomise)
+        if engine not in (*ENGINES, "auto"):
+            faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'"))
         wanted = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
-        self.force_d = checked(_positive, "force_d", force_d, ((), (1,)), wanted)
-        self.wrench_scale = checked(_positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]")
-        self.thrust_scale = checked(_positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
-        self.effort_weight = checked(_positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
-        self._base = checked(_base_gains, self.scenario, gains) if action == "gains" else {}
-        self.steps_each = checked(_steps_each, self.scenario.simulation.timestep, control_rate)
-        self.rng = checked(_random, seed)
+        demanded = _demanded(self.scenario) if force_d is None else force_d
+        number = checked(checks.positive, "force_d", demanded, ((), (1,)), wanted)
+        self._force_d = None if force_d is None or number is None else number.item()
+        self.wrench_scale = checked(
+            checks.positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]"
+        )
+        self.thrust_scale = checked(checks.positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
+        weight = checked(checks.positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
+        self.effort_weight = weight
+        self.reward_diverged = checked(checks.finite, "reward_diverged", reward_diverged)
+        self._base = checked(checks.base_gains, self.scenario, gains) if action == "gains" else {}
+        self.steps_each = checked(checks.steps_each, self.scenario.simulation.timestep, control_rate)
+        self.rngs = checked(checks.generators, seed, n)
+        self._observed = observe if callable(observe) else tuple(checked(checks.names, "observe", observe) or ())
+        self._reward = checked(checks.function, "reward", reward)
         if faults:
             raise InputError(faults, "push")
-        self.simulation = Simulation(self.scenario)
-        _try_out(self.simulation, self.randomise)
-        absent = [name for name in _names("observe", observe) if name not in self.simulation.signals]
+        self.domain = Domain(variations, self.scenario)
+        self.domain.check(overrides_of(overrides), [*_REPLACED[action], *self._base])
+        self.engine = _engine(engine, self.scenario)
+        self._looks = self.engine == "mujoco" and n == 1
+        self.batch = Batch([self._new() for _ in range(n)], threads)
+        self._rebuilt = [False] * n
+        absent = [] if callable(observe) else [name for name in observe if name not in self.batch.names]
         if absent:
-            choices = list(self.simulation.signals)
-            raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in absent])
-        self._observed = tuple(observe)
-        thrusters = len(self.simulation.setup.vehicle.thrusters)
+            hints = ((name, suggestion(name, self.batch.names)) for name in absent)
+            raise InputError([Fault("observe", f"no signal {name!r}; {hint}") for name, hint in hints], "push")
+        thrusters = len(self.batch[0].setup.vehicle.thrusters)
         self.size = {"wrench": 6, "thrusts": thrusters, "gains": len(self._base)}[action]
+        self._steps, self._last = np.zeros(n, int), np.full(n, self.scenario.steps)
+        self._demands = np.full(n, demanded, float)
+        self._actions, self._force, self._effort = np.zeros((n, self.size)), np.zeros(n), np.zeros((n, 6))
+        self._impulse, self._spent = np.zeros(n), np.zeros((n, 6))  # integrals at the end of the last step
+        self._try_out()
+
+    @property
+    def n(self) -> int:
+        """Number of runs."""
+        return len(self.batch)
+
+    @property
+    def ended(self) -> np.ndarray:
+        """(n,) whether an episode has reached the scenario's duration."""
+        return self._steps >= self._last
+
+    def begin(self, i: int, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
+        """Begin an episode of a run.
+
+        Args:
+            i: index of the run.
+            seed: seed of this and all later episodes; default: go on with the present numbers.
+            overrides: dotted keys and values for this episode, after the random ones.
+
+        Raises:
+            InputError: no run can begin with these values. The run is as it was.
+        """
+        rng = self.rngs[i] if seed is None else checks.generator(seed)
+        drawn = self.domain.draw(rng)
+        number = int(rng.integers(2**31))
+        self._restart(i, {**self._base, **drawn, **overrides_of(overrides)}, number)
+        scenario = self.batch[i].scenario
+        self.rngs[i] = rng
+        self._steps[i], self._last[i] = 0, scenario.steps
+        self._demands[i] = _demanded(scenario) if self._force_d is None else self._force_d
+        for each in (self._actions, self._force, self._effort, self._impulse, self._spent):
+            each[i] = 0.0
+
+    def _restart(self, i: int, overrides: Mapping[str, Any], seed: int) -> None:
+        """Return a run to the start with other numbers. Of another vehicle, a new Simulation is made: in milliseconds,
+        since nothing is compiled."""
+        needs_new = any(key.startswith("vehicle.") for key in overrides)
+        if not needs_new:
+            if self._rebuilt[i]:
+                self.batch.replace(i, self._new())
+                self._rebuilt[i] = False
+            self.batch[i].reset(overrides, seed=seed)
+            return
+        self.batch.replace(i, self._new({**overrides, "simulation.seed": seed}))
+        self._rebuilt[i] = True
+
+    def _new(self, overrides: Mapping[str, Any] | None = None) -> Simulation:
+        scenario = self.scenario.updated(overrides) if overrides else self.scenario
+        return Simulation(scenario, engine=self.engine, looks=self._looks)
+
+    def _try_out(self) -> None:
+        """Check by a reset that an episode may begin with other values of what is drawn."""
+        try:
+            self._restart(0, {**self._base, **self.domain.at([0.5] * len(self.domain.variations))}, 0)
+        except InputError as error:
+            raise InputError([self.domain.named(fault) for fault in error.faults], "push") from None
+        self._restart(0, self._base, self.scenario.simulation.seed)
+
+    def apply(self, actions: np.ndarray, which: np.ndarray) -> None:
+        """Set the commands of the next control step from actions (n, size), in the runs of some indices.
+
+        Raises:
+            InputError: the actions have another shape, or a number that is not finite.
+        """
+        numbers = checks.numbers(actions)
+        if numbers.shape != (self.n, self.size) or not np.isfinite(numbers[which]).all():
+            shape = f"{self.n} x {self.size}" if self.n > 1 else f"{self.size}"
+            raise InputError([Fault("action", f"{actions!r}: must be {shape} finite numbers")])
+        self._actions[which] = clipped = np.clip(numbers[which], -1.0, 1.0)
+        if self.action == "wrench":
+            self.batch.write("tau_cmd", self.wrench_scale * clipped, which)
+        elif self.action == "thrusts":
+            self.batch.write("u_cmd", self.thrust_scale * clipped, which)
+        else:
+            for i, factors in zip(which.tolist(), SPAN**clipped, strict=True):
+                gains = zip(self._base.items(), factors.tolist(), strict=True)
+                self.batch[i].set({key: value * factor for (key, value), factor in gains})
+
+    def advance(self, steps: int, which: np.ndarray) -> tuple[np.ndarray, dict[int, Diverged]]:
+        """Do time steps in the runs of some indices.
+
+        Returns:
+            The rewards (n,), zero for other runs, and the divergences by index.
+        """
+        diverged = self.batch.step(steps, which)
+        impulse, effort = self.batch.read(("impulse", "effort")).values()
+        T = steps * self.scenario.simulation.timestep
+        self._steps[which] += steps
+        self._force[which] = ((impulse - self._impulse) / T)[which]
+        self._effort[which] = ((effort - self._spent) / T)[which]
+        self._impulse, self._spent = impulse, effort
+        rewards = np.zeros(self.n)
+        rewards[which] = self._rewards()[which]
+        rewards[list(diverged)] = self.reward_diverged
+        if not np.isfinite(rewards).all():
+            raise InputError([Fault("reward", f"{rewards!r}: must be finite numbers")])
+        return rewards, diverged
+
+    def _rewards(self) -> np.ndarray:
+        if self._reward is None:
+            off = (self._force - self._demands) / self._demands
+            return np.exp(-off * off) - self.effort_weight * (self._effort / self.wrench_scale**2).mean(axis=1)
+        given = np.asarray(self._reward(self.seen), float)
+        if given.shape != (self.n,):
+            raise InputError([Fault("reward", f"gives {given.shape}: must be ({self.n},), one an environment")])
+        return given
+
+    @property
+    def seen(self) -> Seen:
+        """What functions of the user are given."""
+        return Seen(self.batch, self._demands, self._actions, self._force, self._effort)
+
+    def observations(self) -> Observation:
+        """The observations, with one row a run."""
+        if callable(self._observed):
+            given = self._observed(self.seen)
+            if isinstance(given, Mapping):
+                return {name: self._rows(name, each) for name, each in given.items()}
+            return self._rows("the array", given)
+        found = self.batch.read(self._observed) | {"force_d": self._demands.copy()}
+        return {
+            name: (rows if rows.ndim > 1 else rows[:, None]).astype(float, copy=False) for name, rows in found.items()
+        }
+
+    @property
+    def shapes(self) -> Any:
+        """The shape of the observation of a run, or of its arrays by name."""
+        rows = self.observations()
+        return {name: each.shape[1:] for name, each in rows.items()} if isinstance(rows, dict) else rows.shape[1:]
+
+    def _rows(self, name: str, given: Any) -> np.ndarray:
+        """A copy of an observation, with at least one number a row."""
+        rows = np.array(given, float)
+        if rows.shape[:1] != (self.n,):
+            raise InputError([Fault("observe", f"{name} is {rows.shape}: its first index must be the {self.n} runs")])
+        return rows[:, None] if rows.ndim == 1 else rows
+
+    def close(self) -> None:
+        self.batch.close()
+
+
+class Push:
+    """One run of :class:`Pushes`, with its arguments but ``n`` and ``threads``: arrays lack the index of the run."""
+
+    def __init__(self, scenario: Scenario | str | None = None, **settings: Any) -> None:
+        faults = [Fault(name, "is of several runs; an environment has one") for name in _OF_SEVERAL if name in settings]
+        if faults:
+            raise InputError(faults, "push")
+        self._runs = runs = Pushes(scenario, **settings)
+        self.action, self.size, self.steps_each, self.scenario = runs.action, runs.size, runs.steps_each, runs.scenario
+        self.wrench_scale, self.thrust_scale = runs.wrench_scale, runs.thrust_scale
+
+    @property
+    def simulation(self) -> Simulation:
+        """The run. Where another vehicle is drawn, each episode has another one."""
+        return self._runs.batch[0]
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """The random numbers of the episodes."""
+        return self._runs.rngs[0]
 
     @property
     def over(self) -> bool:
         """Whether the episode has reached the scenario's duration."""
-        return self.simulation.steps >= self.scenario.steps
+        return self.simulation.steps >= self.simulation.scenario.steps
 
     def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> Observation:
-        """Begin an episode.
-
-        Args:
-            seed: seed of this and all later episodes; default: go on with the present numbers.
-            overrides: dotted keys and values for this episode, after the random ones.
-        """
-        if seed is not None:
-            self.rng = _random(seed)
-        drawn = {key: self.rng.uniform(low, high) for key, (low, high) in self.randomise.items()}
-        number = int(self.rng.integers(2**31))
-        self.simulation.reset(seed=number, overrides={**self._base, **drawn, **overrides_of(overrides)})
+        """Begin an episode. The arguments are those of :meth:`Pushes.begin`."""
+        self._runs.begin(0, seed, overrides)
         return self.observation()
 
     def apply(self, action: np.ndarray) -> None:
@@ -142,122 +329,62 @@ class Push:
         Raises:
             InputError: the action has another shape, or a number that is not finite.
         """
-        numbers = _numbers(action)
+        numbers = checks.numbers(action)
         if numbers.shape != (self.size,) or not np.isfinite(numbers).all():
             raise InputError([Fault("action", f"{action!r}: must be {self.size} finite numbers")])
-        clipped = np.clip(numbers, -1.0, 1.0)
-        if self.action == "wrench":
-            self.simulation.tau_cmd[:] = self.wrench_scale * clipped
-        elif self.action == "thrusts":
-            self.simulation.u[:] = self.thrust_scale * clipped
-        else:
-            factors = SPAN**clipped
-            self.simulation.set(
-                {key: value * float(f) for (key, value), f in zip(self._base.items(), factors, strict=True)}
-            )
+        self._runs.apply(numbers[None], _FIRST)
 
     def advance(self, steps: int) -> float:
         """Do time steps and return the reward. Raises Diverged if a bound is left."""
-        row = self.simulation.signals
-        impulse, effort = float(row["impulse"]), row["effort"].copy()
-        self.simulation.step(steps)
-        T = steps * self.scenario.simulation.timestep
-        force_d = self.force_d.item()
-        off = (float(row["impulse"] - impulse) / T - force_d) / force_d
-        spent = float(((row["effort"] - effort) / (T * self.wrench_scale**2)).mean())
-        return math.exp(-off * off) - self.effort_weight.item() * spent
+        rewards, diverged = self._runs.advance(steps, _FIRST)
+        if diverged:
+            raise diverged[0]
+        return float(rewards[0])
 
     def observation(self) -> Observation:
-        """The observed signals as copies."""
-        row = self.simulation.signals
-        numbers = {name: row[name] for name in self._observed} | {"force_d": self.force_d}
-        return {name: np.array(each, dtype=float, ndmin=1) for name, each in numbers.items()}
+        """The observation as copies."""
+        rows = self._runs.observations()
+        return {name: each[0] for name, each in rows.items()} if isinstance(rows, dict) else rows[0]
+
+    @property
+    def shapes(self) -> Any:
+        """The shape of the observation, or of its arrays by name."""
+        return self._runs.shapes
+
+    @property
+    def force_d(self) -> float:
+        """The desired pushing force of the episode [N]."""
+        return float(self._runs.seen.force_d[0])
+
+    @property
+    def reward_diverged(self) -> float:
+        """Reward of a step in which the run diverges."""
+        return self._runs.reward_diverged
+
+    def close(self) -> None:
+        self._runs.close()
 
 
-ARGUMENTS = [name for name in inspect.signature(Push).parameters if name != "unknown"]
+_FIRST = np.zeros(1, int)
+_OF_SEVERAL = ("n", "threads")
+ARGUMENTS = [name for name in inspect.signature(Pushes).parameters if name != "unknown"]
 
 
-def _checked(faults: list[Fault], check: Callable[..., Any], *given: Any, **options: Any) -> Any:
-    """The result of a check. The errors of an InputError are added to a list."""
-    try:
-        return check(*given, **options)
-    except InputError as error:
-        faults += error.faults
+def _scenario(given: Scenario | str | None, base: Scenario | None, overrides: Mapping[str, Any] | None) -> Scenario:
+    """The scenario that is given; otherwise the base of a study, otherwise push_wall."""
+    chosen = given if given is not None else base if base is not None else "push_wall"
+    if isinstance(chosen, Scenario):
+        return chosen.updated(overrides_of(overrides))
+    return Scenario.load(chosen, overrides)
 
 
-def _positive(key: str, given: Any, shapes: tuple[tuple[int, ...], ...], wanted: str, zero: bool = False) -> np.ndarray:
-    """Positive numbers of one of some shapes, or with ``zero`` also zeros."""
-    numbers = _numbers(given)
-    good = np.isfinite(numbers) & ((numbers > 0.0) | (zero & (numbers == 0.0)))
-    if numbers.shape not in shapes or not good.all():
-        raise InputError([Fault(key, f"{given!r}: must be {wanted}")])
-    return numbers
+def _engine(name: str, scenario: Scenario) -> str:
+    """The engine; of "auto", free_body where it can."""
+    if name != "auto":
+        return name
+    return "mujoco" if refusals(set_up(scenario)) else "free_body"
 
 
-def _numbers(value: Any) -> np.ndarray:
-    """A value as an array of numbers; NaN if it is anything else."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return np.array(math.nan)
-
-
-def _names(key: str, given: Any) -> Sequence[str]:
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise InputError([Fault(key, f"{given!r}: must be a list of names")])
-    return given
-
-
-def _random(seed: Any) -> np.random.Generator:
-    if not isinstance(seed, int | np.integer | None) or (seed is not None and seed < 0):
-        raise InputError([Fault("seed", f"{seed!r}: must be an integer, at least 0")])
-    return np.random.default_rng(seed)
-
-
-def _bounds(randomise: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Bounds as arrays."""
-    found, faults = {}, []
-    for key, given in overrides_of(randomise, "randomise").items():
-        try:
-            low, high = (np.array(each, dtype=float) for each in given)
-            if low.shape != high.shape or not (low <= high).all():
-                raise ValueError
-        except (TypeError, ValueError):
-            faults.append(Fault(f"randomise[{key!r}]", f"{given!r}: must be a lower and an upper bound"))
-            continue
-        found[key] = low, high
-    if faults:
-        raise InputError(faults)
-    return found
-
-
-def _try_out(simulation: Simulation, randomise: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Check by a reset that an episode may begin at either end of the bounds. Raises InputError if it may not."""
-    try:
-        for end in (0, 1):
-            simulation.reset({key: bounds[end] for key, bounds in randomise.items()})
-    except InputError as error:
-        faults = [Fault(f"randomise[{fault.key!r}]", fault.message) for fault in error.faults]
-        raise InputError(faults, "push") from None
-    simulation.reset()
-
-
-def _base_gains(scenario: Scenario, gains: Any) -> dict[str, float]:
-    """The scenario's values of the gains by dotted key."""
-    law, gains = scenario.controller, _names("gains", gains)
-    known = [field.name for field in dataclasses.fields(law) if isinstance(getattr(law, field.name), float)]
-    wrong = [name for name in gains if name not in known]
-    if wrong or not gains:
-        hint = suggestion(wrong[0], known) if wrong else f"choose from {', '.join(known)}"
-        raise InputError([Fault("gains", f"{list(gains)!r}: must be gains of {law.label()} that are numbers; {hint}")])
-    return {f"controller.{name}": float(getattr(law, name)) for name in gains}
-
-
-def _steps_each(timestep: float, control_rate: Any) -> int:
-    rate = _numbers(control_rate)
-    steps = round(1.0 / (timestep * float(rate))) if rate.shape == () and 0.0 < rate < math.inf else 0
-    if steps < 1 or abs(steps * timestep * float(rate) - 1.0) > 1e-6:
-        raise InputError(
-            [Fault("control_rate", f"{control_rate!r} Hz: must divide the step rate of {1.0 / timestep:.6g} Hz")]
-        )
-    return steps
+def _demanded(scenario: Scenario) -> float:
+    """The pushing force that the impedance of a scenario demands [N]."""
+    return demanded_force(scenario, scenario.wall.stiffness)

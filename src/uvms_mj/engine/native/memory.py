@@ -82,7 +82,8 @@ def at_address(word: int, dtype: np.dtype) -> Any:
         return _reader(dtype)(word)
     if dtype.subdtype is None:
         return word
-    return floats(word, dtype.itemsize // 8).reshape(dtype.shape)
+    numbers = integers if dtype.base.kind == "i" else floats
+    return numbers(word, dtype.itemsize // 8).reshape(dtype.shape)
 
 
 def registered() -> np.ndarray:
