@@ -65,8 +65,9 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
             return super().write(data) if self.tell() < 1_000_000 else 0
 
     monkeypatch.setattr("uvms_mj.records.mcap.sink.FileIO", Full)
+    scenario, sink = Scenario.load("push_wall", {"simulation.duration": 2.0}), McapLog(tmp_path / "run.mcap")
     with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
-        simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
+        simulate(scenario, sinks=[sink], engine="mujoco")
     assert caught.value.trace.status is Status.failed
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
 
