@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from command import run
+from forked import done as forked
 from law_files import HEADER, law_file, one_liner
 from page_numbers import page
 from uvms_mj import InputError, LawError, Scenario, simulate
@@ -168,8 +168,8 @@ INSTANT = ("run", "-q", "simulation.duration=0.05")
 def test_a_law_that_prints_or_raises_does_so_from_disk_too(here, tmp_path, body, status, said):
     """A process that loads the machine code raises like the process that compiled it."""
     arguments = (*INSTANT, "-c", f"{law_file(tmp_path, one_liner('Speaks', body))}:Speaks", "-o")
-    compiled, loaded = here(*arguments, "a"), run(*arguments, "b", cwd=tmp_path)
-    assert compiled.exit_code == loaded.returncode == status
+    compiled, loaded = here(*arguments, "a"), forked(*arguments, "b", cwd=tmp_path)
+    assert compiled.exit_code == loaded.exit_code == status
     assert said in loaded.stdout + loaded.stderr
 
 
