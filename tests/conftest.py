@@ -86,6 +86,14 @@ def _engine(request):
         yield
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made and written as empty pictures: tests/views lays them out and draws them."""
+    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
+        monkeypatch.setattr(f"matplotlib.{name}", lambda *_: None)
+    monkeypatch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
+
+
 @cache
 def _paper_run(controller: str, **gains: Any) -> Trace:
     overrides = {f"controller.{name}": value for name, value in gains.items()}
