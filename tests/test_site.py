@@ -22,15 +22,16 @@ from chromium import CHROMIUM, Chromium
 from uvms_mj import still
 
 ROOT = Path(__file__).parents[1]
+SHORT_STUDY = '"base": {"scenario": "push_wall"', '"base": {"scenario": "push_wall", "simulation": {"duration": 2.0}'
 SHORTER = {
     "results/gusts.py": (('"push_wall_gusts")', '"push_wall_gusts", {"simulation.duration": 8.0})'),),
     "results/path.py": (('"follow_path")', '"follow_path", {"simulation.duration": 4.0})'),),
     "results/real_thrusters.py": (('"simulation.duration": 15.0', '"simulation.duration": 7.0'),),
     "results/slide.py": (('"tool_slide")', '"tool_slide", {"simulation.duration": 6.0})'),),
     "results/stiffness_and_peak.py": (("np.logspace(3, 6, 13)", "np.logspace(3, 6, 2)"),),
-    "results/study.py": (('"runs": 24', '"runs": 2'),),
+    "results/study.py": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
     "results/wipe.py": (('"wipe_wall")', '"wipe_wall", {"simulation.duration": 6.0})'),),
-    "notebooks/2_your_own_law.ipynb": (('"runs": 24', '"runs": 2'),),
+    "notebooks/2_your_own_law.ipynb": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
     "notebooks/4_an_arm_pushes.ipynb": (
         ('("impedance", "fosm", "gsta")', '("fosm",)'),
         ('"tool_slide")', '"tool_slide", {"simulation.duration": 6.0})'),

@@ -6,9 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from command import no_constants
 from forked import done as forked
 from law_files import law_file, one_liner
+from strict_json import no_constants
 from uvms_mj import Status, Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
