@@ -29,7 +29,7 @@ FOR_EACH_COMMIT = {
 """Folders and modules whose tests have the marker bits unless they are slow."""
 
 
-WITH_MUJOCO = {"engine", "physics", "plant"}
+WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 """Folders whose tests are about MuJoCo's steps. Elsewhere a run that names no engine takes free_body, which is several
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
 
