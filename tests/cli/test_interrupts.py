@@ -1,4 +1,4 @@
-"""Interrupts, signals and closed streams: commands end soon, in one line, and keep what they have."""
+"""Interrupts, signals, closed streams and the environment: commands end soon, in one line, and keep what they have."""
 
 import json
 import os
@@ -132,6 +132,13 @@ def test_closed_streams_stop_nothing(tmp_path):
     assert Trace.load(tmp_path / "here" / "run.mcap").status.name == "completed"
     keys_ = f"{sys.executable} -m uvms_mj keys >&-"
     assert subprocess.run(["bash", "-c", keys_], stdout=subprocess.DEVNULL, timeout=60).returncode == 0
+
+
+def test_an_unknown_mujoco_gl_stops_no_command(tmp_path):
+    run = [sys.executable, "-m", "uvms_mj", "run", "-q", "simulation.duration=0.002"]
+    environment = os.environ | {"MUJOCO_GL": "xyz"}
+    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(("number", "place"), [(signal.SIGINT, "uvms_mj.cli"), (signal.SIGTERM, "llvmlite")])

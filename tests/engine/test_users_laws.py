@@ -54,7 +54,7 @@ def test_the_law_of_the_first_pages_reaches_its_own_closed_form(tmp_path):
     assert len([line for line in example[1].splitlines() if line.strip() and not line.startswith("#")]) <= 20
     path = law_file(tmp_path, example[1], header="")
     name = re.search(r"class (\w+)\(Controller\)", example[1])[1]
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 40.0}, f"{path}:{name}"))
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 40.0}, f"{path}:{name}"), engine="free_body")
     assert trace.notes == ()
     expected = 150.0 * 0.01 / (1.0 + 150.0 / 1e5)
     assert abs(trace.push[-1] - expected) <= 1e-4 * expected
