@@ -1,6 +1,7 @@
 """Shared fixtures, and what belongs to the marker bits. Runs of the paper's scenario are made once for all tests that
 look at them."""
 
+import gc
 import signal
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,8 @@ from hypothesis import settings
 
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.cli import main
+from uvms_mj.engine import simulation
+from uvms_mj.engine.free_engine import refusals
 
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")
@@ -26,12 +29,23 @@ FOR_EACH_COMMIT = {
 """Folders and modules whose tests have the marker bits unless they are slow."""
 
 
+WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
+"""Folders whose tests are about MuJoCo's steps. Elsewhere a run that names no engine takes free_body, which is several
+times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
+
+
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name != "test_site.py")  # the longest begins first: no worker waits
     for item in items:
         place = item.path.relative_to(Path(__file__).parent).parts[0]
         if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:
             item.add_marker("bits")
+
+
+def pytest_collection_finish():
+    """What was imported stays; to search it for garbage again and again would be a tenth of all work."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 _HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -57,6 +71,27 @@ def _calls(request, monkeypatch):
                 return function(*arguments, **named)
 
         monkeypatch.setattr(one, call)
+
+
+def _fast(setup):
+    return simulation.ENGINES["mujoco" if refusals(setup) else "free_body"](setup)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _engine(request):
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.relative_to(Path(__file__).parent).parts[0] not in WITH_MUJOCO:
+            patch.setitem(simulation.ENGINES, "fast", _fast)
+            patch.setitem(simulate.__kwdefaults__, "engine", "fast")
+        yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made and written as empty pictures: tests/views lays them out and draws them."""
+    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
+        monkeypatch.setattr(f"matplotlib.{name}", lambda *_: None)
+    monkeypatch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
 
 
 @cache

@@ -11,6 +11,7 @@ import pytest
 
 import uvms_mj
 from seeded_faults import seeded_faults
+from uvms_mj import McapLog, Scenario, simulate
 from uvms_mj.errors import EXTRAS, InputError, needs_extra
 from uvms_mj.scenario import STAGES
 
@@ -111,3 +112,19 @@ def test_a_command_imports_only_what_it_uses(tmp_path, needed):
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert re.findall(r"^imported ?(.*)$", done.stderr, re.MULTILINE) == [*needed.values()]
+
+
+def test_reading_a_log_imports_no_theory_and_a_figure_no_pyplot(tmp_path):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.01})
+    simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")])
+    code = """if True:
+        import sys
+        from uvms_mj.records.trace import Trace
+        assert Trace.load("run.mcap").analytic.force > 1.4
+        theory = ("uvms_mj.control.theory", "uvms_mj.setup", "uvms_mj.analysis", "uvms_mj.engine", "scipy")
+        print([name for name in sys.modules if name.startswith(theory)])
+        import uvms_mj.views.figures
+        print("matplotlib.pyplot" in sys.modules)
+    """
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stdout == "[]\nFalse\n", done.stderr

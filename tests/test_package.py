@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from command import run
+from forked import done as forked
 from uvms_mj import Trace
 from uvms_mj.cli import main
 from uvms_mj.cli.new import KINDS
@@ -22,18 +22,18 @@ SHORT = ("--set", "simulation.duration=0.05")
 
 def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
     """The first run compiles everything, the second loads it from the cache. A broken cache entry is recompiled."""
-    environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
     for name in ("cold", "warm"):
-        done = run("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",
-                   "-q", "--log-rate", "full", "--out", name, cwd=tmp_path, env=environment)  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        done = forked("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",
+                      "-q", "--log-rate", "full", "--out", name, cwd=tmp_path, environment=environment)  # fmt: skip
+        assert done.exit_code == 0, done.stderr
     cold, warm = (Trace.load(tmp_path / name / "run.mcap") for name in ("cold", "warm"))
     assert cold["touches"][-1] > 0
     for name in cold:
         assert np.array_equal(cold[name], warm[name]), name
     broken = next((tmp_path / "cache").glob("*.o"))
     broken.write_bytes(broken.read_bytes()[:100])
-    assert run("run", *SHORT, "-q", cwd=tmp_path, env=environment).returncode == 0
+    assert forked("run", *SHORT, "-q", cwd=tmp_path, environment=environment).exit_code == 0
 
 
 def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
@@ -50,12 +50,13 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
     site = tmp_path / "site"
     subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)
     environment = os.environ | {"PYTHONPATH": str(site)}
-    python = [sys.executable, "-c"]
-    where = run("import uvms_mj; print(uvms_mj.__file__)", cwd=tmp_path, command=python, env=environment)
-    assert where.stdout.startswith(str(site))
-    done = run("run", *SHORT, "--json", cwd=tmp_path, env=environment)
+    code = f"import uvms_mj.cli; print(uvms_mj.__file__); uvms_mj.cli.main({['run', *SHORT, '--json']})"
+    python = [sys.executable, "-c", code]
+    done = subprocess.run(python, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240.0)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["status"] == "completed"
+    where, _, report = done.stdout.partition("\n")
+    assert where.startswith(str(site))
+    assert json.loads(report)["status"] == "completed"
 
 
 CALLS = {

@@ -43,7 +43,9 @@ def shortened(words: list[str]) -> list[str]:
     contact where the page uses the log; few draws and trials with the fast engine."""
     match words:
         case ["run", *_]:
-            more = [f"simulation.duration={6.1 if '--out' in words and '--log-rate' not in words else 0.02}"]
+            used = "--out" in words and "--log-rate" not in words
+            more = ["simulation.duration=6.1"] if used else ["simulation.duration=0.02"]
+            more += ["--log-rate=100"] if used and "--from" not in words else []
         case ["converge" | "certify", *_]:
             more = ["simulation.duration=0.02"]
         case ["study", name, *_] if name not in ("report", "list", "plot", "table"):
@@ -81,6 +83,7 @@ def run(line: str, status: int) -> None:
     assert ended == status, f"{line}\n{output}"
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_each_block_of_a_page_runs(page, tmp_path, monkeypatch):
     for module in EXTRAS.get(page.stem, ()):

@@ -1,4 +1,4 @@
-"""Interrupts, signals and closed streams: commands end soon, in one line, and keep what they have."""
+"""Interrupts, signals, closed streams and the environment: commands end soon, in one line, and keep what they have."""
 
 import json
 import os
@@ -11,31 +11,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import COMMAND, no_constants
+from forked import done as forked
+from forked import ended, started
 from law_files import law_file, one_liner
+from strict_json import no_constants
 from uvms_mj import Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
 
 
 def test_an_interrupted_run_ends_soon_and_keeps_what_it_had(tmp_path):
-    process = subprocess.Popen(
-        [*COMMAND, "run", "--set", "simulation.duration=2000", "--json", "--out", "here"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = ("run", "--set", "simulation.duration=2000", "--json", "--out", "here")
+    out = tmp_path / "out"
+    process = started(*command, cwd=tmp_path, streams=[str(out)])
     log, end = tmp_path / "here" / "run.mcap", time.monotonic() + 60.0
     while not (log.exists() and log.stat().st_size > 1_000_000) and time.monotonic() < end:
         time.sleep(0.05)  # until rows are in the log
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
+    os.kill(process.pid, signal.SIGINT)
     start = time.monotonic()
-    out, _ = process.communicate(timeout=30)
+    assert ended(process) == 128 + signal.SIGINT
     assert time.monotonic() - start < 2.0
-    assert process.returncode == 128 + signal.SIGINT
-    report = json.loads(out, parse_constant=no_constants)
+    report = json.loads(out.read_text(), parse_constant=no_constants)
     assert report["status"] == "interrupted"
     t = Trace.load(log).t
     assert len(t) > 100
@@ -60,8 +56,8 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
             time.sleep(30.0)
             print("not here")
     """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 128 + signal.SIGINT
+    done = forked(code=code, cwd=tmp_path)
+    assert done.exit_code == 128 + signal.SIGINT
     assert done.stdout == "still here\n"
 
 
@@ -87,8 +83,8 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path, t):
         threading.Thread(target=send, daemon=True).start()
         main(["run", "-c", "law.py:Endless", "-o", "here"])
     """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, timeout=120)
-    assert done.returncode == 128 + signal.SIGTERM, done.stderr
+    done = forked(code=code, cwd=tmp_path)
+    assert done.exit_code == 128 + signal.SIGTERM, done.stderr
 
 
 @pytest.mark.parametrize("where", ["Simulation", "_Run._outcome"])
@@ -112,10 +108,9 @@ def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here,
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_an_output_that_takes_nothing_is_said_in_one_line(tmp_path):
-    with open("/dev/full", "w") as full:
-        done = subprocess.run([*COMMAND, "keys"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
-    assert done.returncode == 2
-    assert done.stderr == "error: No space left on device\n"
+    process = started("keys", cwd=tmp_path, streams=["/dev/full", str(tmp_path / "err")])
+    assert ended(process) == 2
+    assert (tmp_path / "err").read_text() == "error: No space left on device\n"
 
 
 @pytest.mark.parametrize("command", ["info", "export", "plot", "compare", "replay"])
@@ -139,9 +134,14 @@ def test_closed_streams_stop_nothing(tmp_path):
     assert subprocess.run(["bash", "-c", keys_], stdout=subprocess.DEVNULL, timeout=60).returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("number", "place"), [(signal.SIGINT, "uvms_mj.cli"), (signal.SIGTERM, "mujoco"), (signal.SIGINT, "llvmlite")]
-)
+def test_an_unknown_mujoco_gl_stops_no_command(tmp_path):
+    run = [sys.executable, "-m", "uvms_mj", "run", "-q", "simulation.duration=0.002"]
+    environment = os.environ | {"MUJOCO_GL": "xyz"}
+    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("number", "place"), [(signal.SIGINT, "uvms_mj.cli"), (signal.SIGTERM, "llvmlite")])
 def test_a_signal_during_an_import_ends_with_one_line(tmp_path, number, place):
     """The signal arrives exactly when the import of a module begins, as one of a user may in the first half second."""
     code = f"""if True:

@@ -1,15 +1,14 @@
 """The command `run`: files, table, JSON, and ends of a run."""
 
 import json
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
 import pytest
 
-from command import no_constants
+from forked import done as forked
 from law_files import law_file, one_liner
+from strict_json import no_constants
 from uvms_mj import Status, Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
@@ -116,9 +115,14 @@ def test_a_picture_without_a_log_is_not_an_earlier_run(here, tmp_path):
 
 
 def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
-    limited = f"ulimit -f 3000; {sys.executable} -m uvms_mj run --json --out here"
-    done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 2
+    limited = """if True:
+        import resource
+        from uvms_mj.cli import main
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        main(["run", "--json", "--out", "here"])
+    """
+    done = forked(code=limited, cwd=tmp_path)
+    assert done.exit_code == 2
     assert "can't write" in done.stderr
     assert "Traceback" not in done.stderr
     report = json.loads(done.stdout)

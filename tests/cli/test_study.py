@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from command import no_constants
 from short_study import study_text
+from strict_json import no_constants
 from uvms_mj import Study
 from uvms_mj.studies import check
 

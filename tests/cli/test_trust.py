@@ -4,12 +4,11 @@ Every file of Python there leaves a trace when it is imported. docs/reference/st
 """
 
 import shutil
-import sys
 
 import pytest
 import tomli_w
 
-from command import run
+from forked import done as forked
 from uvms_mj import InputError, Study, Trace
 from uvms_mj.studies.tune import Tuning
 
@@ -61,8 +60,8 @@ def folder(tmp_path_factory):
         Study.load("study.toml").run("out", executor=ThreadPoolExecutor(1))
         Tuning.load("tune.toml").run("found", executor=ThreadPoolExecutor(1))
     """
-    done = run(code, cwd=folder, command=[sys.executable, "-c"])  # this process must not have imported the files
-    assert done.returncode == 0, done.stderr
+    done = forked(code=code, cwd=folder)  # this process must not have imported the files
+    assert done.exit_code == 0, done.stderr
     (folder / "run.mcap").write_bytes((folder / "out" / "logs" / "row-00001.mcap").read_bytes())
     return folder
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from command import no_constants
 from pages import HOSTILE, complete_by_itself
 from short_tuning import tuning_text
+from strict_json import no_constants
 from uvms_mj.studies.tune import Tuning
 
 

@@ -6,8 +6,6 @@ import json
 import pickle
 import re
 import shutil
-import subprocess
-import sys
 import textwrap
 from pathlib import Path
 
@@ -289,20 +287,6 @@ def test_a_copied_trace_has_its_rest():
     trace = simulate(Scenario.load("push_wall", SHORT))
     for again in (pickle.loads(pickle.dumps(trace)), copy.deepcopy(trace)):
         assert again.analytic.force == trace.analytic.force
-
-
-def test_reading_a_log_imports_no_theory(tmp_path):
-    simulate(Scenario.load("push_wall", SHORT), sinks=[McapLog(tmp_path / "run.mcap")])
-    code = f"""
-        import sys
-        from uvms_mj.records.trace import Trace
-        trace = Trace.load({str(tmp_path / "run.mcap")!r})
-        assert trace.analytic.force > 1.4
-        print([m for m in sys.modules if m.startswith(
-              ("uvms_mj.control.theory", "uvms_mj.setup", "uvms_mj.analysis", "uvms_mj.engine", "scipy"))])
-    """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_the_table_of_a_run_that_diverged_does_not_compare_it_with_a_closed_form(tmp_path):

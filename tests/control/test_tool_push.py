@@ -30,11 +30,9 @@ def test_super_twisting_rests_at_the_force_of_the_turned_stiffness(estimates):
     assert trace.notes == ()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("law", "duration"), [("fosm", 16.0), ("impedance", 40.0)])
-def test_the_other_laws_rest_at_their_own_closed_forms(law, duration):
-    how = {"controller.epsilon": 3e-3} if law == "fosm" else {"simulation.timestep": 4e-4}
-    trace = push(law, duration, **how)
+def test_the_first_order_law_rests_at_its_own_closed_form():
+    """Impedance control at a tool: test_tool_rest.py."""
+    trace = push("fosm", 16.0, **{"controller.epsilon": 3e-3})
     assert abs(trace.analytic.force / demanded_force(trace.scenario) - 1.0) > 3e-3
     assert trace.final_impulse[-1] / 0.5 == pytest.approx(trace.analytic.force, rel=1e-4)
     np.testing.assert_allclose(trace.s[-1], trace.analytic.s, atol=1e-4 * np.abs(trace.analytic.s).max())

@@ -51,14 +51,10 @@ def check(found: list[tuple[float, float, float, float]]) -> None:
     np.testing.assert_allclose(measured, by_hand, rtol=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
-def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_tool(model):
-    check(pushes(model, 3, 3))
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
-def test_random_postures_walls_and_gains(model):
+def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_tool(model):
+    """Of random postures, walls and gains."""
     check(pushes(model, 4, 6))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from killed import started
+from forked import done as forked
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
@@ -73,8 +73,8 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
     def tau_with(factor, product):
         (tmp_path / "helper.py").write_text(f"FACTOR = {factor}\ndef double(x):\n    return {product} * x\n")
         out = f"out-{factor}-{product}"
-        process = started("run", "-q", "-c", "my_law.py:Scaled", "simulation.duration=0.001", "-o", out, cwd=tmp_path)
-        process.join(60.0)
+        command = ("run", "-q", "-c", "my_law.py:Scaled", "simulation.duration=0.001", "-o", out)
+        assert forked(*command, cwd=tmp_path).exit_code == 0
         return Trace.load(tmp_path / out / "run.mcap").tau[-1, 0]
 
     assert tau_with(1.0, 2.0) == pytest.approx(2.0)

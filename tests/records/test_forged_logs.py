@@ -5,13 +5,12 @@ import json
 import os
 import re
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from forked import done as forked
 from recorded import rewritten
 from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
@@ -192,8 +191,8 @@ def test_a_sparse_file_of_50_gib_is_read_in_bounded_time_and_memory(logged, tmp_
             except InputError as error:
                 print(path.stem, "refused", error, sep=": ")
     """
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
+    done = forked(code=code, cwd=tmp_path)
+    assert done.exit_code == 0, done.stderr
     found = dict(line.split(": ")[:2] for line in done.stdout.splitlines())
     assert found.keys() == contents.keys()
     assert {said for where, said in found.items() if where != "end"} <= {"refused", "truncated"}

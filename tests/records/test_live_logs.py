@@ -6,7 +6,6 @@ import os
 import random
 import signal
 import struct
-import subprocess
 import time
 
 import numpy as np
@@ -14,8 +13,7 @@ import pytest
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 
-from command import COMMAND
-from killed import started
+from forked import started
 from law_files import law_file, one_liner
 from recorded import LAW
 from uvms_mj import McapLog, Scenario, SinkError, Status, Trace, simulate
@@ -44,8 +42,7 @@ def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
     (tmp_path / "slow.py").write_text(
         LAW.replace("state_dot.odom[0] = 1.0", "import time; time.sleep(0.02); state_dot.odom[0] = 1.0")
     )
-    command = [*COMMAND, "run", "-c", "slow.py:Mine", "--log-rate", "full", "-q", "-o", "a"]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+    process = started("run", "-c", "slow.py:Mine", "--log-rate", "full", "-q", "-o", "a", cwd=tmp_path)
     log = tmp_path / "a" / "run.mcap"
     try:
         deadline = time.monotonic() + 60
@@ -54,7 +51,7 @@ def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
         time.sleep(3.0)
     finally:
         process.kill()
-        process.wait(60.0)
+        process.join(60.0)
     rows = len(Trace.load(log))
     assert 20 < rows < 200
 
@@ -65,8 +62,9 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
             return super().write(data) if self.tell() < 1_000_000 else 0
 
     monkeypatch.setattr("uvms_mj.records.mcap.sink.FileIO", Full)
+    scenario, sink = Scenario.load("push_wall", {"simulation.duration": 2.0}), McapLog(tmp_path / "run.mcap")
     with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
-        simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
+        simulate(scenario, sinks=[sink], engine="mujoco")
     assert caught.value.trace.status is Status.failed
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
 

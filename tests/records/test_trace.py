@@ -12,7 +12,7 @@ from uvms_mj import InputError, McapLog, Scenario, SinkError, Trace, simulate
 
 def test_a_long_run_keeps_its_end_alone_in_memory(tmp_path):
     scenario = Scenario.load("push_wall", {"simulation.duration": 3.0})
-    kept = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")], keep_s=0.5)
+    kept = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")], keep_s=0.5, engine="mujoco")
     whole = Trace.load(tmp_path / "run.mcap")
     assert len(whole) == 3001
     assert 500 <= len(kept) < 900
@@ -38,7 +38,7 @@ def test_a_trace_can_be_copied_and_sent_to_another_process():
 
 
 def test_a_trace_without_its_beginning_is_not_saved_as_if_it_had_it(tmp_path):
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.5}), keep_s=0.1)
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.5}), keep_s=0.1, engine="mujoco")
     assert trace.t[0] > 0.0
     with pytest.raises(InputError, match="begins at"):
         trace.save(tmp_path / "x.mcap")

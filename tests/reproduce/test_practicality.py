@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from command import no_constants
 from pages import complete_by_itself
+from strict_json import no_constants
 from synthetic_study import frame_of
 from uvms_mj import InputError
 from uvms_mj.cli.practicality import practicality

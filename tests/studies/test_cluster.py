@@ -5,13 +5,13 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 from pandas.testing import assert_frame_equal
 
-from command import COMMAND
 from law_files import HEADER, one_liner
 from page_numbers import page as page_of
 from short_study import HERE
@@ -101,7 +101,6 @@ def test_files_travel_and_a_killed_worker_loses_nothing(dask, study_file, tmp_pa
     assert_frame_equal(here, there, check_exact=True)
     assert set(there["law"]) == {"gsta", "impedance", "Damps"}
     assert (there["peak"] == there["contact.peak_N"]).all()
-    dask.workers[0] = dask.worker()
 
 
 def test_the_command_on_a_cluster(dask, study_file, here):
@@ -122,20 +121,23 @@ def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_p
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(study_file, tmp_path):
-    cluster = Dask(tmp_path)
+def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(dask, study_file, tmp_path, here):
+    """The last test with the cluster."""
     path, folder = study_file(runs=100), tmp_path / "out"
-    options = ("-o", str(folder), "-q", "--scheduler", cluster.address)
-    process = subprocess.Popen([*COMMAND, "study", str(path), *options], stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 100.0
-    while not list(folder.glob("rows/part-*")) and time.monotonic() < end:
-        time.sleep(0.05)
-    cluster.end()
-    said = process.communicate(timeout=100)[1]
-    assert process.returncode == 2
-    assert said.startswith("error: the workers can't go on: ")
-    assert "the same command goes on" in said
-    assert len(said.splitlines()) == 1
+
+    def end():
+        while not list(folder.glob("rows/part-*")):
+            time.sleep(0.05)
+        dask.end()
+
+    ends = threading.Thread(target=end, daemon=True)
+    ends.start()
+    done = here("study", path, "-o", folder, "-q", "--scheduler", dask.address)
+    ends.join()
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: the workers can't go on: ")
+    assert "the same command goes on" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
     Study.load(path).run(folder, executor=HERE)
     assert len(frame(folder)) == 200
 

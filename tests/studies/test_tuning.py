@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from command import COMMAND
+from forked import started
 from short_study import HERE
 from short_tuning import force_at, stiffness_for, tuning_text
 from uvms_mj import InputError, Scenario, simulate
@@ -109,12 +108,12 @@ def test_more_trials_go_on_with_a_search(whole, tuning_file, tmp_path):
 def test_a_killed_search_loses_the_trial_in_hand_alone(whole, tuning_file, tmp_path):
     path, out = tuning_file(duration=0.5), tmp_path / "out"
     for trials in (3, 8):
-        process = subprocess.Popen([*COMMAND, "tune", path, "--out", out, "-j", "1", "-q"], cwd=tmp_path)
-        while process.poll() is None and (not (out / JOURNAL).exists() or lines(out) < trials):
+        process = started("tune", path, "--out", out, "-j", "1", "-q", cwd=tmp_path)
+        while process.is_alive() and (not (out / JOURNAL).exists() or lines(out) < trials):
             time.sleep(0.005)
         with contextlib.suppress(ProcessLookupError):
             os.kill(process.pid, signal.SIGKILL)
-        process.wait()
+        process.join()
         assert lines(out) >= trials
     Tuning.load(path).run(out, executor=HERE)
     same(whole, out)

@@ -2,8 +2,6 @@
 
 import dataclasses
 import itertools
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from forked import done as forked
 from traces import TASK, without
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.physics.frames import quat_from_euler_deg
@@ -292,20 +291,20 @@ def test_runs_stand_side_by_side_in_one_recording(trace, other, tmp_path):
 
 def test_a_recording_is_written_whole_or_not_at_all(trace, tmp_path):
     code = """if True:
-        import resource, sys
+        import resource
         from pathlib import Path
         from uvms_mj import InputError, simulate, Scenario
         from uvms_mj.views import rerun as rerun_view
         trace = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
         try:
-            rerun_view.save({"a": trace}, Path(sys.argv[1]))
+            rerun_view.save({"a": trace}, Path("run.rrd"))
         except InputError as error:
             print(error)
     """
     target = tmp_path / "run.rrd"
     target.write_text("earlier content")
-    done = subprocess.run([sys.executable, "-c", code, target], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith(f"{target}: can't write it: ")
+    done = forked(code=code, cwd=tmp_path)
+    assert done.stdout.startswith("run.rrd: can't write it: ")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
     assert target.read_text() == "earlier content"
