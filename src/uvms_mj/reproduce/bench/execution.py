@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...control import BUILT_IN
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...studies.pages import write
 from ...studies.plan import Plan
 from ...studies.pool.bundle import code
@@ -59,7 +59,13 @@ def _job(entry: Entry, task: Task, folder: Path, draws: int | None) -> Job:
     try:
         return Job(entry, task, False, own, entry.plan(task, draws))
     except InputError as error:
-        return Job(entry, task, False, own, None, "; ".join(dict.fromkeys(f.message for f in error.faults)))
+        return Job(entry, task, False, own, None, "; ".join(dict.fromkeys(map(_reason, error.faults))))
+
+
+def _reason(fault: Fault) -> str:
+    """An error of a plan for readers who know the law, not the study file."""
+    key = fault.key.removeprefix("laws[0].")
+    return fault.message if key.startswith(("vary", "laws[0]")) or not key else f"{key}: {fault.message}"
 
 
 def execute(
@@ -117,4 +123,4 @@ def _cell(job: Job, frames: "Mapping[tuple[str, str, bool], pd.DataFrame]", know
     if job.plan is None:
         return results.refused(job.reason)
     found = results.cell(job.task, frames[job.entry.label, job.task.name, job.tuned])
-    return found | ({"instead": job.task.yardstick["why"]} if knows and job.task.yardstick else {})
+    return found | ({"truth": job.task.truth} if knows and job.task.truth else {})

@@ -62,9 +62,7 @@ def page(
                     for law in found["laws"]
                     if not law["tasks"][name]["runs"]
                 ],
-                "instead": sorted(
-                    {law["tasks"][name]["instead"] for law in found["laws"] if "instead" in law["tasks"][name]}
-                ),
+                "truth": any("truth" in law["tasks"][name] for law in found["laws"]),
                 "picture": courses(task, own, rows, {label: shown[label] for label in own}),
                 "worst": worst(found, task, folder),
             }
@@ -128,7 +126,7 @@ def _cell(cell: Mapping[str, Any] | None) -> Cell:
         return Cell("can’t run", "", "none")
     share = cell["passed"] / cell["draws"]
     look = "all" if share == 1.0 else "most" if share > 0.5 else "some" if share > 0.0 else "no"
-    mark = "*" if "instead" in cell else ""
+    mark = "*" if "truth" in cell else ""
     return Cell(f"{cell['passed']}/{cell['draws']}{mark}", interval(cell), look)
 
 

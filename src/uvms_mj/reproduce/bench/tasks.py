@@ -29,6 +29,7 @@ class Task:
         literature: where the problem is from.
         criteria: the least and the greatest value of each metric that a run must meet besides its completion.
         why: the reason for each criterion.
+        truth: what the law does here that knows the truth, if it is not itself or can't pass; empty otherwise.
         tables: those of its study file.
     """
 
@@ -40,6 +41,7 @@ class Task:
     literature: Sequence[str]
     criteria: Mapping[str, tuple[float, float]]
     why: Mapping[str, str]
+    truth: str
     tables: Mapping[str, Any]
 
     @classmethod
@@ -56,6 +58,7 @@ class Task:
             literature=about["literature"],
             criteria={name: (float(low), float(high)) for name, (low, high) in tables["success"].items()},
             why=about["criteria"],
+            truth=" ".join(about.get("truth", "").split()),
             tables=tables,
         )
 
@@ -63,17 +66,17 @@ class Task:
     def digest(self) -> str:
         """Digest of everything in the file that a run or its verdict depends on."""
         ours = {name: value for name, value in self.tables.items() if name not in ("about", "description")}
-        ours |= {name: self.yardstick[name] for name in ("law", "keys") if self.yardstick}
+        ours |= {"yardstick": self.yardstick}
         return hashlib.sha256(json.dumps(ours, sort_keys=True).encode()).hexdigest()[:16]
 
-    @functools.cached_property
+    @property
     def draws(self) -> int:
         """Number of draws."""
         return int(self.tables["design"]["runs"])
 
-    @functools.cached_property
+    @property
     def yardstick(self) -> Mapping[str, Any]:
-        """What the law runs that knows the truth, where there is none; see :func:`plan_of`."""
+        """The law and the keys that stand for the law that knows the truth; see :func:`plan_of`."""
         return dict(self.tables["about"].get("yardstick", {}))
 
 
@@ -100,7 +103,7 @@ def plan_of(task: Task, law: Mapping[str, Any], draws: int | None = None, knows:
     A law may know the truth at B (``knows``). Where the task has a yardstick in its place, the yardstick's law runs
     with its keys, which do not vary then.
     """
-    tables = {**task.tables, "laws": [dict(law)]}
+    tables = {name: value for name, value in task.tables.items() if name != "about"} | {"laws": [dict(law)]}
     if knows and task.yardstick:
         keys = dict(task.yardstick["keys"])
         tables["laws"] = [{"name": task.yardstick["law"], "label": law["label"], **keys}]
