@@ -6,7 +6,7 @@ the largest one at any step since the row before, from the push's least and grea
 .. math:: P(t) = |F_{d,1:3}(t)|, \qquad e_k = \max(|F_k^{low} - P(t_k)|, |F_k^{high} - P(t_k)|)
 
 A law that alternates faster than rows can't hide in it. All functions return None if the run has no hold: if it ended
-early, or F_d demands no push.
+early, is shorter, or F_d demands no push.
 """
 
 import itertools
@@ -17,13 +17,12 @@ from ..physics.frames import rotation_matrix
 from ..records.header import Status
 from ..records.trace import Trace
 from .metrics import settling_time
+from .summary import PARTS
 
 HOLD_S = 5.0
 """Length of the hold [s]."""
 SETTLED_WITHIN = 0.2
 """Deviation over the demanded push up to which the push counts as settled [1]."""
-PARTS = 60
-"""Equal parts of a run's duration in the course of its push."""
 
 
 def demanded(trace: Trace) -> np.ndarray:
@@ -42,7 +41,7 @@ def deviations(trace: Trace) -> np.ndarray:
 
 def held(trace: Trace) -> slice | None:
     """The rows of the hold."""
-    if trace.status is not Status.completed or not len(trace):
+    if trace.status is not Status.completed or trace.duration_s < HOLD_S:
         return None
     rows = slice(int(np.searchsorted(trace.t, trace.t[-1] - HOLD_S + 1e-9)), len(trace))
     return rows if demanded(trace)[rows].any(axis=1).all() else None

@@ -197,6 +197,10 @@ def _hold(name: str) -> "Callable[[Trace], Any]":
     return found
 
 
+PARTS = 60
+"""Equal parts of a run's duration in the course of its push."""
+
+
 def _course(name: str) -> "Callable[[Trace], list[float] | None]":
     """Values of the course of the push; None if the run has no row."""
 
@@ -230,7 +234,9 @@ METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     "course.greatest_N": _course("greatest"),
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""
-OF_WHOLE_RUN = ("contact.settling_s", "course.mean_N", "course.least_N", "course.greatest_N")
+COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
+"""The push over time, for figures."""
+OF_WHOLE_RUN = ("contact.settling_s", *COURSES)
 """The numbers for which the last :data:`.metrics.AROUND_THE_END_S` of a trace are not enough."""
 
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.hold import HOLD_S, PARTS
+from ...analysis.hold import HOLD_S
+from ...analysis.summary import COURSES, PARTS
 from ...control.schedule import Schedule
 from ...studies.pages import Picture
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
-from .results import COURSES, broken
+from .results import broken
 from .tasks import Task
 
 if TYPE_CHECKING:

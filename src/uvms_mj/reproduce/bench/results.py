@@ -28,8 +28,6 @@ COSTS = (
 """The metrics of which a large magnitude is bad: the result has their medians and their worst values."""
 METRICS = (*COSTS, "hold.contacts", "contact.touches")
 """The metrics of each draw in the result."""
-COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
-"""The metrics that the page draws."""
 
 
 def rounded(value: Any) -> float | None:

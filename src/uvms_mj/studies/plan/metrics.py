@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.summary import METRICS
+from ...analysis.summary import COURSES, METRICS, PARTS
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import is_file
 from ...quantities import leaves
@@ -75,7 +75,7 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("final.position_m", "analytic.position_m"), AXES[:3]),
     **dict.fromkeys(("final.s", "final.z", "final.tau"), AXES),
     "final.attitude_wxyz": ("w", *AXES[:3]),
-    **dict.fromkeys(("course.mean_N", "course.least_N", "course.greatest_N"), tuple(f"{i:02d}" for i in range(60))),
+    **dict.fromkeys(COURSES, tuple(f"{i:02d}" for i in range(PARTS))),
 }
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
 
