@@ -8,6 +8,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -17,11 +18,12 @@ from pages import complete_by_itself
 from short_study import HERE
 from uvms_mj import InputError
 from uvms_mj.cli import main
+from uvms_mj.control import BUILT_IN
 from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
 from uvms_mj.reproduce.bench.compare import compared
 from uvms_mj.reproduce.bench.entries import Entry, entries_of
 from uvms_mj.reproduce.bench.execution import jobs
-from uvms_mj.reproduce.bench.results import broken, cell, digest, document, parsed, text
+from uvms_mj.reproduce.bench.results import broken, cell, digest, document, parsed, shipped, text
 from uvms_mj.reproduce.bench.tasks import chosen, tasks
 from uvms_mj.studies.plan.metrics import COMPONENTS
 from uvms_mj.studies.rows import one_row
@@ -95,15 +97,18 @@ def test_each_criterion_fails_alone_and_without_its_number(name, metric):
     assert broken(task, good | {"status": "unstable"}) == ["completed"]
 
 
+def rows_of(law, name, draws):
+    """The rows of a law on the first draws of a task."""
+    plan = Entry(law.rpartition(":")[2], law).plan(TASKS[name], draws)
+    return pd.DataFrame([one_row(plan, i) for i in range(draws)])
+
+
 def test_a_missing_number_is_the_worst(wrong):
     """A law that never settles must not have the better median for it."""
     task = TASKS["unknown_current"]
-    plan = Entry("sound", wrong).plan(task, 2)
-    import pandas as pd
-
-    rows = [one_row(plan, i) for i in range(2)]
-    rows[1] |= {"contact.settling_s": None}
-    found = cell(task, pd.DataFrame(rows))["metrics"]["contact.settling_s"]
+    rows = rows_of(wrong, "unknown_current", 2)
+    rows["contact.settling_s"] = [0.5, None]
+    found = cell(task, rows)["metrics"]["contact.settling_s"]
     assert found == {"median": None, "worst": None, "missing": 1}
 
 
@@ -328,3 +333,45 @@ def test_a_document_has_no_place_time_or_host(ran):
     laws = found["laws"]
     again = document([TASKS[name] for name in found["tasks"]], laws, found["code"])
     assert again == found
+
+
+SHIPPED = shipped()
+
+
+def test_the_shipped_result_is_of_these_tasks_and_of_all_shipped_laws():
+    assert {name: (task["version"], task["digest"]) for name, task in SHIPPED["tasks"].items()} == {
+        name: (task.version, task.digest) for name, task in TASKS.items()
+    }, "run uvms-mj bench --out FOLDER, then scripts/draw_docs.py contact10 --folder FOLDER"
+    assert [law["label"] for law in SHIPPED["laws"]] == list(BUILT_IN)
+
+
+@pytest.mark.parametrize(("name", "metric"), CRITERIA)
+def test_no_criterion_is_passed_by_all_laws_in_all_draws_or_by_none(name, metric):
+    broke = [row["broke"] for law in SHIPPED["laws"] for row in law["tasks"][name]["rows"]]
+    failed = sum(metric in each for each in broke)
+    assert 0 < failed < len(broke)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_is_passed_by_a_law_in_most_draws_and_by_the_law_that_knows_the_truth(name):
+    passed = {law["label"]: law["tasks"][name]["passed"] for law in SHIPPED["laws"]}
+    assert max(n for label, n in passed.items() if label != "ideal") > 10
+    (ideal,) = (law for law in SHIPPED["laws"] if law["knows_the_truth"])
+    assert ideal["tasks"][name]["passed"] == 20 or "no integral action" in ideal["tasks"][name]["truth"]
+
+
+def same(one, other):
+    """Whether two draws are the same, their errors but for the last digits of another processor."""
+    return one["broke"] == other["broke"] and one["hold.error_N"] == pytest.approx(other["hold.error_N"], rel=0.01)
+
+
+FIRST = 4
+"""Draws of the shipped result that are run again: all 20 of two tasks take 40 s."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHEAP)
+def test_the_first_draws_of_the_shipped_result_are_what_the_laws_do(name):
+    for law in SHIPPED["laws"]:
+        found = cell(TASKS[name], rows_of(law["label"], name, FIRST))
+        assert all(map(same, found["rows"], law["tasks"][name]["rows"][:FIRST])), law["label"]

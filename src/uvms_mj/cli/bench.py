@@ -59,7 +59,7 @@ def run_bench(
     uvms-mj bench gsta controller.k_1=8 label=stiff --out stiff
     uvms-mj bench my_laws.toml --tasks slide,force_sensor --draws 5
     uvms-mj bench tasks                             the tasks and what passes them
-    uvms-mj bench compare a/bench.json b/bench.json
+    uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
 
     Gains for single tasks are in a file, and have a table of their own:
 
@@ -157,11 +157,12 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
     Laws are paired by their labels; with one law in each file, or with :LAW behind both names, these two are a pair.
-    Tasks whose version or contents differ are left out, with a note.
+    The file "shipped" is the result of the shipped laws. Tasks whose version or contents differ are left out, with a
+    note.
 
     \b
     uvms-mj bench compare before/bench.json after/bench.json
-    uvms-mj bench compare mine/bench.json:my_law shipped/bench.json:gsta
+    uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
     """
     with bad_input():
         from ..reproduce.bench.compare import compared, sentences

@@ -9,11 +9,14 @@ import numpy as np
 from ...errors import InputError, suggestion
 from ...files import is_file
 from ...studies.report.statistics import difference_of_rates
-from .results import parsed, rounded
+from .results import parsed, rounded, shipped
+
+OF_PACKAGE = "shipped"
+"""The name of the result that the package has."""
 
 
 def compared(first: str, second: str) -> dict[str, Any]:
-    """Compare two results, each ``FILE`` or ``FILE:LABEL``.
+    """Compare two results, each ``FILE`` or ``FILE:LABEL``; the file ``shipped`` is that of the shipped laws.
 
     Returns pairs of laws, each with its tasks, and notes: about tasks of different versions, which are left out, about
     different code, and about laws of one file alone. Raises InputError if a file is no result, or there is nothing to
@@ -50,11 +53,15 @@ def compared(first: str, second: str) -> dict[str, Any]:
 def _read(given: str) -> tuple[dict[str, Any], str]:
     """A result, and the label that its name asks for."""
     file, colon, label = (given, "", "") if is_file(given) else given.rpartition(":")
-    if not is_file(file or given):
-        raise InputError(f"{given}: no such file")
+    file = file or given
     if colon and not label:
         raise InputError(f"{given}: the label of a law is empty")
-    found = parsed(Path(file or given).read_bytes(), file or given)
+    if is_file(file):
+        found = parsed(Path(file).read_bytes(), file)
+    elif file == OF_PACKAGE:
+        found = shipped()
+    else:
+        raise InputError(f"{file}: no such file; {OF_PACKAGE} is the result of the shipped laws")
     labels = [law["label"] for law in found["laws"]]
     if label and label not in labels:
         raise InputError(f"{given}: no law {label!r}; {suggestion(label, labels)}")
