@@ -8,13 +8,12 @@ from typing import Any
 
 from ...errors import InputError
 from ...files import locked
-from .. import PAGE as PAGE
 from .. import Progress, running
 from .entries import Entry, entries_of
+from .tasks import LATEX as LATEX
+from .tasks import PAGE as PAGE
+from .tasks import RESULT as RESULT
 from .tasks import chosen, tasks
-
-RESULT, LATEX = "bench.json", "table.tex"
-"""Names of the result and of the LaTeX table in the folder."""
 
 
 def bench(

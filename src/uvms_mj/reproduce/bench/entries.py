@@ -16,7 +16,7 @@ from ...stages.foreign import parted
 from ...studies.plan import Plan
 from ...studies.plan.file import absolute
 from ...studies.pool.bundle import StudyBundle
-from .tasks import Task, plan_of
+from .tasks import LATEX, PAGE, RESULT, Task, plan_of
 
 TABLES = ("controller", "task", "impedance", "observer", "actuation")
 """The tables of a scenario that belong to a law: its gains, its sliding variable, the impedance that it imposes, its
@@ -27,8 +27,8 @@ OF_TASKS = {
     **dict.fromkeys(("impedance.F_d", "impedance.schedule"), "the demanded push"),
 }
 """Keys of these tables that a task sets, with what they are."""
-_LABEL = re.compile(r"[\w .+=-]{1,60}")
-_NO_LABELS = (".", "..")
+_LABEL = re.compile(r"[^./:][^/:]{0,59}")
+_NO_LABELS = (RESULT, LATEX, PAGE)
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,9 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
     if label is None:
         file, name = parted(source)
         label = (name or Path(file).stem) if file else source
-    if not isinstance(label, str) or not _LABEL.fullmatch(label) or label in _NO_LABELS:
-        faults.append(Fault(place, f"label: {shortened(label)} must have 1 to 60 letters, digits, spaces or _.+=-"))
+    if not isinstance(label, str) or not _LABEL.fullmatch(label) or not label.isprintable() or label in _NO_LABELS:
+        wanted = "must be a text of 1 to 60 characters without / and :, which names a folder"
+        faults.append(Fault(place, f"label: {shortened(label)} {wanted}"))
     settings = _settings(table, place, faults)
     if not isinstance(tuned, Mapping):
         faults.append(Fault(place, "tuned: must be tables by task, [laws.tuned.slide]"))

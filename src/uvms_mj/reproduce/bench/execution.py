@@ -13,10 +13,10 @@ from ...studies.plan import Plan
 from ...studies.pool.bundle import code
 from ...studies.pool.executors import executor_of
 from ...studies.study import Study
-from .. import PAGE, Progress
-from . import LATEX, RESULT, results
+from .. import Progress
+from . import results
 from .entries import Entry, identity
-from .tasks import Task
+from .tasks import LATEX, PAGE, RESULT, Task
 
 if TYPE_CHECKING:
     import pandas as pd

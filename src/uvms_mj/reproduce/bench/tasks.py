@@ -11,8 +11,11 @@ from typing import Any
 from ...errors import InputError, suggestion
 from ...files import tables_of
 from ...studies.plan import Plan
+from .. import PAGE as PAGE
 
 NAME = "Contact-10"
+RESULT, LATEX = "bench.json", "table.tex"
+"""Names of the result and of the LaTeX table in the folder."""
 FOLDER = Path(__file__).with_name("tasks")
 
 
