@@ -112,6 +112,15 @@ def test_a_missing_number_is_the_worst(wrong):
     assert found == {"median": None, "worst": None, "missing": 1}
 
 
+def test_a_run_that_ends_early_has_no_number(wrong):
+    """Its peak and its effort until then would improve the medians."""
+    rows = rows_of(wrong, "unknown_current", 2)
+    rows.loc[1, ["status", "contact.peak_N", "effort_N2s"]] = ["unstable", 0.0, 0.0]
+    found = cell(TASKS["unknown_current"], rows)
+    assert found["broke"]["completed"] == 1
+    assert all(spread["missing"] >= 1 and spread["worst"] is None for spread in found["metrics"].values())
+
+
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory, wrong):
     """Two laws on two tasks, two draws, in this process."""
@@ -210,6 +219,7 @@ def test_the_yardstick_of_the_tool_tasks_has_no_current():
         (["gsta", "label=8"], "label: 8 must be a text"),
         (["gsta", "controller.k_1=1", "controller.k_1=2"], "controller.k_1: is given twice for gsta"),
         (["no.toml"], "no.toml: no such file"),
+        (["slide"], "slide: is a task, not a law: --tasks slide"),
     ],
 )
 def test_a_wrong_law_is_one_error(words, said):
@@ -249,8 +259,9 @@ def test_tuned_gains_have_a_table_of_their_own(tmp_path):
 
 
 def test_a_law_that_runs_nowhere_is_an_error(tmp_path):
-    with pytest.raises(InputError, match=r"gsta: can't run on any task: .*k_7"):
-        bench(["gsta", "controller.k_7=1"], tmp_path, only=CHEAP, draws=1, executor=HERE)
+    with pytest.raises(InputError, match=r"gsta: can't run on any task: controller.k_7: gsta has no such gain"):
+        bench(["gsta", "controller.k_7=1"], tmp_path / "out", only=CHEAP, draws=1, executor=HERE)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_with_other_draws_is_refused(ran, wrong):
@@ -267,9 +278,9 @@ def written(folder, name, found):
 
 
 def test_results_are_compared_in_the_same_draws(ran, tmp_path):
-    _, found = ran
+    folder, found = ran
     one = written(tmp_path, "a.json", found)
-    same = compared(one, one)
+    same = compared(one, str(folder))
     assert [(pair["first"], pair["second"]) for pair in same["pairs"]] == [("impedance",) * 2, ("Wrong",) * 2]
     assert all(task["same_numbers"] for pair in same["pairs"] for task in pair["tasks"].values())
     (pair,) = compared(f"{one}:impedance", f"{one}:Wrong")["pairs"]

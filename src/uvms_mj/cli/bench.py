@@ -161,7 +161,7 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
     note.
 
     \b
-    uvms-mj bench compare before/bench.json after/bench.json
+    uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
     """
     with bad_input():

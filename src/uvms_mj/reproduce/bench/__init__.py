@@ -41,7 +41,7 @@ def bench(
 
     Raises InputError if a law can't run on any task, or the folder has other runs.
     """
-    from .execution import execute
+    from .execution import execute, jobs
 
     entries = [law for law in laws if isinstance(law, Entry)]
     words = [law for law in laws if not isinstance(law, Entry)]
@@ -49,6 +49,7 @@ def bench(
     folder, some = Path(out), chosen(only)
     if draws is not None and not 1 <= draws <= min(task.draws for task in some):
         raise InputError(f"draws: {draws} must be from 1 to {min(task.draws for task in some)}")
+    planned = jobs(entries, some, folder, draws)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder), running(progress) as told:
-        return execute(entries, some, folder, draws, told, workers, executor)
+        return execute(planned, folder, told, workers, executor)

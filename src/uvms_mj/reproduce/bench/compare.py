@@ -1,5 +1,6 @@
 """Two results, law by law and task by task, in the same draws."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,16 +8,17 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, suggestion
-from ...files import is_file
+from ...files import is_file, is_folder
 from ...studies.report.statistics import difference_of_rates
 from .results import parsed, rounded, shipped
+from .tasks import RESULT
 
 OF_PACKAGE = "shipped"
 """The name of the result that the package has."""
 
 
 def compared(first: str, second: str) -> dict[str, Any]:
-    """Compare two results, each ``FILE`` or ``FILE:LABEL``; the file ``shipped`` is that of the shipped laws.
+    """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is that of the shipped laws.
 
     Returns pairs of laws, each with its tasks, and notes: about tasks of different versions, which are left out, about
     different code, and about laws of one file alone. Raises InputError if a file is no result, or there is nothing to
@@ -52,8 +54,8 @@ def compared(first: str, second: str) -> dict[str, Any]:
 
 def _read(given: str) -> tuple[dict[str, Any], str]:
     """A result, and the label that its name asks for."""
-    file, colon, label = (given, "", "") if is_file(given) else given.rpartition(":")
-    file = file or given
+    file, colon, label = (given, "", "") if os.path.exists(given) else given.rpartition(":")
+    file = str(Path(file or given, RESULT)) if is_folder(file or given) else file or given
     if colon and not label:
         raise InputError(f"{given}: the label of a law is empty")
     if is_file(file):

@@ -118,6 +118,9 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
     if not isinstance(source, str) or not source:
         faults.append(Fault(place, f"name: {shortened(source)} is not a law; give a name or a file"))
         return None
+    if source in known:
+        faults.append(Fault(place, f"is a task, not a law: --tasks {source}"))
+        return None
     source = absolute(source, folder)
     if label is None:
         file, name = parted(source)

@@ -65,14 +65,12 @@ def _job(entry: Entry, task: Task, folder: Path, draws: int | None) -> Job:
 def _reason(fault: Fault) -> str:
     """An error of a plan for readers who know the law, not the study file."""
     key = fault.key.removeprefix("laws[0].")
-    return fault.message if key.startswith(("vary", "laws[0]")) or not key else f"{key}: {fault.message}"
+    return fault.message if key.startswith(("vary", "laws[0]", "name")) or not key else f"{key}: {fault.message}"
 
 
 def execute(
-    entries: Sequence[Entry],
-    tasks: Sequence[Task],
+    planned: Sequence[Job],
     folder: Path,
-    draws: int | None,
     told: Progress,
     workers: int | None,
     executor: Executor | None,
@@ -81,7 +79,8 @@ def execute(
     from . import latex
     from .page import page
 
-    planned = jobs(entries, tasks, folder, draws)
+    entries = list({job.entry.label: job.entry for job in planned}.values())
+    tasks = list({job.task.name: job.task for job in planned}.values())
     total, before = sum(job.plan.runs for job in planned if job.plan), 0
     frames: dict[tuple[str, str, bool], pd.DataFrame] = {}
     with executor_of(executor, workers) as pool:

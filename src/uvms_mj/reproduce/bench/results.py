@@ -59,7 +59,8 @@ def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
         each = {"draw": row["draw"], "seed": row["seed"], "passed": not broke, "broke": broke, "status": row["status"]}
         if row["message"]:
             each["message"] = without_folders(row["message"])
-        draws.append(each | {name: rounded(_number(row.get(name))) for name in METRICS})
+        ended = row["status"] != COMPLETED  # early: its peak and its effort are those of the time before
+        draws.append(each | {name: None if ended else rounded(_number(row.get(name))) for name in METRICS})
     passed, n = sum(each["passed"] for each in draws), len(draws)
     share = rate(passed, n, n)
     return {
