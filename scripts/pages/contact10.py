@@ -54,18 +54,26 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
     stiffness, inertia = varied("any_stiffness", "wall.stiffness"), varied("wrong_model", "estimates.inertia")
     stiff, wrong = passed(found, "gsta", "any_stiffness"), passed(found, "gsta", "wrong_model")
     yield "GSTA passes all walls up to {} N/m and none from {} N/m on", stiffness[stiff].max(), stiffness[~stiff].min()
-    yield "less than {} of the true one, and never where it is more than {}", inertia[~wrong].max(), inertia[wrong].min()
-    yield "the median effort is {} times that of GSTA", (
-        median(found, "fosm", "force_sensor", "effort_N2s") / median(found, "gsta", "force_sensor", "effort_N2s")
+    yield (
+        "less than {} of the true one, and never where it is more than {}",
+        inertia[~wrong].max(),
+        inertia[wrong].min(),
     )
-    yield "hits the wall with {} N (median), GSTA with {} N", *(
-        median(found, law, "unknown_current", "contact.peak_N") for law in ("parallel", "gsta")
+    yield (
+        "the median effort is {} times that of GSTA",
+        (median(found, "fosm", "force_sensor", "effort_N2s") / median(found, "gsta", "force_sensor", "effort_N2s")),
     )
-    yield "the median error of GSTA is {} N, of admittance control {} N, of the observer {} N", *(
-        median(found, law, DRAWN, "hold.error_N") for law in ("gsta", "admittance", "dob_impedance")
+    yield (
+        "hits the wall with {} N (median), GSTA with {} N",
+        *(median(found, law, "unknown_current", "contact.peak_N") for law in ("parallel", "gsta")),
     )
-    yield "chatters with {} N/s in the thrusters (median), and admittance control with {} N/s", *(
-        median(found, law, "slide", "chattering_N_per_s") for law in ("gsta", "admittance")
+    yield (
+        "the median error of GSTA is {} N, of admittance control {} N, of the observer {} N",
+        *(median(found, law, DRAWN, "hold.error_N") for law in ("gsta", "admittance", "dob_impedance")),
+    )
+    yield (
+        "chatters with {} N/s in the thrusters (median), and admittance control with {} N/s",
+        *(median(found, law, "slide", "chattering_N_per_s") for law in ("gsta", "admittance")),
     )
 
 
@@ -83,4 +91,4 @@ def main(folder: Path) -> None:
         task, {label: job for label, (job, _) in shown.items()}, frames, {label: c for label, (_, c) in shown.items()}
     )
     assert picture is not None
-    written(picture.figure, "contact10")
+    written(picture.figure, "contact10", 255)

@@ -283,6 +283,7 @@ def test_results_are_compared_in_the_same_draws(ran, tmp_path):
     same = compared(one, str(folder))
     assert [(pair["first"], pair["second"]) for pair in same["pairs"]] == [("impedance",) * 2, ("Wrong",) * 2]
     assert all(task["same_numbers"] for pair in same["pairs"] for task in pair["tasks"].values())
+    assert [pair["first"] for pair in compared(one, "shipped")["pairs"]] == ["impedance"]
     (pair,) = compared(f"{one}:impedance", f"{one}:Wrong")["pairs"]
     task = pair["tasks"]["two_contacts"]
     passed = [law["tasks"]["two_contacts"]["passed"] for law in found["laws"]]

@@ -54,8 +54,8 @@ def compared(first: str, second: str) -> dict[str, Any]:
 
 def _read(given: str) -> tuple[dict[str, Any], str]:
     """A result, and the label that its name asks for."""
-    file, colon, label = (given, "", "") if os.path.exists(given) else given.rpartition(":")
-    file = str(Path(file or given, RESULT)) if is_folder(file or given) else file or given
+    file, colon, label = (given, "", "") if os.path.exists(given) or ":" not in given else given.rpartition(":")
+    file = str(Path(file, RESULT)) if is_folder(file) else file
     if colon and not label:
         raise InputError(f"{given}: the label of a law is empty")
     if is_file(file):

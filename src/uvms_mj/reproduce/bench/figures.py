@@ -71,6 +71,10 @@ def courses(
             ax.set_title(label, fontsize=SMALL, loc="left")
             ax.set_ylim(0.0, top)
             ax.set_xlim(0.0, duration)
+        place = drawn[0].get_subplotspec()
+        columns = place.get_gridspec().ncols if place is not None else 1
+        for ax in drawn[-columns:]:  # also above the end of a row that is not full
+            ax.tick_params(labelbottom=True)
         figure.supxlabel("time [s]", fontsize=SMALL)
         figure.supylabel("push [N]", fontsize=SMALL)
     return Picture(f"courses-{task.name}", _CAPTION, figure)

@@ -62,7 +62,6 @@ def page(
                     for law in found["laws"]
                     if not law["tasks"][name]["runs"]
                 ],
-                "truth": any("truth" in law["tasks"][name] for law in found["laws"]),
                 "picture": courses(task, own, rows, {label: shown[label] for label in own}),
                 "worst": worst(found, task, folder),
             }
@@ -80,6 +79,7 @@ def page(
             for law in found["laws"]
             for task, cell in law.get("tuned", {}).items()
         ],
+        truths=truths(found, tasks),
         parts=parts,
         laws=[(law["label"], about(law)) for law in found["laws"]],
         versions=sorted(found["code"].items()),
@@ -117,6 +117,16 @@ def overview(found: Mapping[str, Any], tasks: Mapping[str, Task], key: str) -> l
         for law in found["laws"]
         if key in law
     ]
+
+
+def truths(found: Mapping[str, Any], tasks: Mapping[str, Task]) -> list[tuple[str, str]]:
+    """What the law that knows the truth does on tasks where it is not itself, or can't pass: their names, and the
+    sentence."""
+    said: dict[str, list[str]] = {}
+    for name, task in tasks.items():
+        if any("truth" in law["tasks"][name] for law in found["laws"]):
+            said.setdefault(task.truth, []).append(name.replace("_", " "))
+    return [(", ".join(names), sentence) for sentence, names in said.items()]
 
 
 def _cell(cell: Mapping[str, Any] | None) -> Cell:
