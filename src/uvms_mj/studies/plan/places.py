@@ -75,12 +75,12 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
 def missing(place: str, tables: Mapping[str, Any]) -> str:
     """The reason why the tables of a scenario lack a component; empty for a whole key, which the scenario checks."""
     key, parts = parsed(place)
-    if not parts:
-        return ""
     table, _, word = key.partition(".")
     own = _table(table, tables)
     if own is None and _WALL.fullmatch(table):
         return f"the scenario has {len(tables.get('walls', []))} [[walls]]"
+    if not parts:
+        return ""
     if own is None:
         return f"no table {table!r}; {suggestion(table, (t for t in tables if isinstance(tables[t], dict)))}"
     if word not in own:
