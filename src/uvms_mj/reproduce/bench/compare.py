@@ -1,7 +1,7 @@
 """Two results, law by law and task by task, in the same draws."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,11 @@ def compared(first: str, second: str) -> dict[str, Any]:
     (a, one), (b, other) = (_read(given) for given in (first, second))
     notes = [_of_code(name, a["code"].get(name), b["code"].get(name)) for name in {**a["code"], **b["code"]}]
     notes = [note for note in notes if note]
+    notes += _alone(a["tasks"], b["tasks"])
     tasks = []
-    for name in {**a["tasks"], **b["tasks"]}:
-        mine, theirs = a["tasks"].get(name), b["tasks"].get(name)
-        if mine is None or theirs is None:
-            notes.append(f"{name} is in {'the second' if mine is None else 'the first'} result alone")
-        elif (mine["version"], mine["digest"]) != (theirs["version"], theirs["digest"]):
+    for name in (name for name in a["tasks"] if name in b["tasks"]):
+        mine, theirs = a["tasks"][name], b["tasks"][name]
+        if (mine["version"], mine["digest"]) != (theirs["version"], theirs["digest"]):
             versions = f"{mine['version']} ({mine['digest']}) and {theirs['version']} ({theirs['digest']})"
             notes.append(f"{name} is left out: its versions are {versions}")
         else:
@@ -84,9 +83,13 @@ def _pairs(
     if len(mine) == len(theirs) == 1:
         return [(*mine.values(), *theirs.values())], []
     wanted = [label for label in mine if label in theirs and (one or other or label) == label]
-    alone = [f"{label} is in the first result alone" for label in mine if label not in theirs and not (one or other)]
-    alone += [f"{label} is in the second result alone" for label in theirs if label not in mine and not (one or other)]
-    return [(mine[label], theirs[label]) for label in wanted], alone
+    return [(mine[label], theirs[label]) for label in wanted], [] if one or other else _alone(mine, theirs)
+
+
+def _alone(a: Collection[str], b: Collection[str]) -> list[str]:
+    """Notes about names that one result alone has."""
+    found = {"first": [name for name in a if name not in b], "second": [name for name in b if name not in a]}
+    return [f"in the {which} result alone: {', '.join(names)}" for which, names in found.items() if names]
 
 
 def _task(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
