@@ -27,7 +27,7 @@ from uvms_mj.cli.listing import (
 from uvms_mj.records.mcap import topics
 from uvms_mj.reproduce.bench import results
 from uvms_mj.reproduce.bench.page import criteria, table
-from uvms_mj.reproduce.bench.tasks import tasks
+from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.scenario import STAGES, Scenario
 from uvms_mj.stages import signals

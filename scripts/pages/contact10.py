@@ -19,7 +19,7 @@ from uvms_mj.reproduce.bench.execution import Job
 from uvms_mj.reproduce.bench.figures import courses
 from uvms_mj.reproduce.bench.page import colours_of
 from uvms_mj.reproduce.bench.results import SHIPPED, parsed, shipped
-from uvms_mj.reproduce.bench.tasks import tasks
+from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.studies.results import frame
 
 DRAWN = "gusts_and_tether"

@@ -24,7 +24,7 @@ from uvms_mj.reproduce.bench.compare import compared
 from uvms_mj.reproduce.bench.entries import Entry, entries_of
 from uvms_mj.reproduce.bench.execution import jobs
 from uvms_mj.reproduce.bench.results import broken, cell, digest, document, parsed, shipped, text
-from uvms_mj.reproduce.bench.tasks import chosen, tasks
+from uvms_mj.reproduce.bench.task import chosen, tasks
 from uvms_mj.studies.plan.metrics import COMPONENTS
 from uvms_mj.studies.rows import one_row
 from wrong_law import AT_TOOL, FAULTS, WRONG

@@ -7,7 +7,7 @@ from uvms_mj.analysis.metrics import chattering, final_force
 from uvms_mj.control.design import demanded_force
 from uvms_mj.control.theory.certificate import rate_bound
 from uvms_mj.files import shipped
-from uvms_mj.reproduce.bench.tasks import tasks
+from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.rows import one_row
 

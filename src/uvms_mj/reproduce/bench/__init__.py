@@ -10,10 +10,10 @@ from ...errors import InputError
 from ...files import locked
 from .. import Progress, running
 from .entries import Entry, entries_of
-from .tasks import LATEX as LATEX
-from .tasks import PAGE as PAGE
-from .tasks import RESULT as RESULT
-from .tasks import chosen, tasks
+from .task import LATEX as LATEX
+from .task import PAGE as PAGE
+from .task import RESULT as RESULT
+from .task import chosen, tasks
 
 
 def bench(

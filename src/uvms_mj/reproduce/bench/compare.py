@@ -11,7 +11,7 @@ from ...errors import InputError, suggestion
 from ...files import is_file, is_folder
 from ...studies.report.statistics import difference_of_rates
 from .results import parsed, rounded, shipped
-from .tasks import RESULT
+from .task import RESULT
 
 OF_PACKAGE = "shipped"
 """The name of the result that the package has."""

@@ -16,7 +16,7 @@ from ...stages.foreign import parted
 from ...studies.plan import Plan
 from ...studies.plan.file import absolute
 from ...studies.pool.bundle import StudyBundle
-from .tasks import LATEX, PAGE, RESULT, Task, plan_of
+from .task import LATEX, PAGE, RESULT, Task, plan_of
 
 TABLES = ("controller", "task", "impedance", "observer", "actuation")
 """The tables of a scenario that belong to a law: its gains, its sliding variable, the impedance that it imposes, its

@@ -16,7 +16,7 @@ from ...studies.study import Study
 from .. import Progress
 from . import results
 from .entries import Entry, identity
-from .tasks import LATEX, PAGE, RESULT, Task
+from .task import LATEX, PAGE, RESULT, Task
 
 if TYPE_CHECKING:
     import pandas as pd

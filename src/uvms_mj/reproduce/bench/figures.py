@@ -12,7 +12,7 @@ from ...control.schedule import Schedule
 from ...studies.pages import Picture
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .results import broken
-from .tasks import Task
+from .task import Task
 
 if TYPE_CHECKING:
     import pandas as pd

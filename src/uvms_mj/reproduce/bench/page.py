@@ -11,7 +11,7 @@ from ...studies.pages import Table, number, rendered
 from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
 from ...views import colours
 from .figures import courses
-from .tasks import Task
+from .task import Task
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...studies.plan.metrics import COMPLETED
 from ...studies.report.statistics import rate
 from ...studies.report.tables import without_folders
-from .tasks import NAME, Task
+from .task import NAME, Task
 
 if TYPE_CHECKING:
     import pandas as pd
