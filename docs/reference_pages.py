@@ -25,10 +25,10 @@ from uvms_mj.cli.listing import (
     toml_value,
 )
 from uvms_mj.records.mcap import topics
-from uvms_mj.reproduce.bench import results
-from uvms_mj.reproduce.bench.page import criteria, table
-from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.records.mcap.layout import Format
+from uvms_mj.reproduce.bench import page as bench_page
+from uvms_mj.reproduce.bench import results
+from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.scenario import STAGES, Scenario
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import file as study_file
@@ -257,9 +257,9 @@ def _bench_tasks() -> str:
     for task in tasks().values():
         if (found["tasks"][task.name]["version"], found["tasks"][task.name]["digest"]) != (task.version, task.digest):
             raise ValueError(f"the shipped result has another {task.name}: run scripts/draw_docs.py contact10")
-        bounds = [(f"`{name}`", limit, why) for name, limit, why in criteria(task)]
+        bounds = [(f"`{name}`", limit, why) for name, limit, why in bench_page.criteria(task)]
         drawn = [entry.get("key") or ", ".join(entry["keys"]) for entry in task.tables["vary"]]
-        law = table(found, task, "tasks")
+        law = bench_page.table(found, task, "tasks")
         parts += [
             f"## {task.number}. {task.name}",
             f"*{task.title}.* {task.reason}",
