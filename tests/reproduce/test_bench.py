@@ -19,10 +19,11 @@ from short_study import HERE
 from uvms_mj import InputError
 from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
+from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
 from uvms_mj.reproduce.bench.compare import compared
 from uvms_mj.reproduce.bench.entries import Entry, entries_of
-from uvms_mj.reproduce.bench.execution import jobs
+from uvms_mj.reproduce.bench.execution import jobs, warn_of_slow_laws
 from uvms_mj.reproduce.bench.results import broken, cell, digest, document, parsed, shipped, text
 from uvms_mj.reproduce.bench.task import chosen, tasks
 from uvms_mj.studies.plan.metrics import COMPONENTS
@@ -262,6 +263,13 @@ def test_a_law_that_runs_nowhere_is_an_error(tmp_path):
     with pytest.raises(InputError, match=r"gsta: can't run on any task: controller.k_7: gsta has no such gain"):
         bench(["gsta", "controller.k_7=1"], tmp_path / "out", only=CHEAP, draws=1, executor=HERE)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_law_that_runs_as_plain_python_is_said(tmp_path):
+    (tmp_path / "slow.py").write_text(HEADER + one_liner("Slow", "import json\ntau_cmd[:] = signals.tau_nom"))
+    planned = jobs([Entry("slow", f"{tmp_path / 'slow.py'}:Slow")], chosen(["two_contacts"]), tmp_path, 1)
+    with pytest.warns(PlainPythonWarning, match="json"):
+        warn_of_slow_laws(planned)
 
 
 def test_a_folder_with_other_draws_is_refused(ran, wrong):

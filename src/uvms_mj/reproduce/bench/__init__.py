@@ -41,7 +41,7 @@ def bench(
 
     Raises InputError if a law can't run on any task, or the folder has other runs.
     """
-    from .execution import execute, jobs
+    from .execution import execute, jobs, warn_of_slow_laws
 
     entries = [law for law in laws if isinstance(law, Entry)]
     words = [law for law in laws if not isinstance(law, Entry)]
@@ -50,6 +50,7 @@ def bench(
     if draws is not None and not 1 <= draws <= min(task.draws for task in some):
         raise InputError(f"draws: {draws} must be from 1 to {min(task.draws for task in some)}")
     planned = jobs(entries, some, folder, draws)
+    warn_of_slow_laws(planned)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder), running(progress) as told:
         return execute(planned, folder, told, workers, executor)

@@ -1,5 +1,6 @@
 """The runs of the benchmark: a study for each law and task, one after the other on the same workers."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -7,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...control import BUILT_IN
+from ...engine.run import PlainPythonWarning
+from ...engine.simulation import Simulation
 from ...errors import Fault, InputError
 from ...studies.pages import write
 from ...studies.plan import Plan
@@ -66,6 +69,15 @@ def _reason(fault: Fault) -> str:
     """An error of a plan for readers who know the law, not the study file."""
     key = fault.key.removeprefix("laws[0].")
     return fault.message if key.startswith(("vary", "laws[0]", "name")) or not key else f"{key}: {fault.message}"
+
+
+def warn_of_slow_laws(planned: Sequence[Job]) -> None:
+    """Warn of each law of a user's that runs as plain Python: its runs take minutes in place of seconds."""
+    first = {job.entry.label: job.plan for job in reversed(planned) if job.plan and job.entry.source not in BUILT_IN}
+    for plan in first.values():
+        with Simulation(plan.scenario(0), engine=plan.engine, looks=False) as sim:
+            for note in sim.slow_stages:
+                warnings.warn(note, PlainPythonWarning, stacklevel=2)
 
 
 def execute(
