@@ -26,12 +26,15 @@ from uvms_mj.cli.listing import (
 )
 from uvms_mj.records.mcap import topics
 from uvms_mj.records.mcap.layout import Format
+from uvms_mj.reproduce.bench import page as bench_page
+from uvms_mj.reproduce.bench import results
+from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.scenario import STAGES, Scenario
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import file as study_file
 from uvms_mj.studies.tune import tables as tune_tables
 
-NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "environment", "commands", "topics")
+NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "environment", "commands", "topics", "bench_tasks")
 """The pages, without suffix. None of them is in the repository."""
 
 
@@ -243,6 +246,34 @@ def _topics() -> str:
     parts.append(
         "A state of a law is on `/law/` with its name, `/law/z` of GSTA, and a state of another stage on `/signals/`."
     )
+    return _page(parts)
+
+
+def _bench_tasks() -> str:
+    """The tasks of the benchmark, with the results of the shipped laws."""
+    found = results.shipped()
+    parts = [
+        "# Tasks of Contact-10",
+        "The ten tasks of [](../evidence/contact10.md): why each is there, what passes it, and how the shipped laws "
+        "fare in its 20 draws. `uvms-mj bench tasks` prints the tasks, and `uvms-mj bench` runs them. "
+        "*Never* stands for a number that most draws lack, or that the worst one lacks.",
+    ]
+    for task in tasks().values():
+        if (found["tasks"][task.name]["version"], found["tasks"][task.name]["digest"]) != (task.version, task.digest):
+            raise ValueError(f"the shipped result has another {task.name}: run scripts/draw_docs.py contact10")
+        bounds = [(f"`{name}`", limit, why) for name, limit, why in bench_page.criteria(task)]
+        drawn = [entry.get("key") or ", ".join(entry["keys"]) for entry in task.tables["vary"]]
+        law = bench_page.table(found, task, "tasks")
+        parts += [
+            f"## {task.number}. {task.name}",
+            f"*{task.title}.* {task.reason}",
+            "- " + "\n- ".join(task.literature),
+            f"Version {task.version}. Each draw has its own `{'`, `'.join(drawn)}`. A draw is passed if the run "
+            "completes and meets:",
+            _table(("metric", "bounds", "why"), bounds),
+            _table((law.corner, *law.heads), [(name, *map(str, cells)) for name, cells in law.rows]),
+            *([f"`ideal`: {task.truth}"] if task.truth else []),
+        ]
     return _page(parts)
 
 

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 GUIDES = "".join(path.read_text() for path in sorted((ROOT / "docs" / "how_to").glob("*.md")))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-GENERATED = {"commands", "environment", "keys", "metrics", "signals", "stages", "study_keys", "topics"}
+GENERATED = {"bench_tasks", "commands", "environment", "keys", "metrics", "signals", "stages", "study_keys", "topics"}
 """Pages of docs/reference that are written from the tables of the program when the site is built."""
 
 

@@ -64,6 +64,7 @@ CALLS = {
     "sitl": ("simulate", "engine.links.ardupilot.ArduPilot"),
     "study": ("Study.load", "Study.run", "Study.plot", "Study.report"),
     "tune": ("Tuning.load", "Tuning.run", "Tuning.report"),
+    "bench": ("reproduce.bench.bench",),
     "paper": ("reproduce.paper.repeat",),
     "practicality": ("reproduce.practicality.repeat",),
     "validate": ("reproduce.validate.repeat",),

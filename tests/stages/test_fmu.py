@@ -8,6 +8,7 @@ import pytest
 
 from fmus import build, description
 from uvms_mj import InputError, McapLog, Scenario, Simulation, StageFault, Trace, simulate
+from uvms_mj.reproduce.bench import bench
 from uvms_mj.studies.study import Study
 
 pytest.importorskip("fmpy", reason="needs the extra fmi")
@@ -173,6 +174,13 @@ def test_a_study_varies_a_parameter_of_an_fmu(pd, in_python, tmp_path):
         frames.append(Study.from_dict(tables).run(folder, workers=2).frame.drop(columns="law"))
     assert set(frames[0]["status"]) == {"completed"}
     assert frames[0].equals(frames[1])
+
+
+def test_a_benchmark_takes_an_fmu(pd, in_python, tmp_path):
+    laws = bench([pd, "label=unit", in_python], tmp_path / "out", only=["two_contacts"], draws=1, workers=1)["laws"]
+    cells = [law["tasks"]["two_contacts"] for law in laws]
+    assert cells[0] == cells[1]
+    assert [list(law["files"]) for law in laws] == [["pd.fmu"], ["pd.py"]]
 
 
 def test_a_step_that_fails_ends_the_run_with_its_status(tmp_path, monkeypatch):

@@ -109,6 +109,14 @@ def test_the_command_on_a_cluster(dask, study_file, here):
     assert '"completed": 4' in done.stdout
 
 
+def test_a_benchmark_on_a_cluster_has_the_same_bytes(dask, here, tmp_path):
+    arguments = ("bench", "impedance", "--tasks", "two_contacts", "--draws", "2", "-q")
+    for options in (("-o", "there", "--scheduler", dask.address), ("-o", "same", "-j", "1")):
+        done = here(*arguments, *options)
+        assert done.exit_code == 0, done.output
+    assert (tmp_path / "there" / "bench.json").read_bytes() == (tmp_path / "same" / "bench.json").read_bytes()
+
+
 def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_path, monkeypatch):
     from uvms_mj.studies.pool import bundle as bundle
 

@@ -121,6 +121,30 @@ def test_the_overrides_of_a_run_make_its_scenario_from_the_base(several):
         assert scenario.simulation.seed == run.seed
 
 
+def test_keys_of_one_wall_vary_with_their_components():
+    wall = {"shape": "plane", "position": [1.3, 0.0, 0.0]}
+    tables = {
+        "base": {"scenario": "push_wall", "walls": [wall, wall], "wall": {"present": False}},
+        "vary": [
+            {"key": "walls[1].friction", "values": [0.1, 0.2]},
+            {"key": "walls[1].attitude_deg[2]", "values": [5.0]},
+        ],
+    }
+    plan = Plan.from_dict(tables)
+    first, second = plan.scenario(1).walls
+    assert (first.friction, second.friction) == (0.0, 0.2)
+    assert (first.attitude_deg, second.attitude_deg) == ((0.0, 0.0, 0.0), (0.0, 0.0, 5.0))
+    assert plan.units == {"walls[1].friction": "", "walls[1].attitude_deg[2]": "deg"}
+    assert Plan.from_dict(plan.tables).scenario(1) == plan.scenario(1)
+
+
+def test_what_readers_should_know_stays_with_the_plan():
+    about = {"version": 3, "literature": ["Hogan 1985"]}
+    plan = Plan.from_dict(tomllib.loads(LEAST) | {"about": about})
+    assert plan.about == Plan.from_dict(plan.tables).about == about
+    assert "about" not in Plan.from_dict(tomllib.loads(LEAST)).tables
+
+
 def test_thruster_positions_vary_by_component_once_the_base_has_them():
     text = KEY + 'key = "vehicle.thruster_offset[2][1]"\ndistribution = "normal"\nmean = 0\ndeviation = 0.01'
     text += "\n[design]\nruns = 4"
@@ -263,6 +287,8 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         (KEY + 'key = "initial.position[3]"\nvalues = [1.0]', "vary[0]", "has 3 components, [0] to [2]"),
         (KEY + 'key = "impedance.M_d[0]"\nvalues = [1.0]', "vary[0]", "has no components in the base scenario"),
         (KEY + 'key = "wall.stiffness[0]"\nvalues = [1.0]', "vary[0]", "has no component 0"),
+        (KEY + 'key = "walls[0].friction"\nvalues = [1.0]', "vary[0]", "the scenario has 0 [[walls]]"),
+        (KEY + 'key = "walls[0].position[1]"\nvalues = [1.0]', "vary[0]", "the scenario has 0 [[walls]]"),
         (KEY + 'key = "controller.K_s"\nvalues = [1.0, 2.0]', "vary[0]", "gsta has no such gain"),
         (KEY + 'key = "vehicle.model"\nvalues = ["bluerov9"]', "vary[0].values[0]", "did you mean 'bluerov2'?"),
         (

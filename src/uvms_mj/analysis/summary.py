@@ -186,6 +186,32 @@ def _force_error(trace: "Trace") -> float | None:
     return None if force is None or not math.isfinite(demanded) else force - demanded
 
 
+def _hold(name: str) -> "Callable[[Trace], Any]":
+    """A function of :mod:`.hold`."""
+
+    def found(trace: "Trace") -> Any:
+        from . import hold
+
+        return getattr(hold, name)(trace)
+
+    return found
+
+
+PARTS = 60
+"""Equal parts of a run's duration in the course of its push."""
+
+
+def _course(name: str) -> "Callable[[Trace], list[float] | None]":
+    """Values of the course of the push; None if the run has no row."""
+
+    def found(trace: "Trace") -> list[float] | None:
+        from .hold import course
+
+        return course(trace)[name].tolist() if len(trace) else None
+
+    return found
+
+
 METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     **NUMBERS,
     "certified_rate_m_per_s3": _certified_rate,
@@ -195,8 +221,23 @@ METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     "force_range_N": lambda trace: float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None,
     # largest of X, Y and Z that the thrusters gave at any step
     "thrust_peak_N": lambda trace: float(trace.tau_max[-1][:3].max()) if len(trace) else None,
+    "hold.bias_N": _hold("bias"),
+    "hold.error_N": _hold("error"),
+    "hold.worst_N": _hold("worst"),
+    "hold.lost_s": _hold("lost"),
+    "hold.contacts": _hold("contacts"),
+    "hold.path_error_m": _hold("path_error"),
+    "hold.turn_error_deg": _hold("turn_error"),
+    "contact.settling_s": _hold("settling"),
+    "course.mean_N": _course("mean"),
+    "course.least_N": _course("least"),
+    "course.greatest_N": _course("greatest"),
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""
+COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
+"""The push over time, for figures."""
+OF_WHOLE_RUN = ("contact.settling_s", *COURSES)
+"""The numbers for which the last :data:`.metrics.AROUND_THE_END_S` of a trace are not enough."""
 
 
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:

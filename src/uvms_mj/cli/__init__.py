@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from .bench import bench
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
 from .converge import converge
@@ -59,6 +60,7 @@ def main() -> None:
     uvms-mj study mine.toml               many runs: laws to compare, keys that vary
     uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
+    uvms-mj bench my_law.py:MyLaw         Contact-10: a law on ten tasks, the same for everybody
     uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
     uvms-mj validate pool --data DIR      runs against a real pool: a floating vehicle whose arm moves
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
@@ -86,7 +88,7 @@ def main() -> None:
 
 
 for command in (
-    *(run, sitl, study, tune, paper, practicality, validate, converge, certify),
+    *(run, sitl, study, tune, bench, paper, practicality, validate, converge, certify),
     *(replay, video, plot, compare, info, export),
     *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):

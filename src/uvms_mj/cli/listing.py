@@ -311,6 +311,7 @@ def metric_list() -> Table:
     rows = []
     for name, said in MEANINGS.items():
         parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
-        columns = "" if parts == [name] else f"; .{', .'.join(parts)}"
+        shown = parts if len(parts) < 10 else [parts[0], "..", parts[-1]]
+        columns = "" if parts == [name] else f"; .{', .'.join(shown)}"
         rows.append((name, unit_of_column(name), said + columns))
     return Table("Metrics of a run", ("name", "unit", "meaning"), rows, fixed=("name",), width=80)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.summary import ending, numbers
+from ..analysis.summary import OF_WHOLE_RUN, ending, numbers
 from ..engine.free_engine import refusals
 from ..engine.run import LawError, SinkError, simulate
 from ..engine.simulation import Simulation
@@ -81,7 +81,8 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
         row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
         if plan.time_limit_s is not None:
             _compile(scenario, mjcf, engine)
-        keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
+        short = all(place in COMPONENTS and place not in OF_WHOLE_RUN for place in plan.metrics)
+        keep_s = AROUND_THE_END_S if short else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
             trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)

@@ -348,6 +348,10 @@ class StudyFile:
     )
     name: Annotated[str, _FolderName] = doc("title of the report; default: the file's name", "study")
     description: str = doc("first line of the report", "")
+    about: dict[str, Any] = dataclasses.field(
+        default_factory=dict,
+        metadata={"meaning": "what readers should know, such as version, reason and literature; no run depends on it"},
+    )
     laws: Annotated[list[Any] | None, _list_of("laws")] = doc(
         'laws to compare, ["gsta", "my_law.py:MyLaw"], or tables [[laws]] with name, label and keys of this law alone, '
         "controller.k_1 = 8.0; default: the law of the base, whose controller.period and .delay stay with each law",

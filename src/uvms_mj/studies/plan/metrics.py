@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.summary import METRICS
+from ...analysis.summary import COURSES, METRICS, PARTS
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import is_file
 from ...quantities import leaves
@@ -75,6 +75,7 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("final.position_m", "analytic.position_m"), AXES[:3]),
     **dict.fromkeys(("final.s", "final.z", "final.tau"), AXES),
     "final.attitude_wxyz": ("w", *AXES[:3]),
+    **dict.fromkeys(COURSES, tuple(f"{i:02d}" for i in range(PARTS))),
 }
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
 
@@ -110,6 +111,17 @@ MEANINGS: Mapping[str, str] = {
     "force_error_N": "contact.final_N, settled or not, minus the demanded force; none with several walls",
     "force_range_N": "greatest minus least push over the last 0.5 s",
     "thrust_peak_N": "largest of X, Y and Z that the thrusters gave at any step",
+    "hold.bias_N": "mean push over the last 5 s minus the demanded push |F_d|; none if F_d demands none",
+    "hold.error_N": "root mean square over the last 5 s of the push's deviation from |F_d|, the largest of each row",
+    "hold.worst_N": "largest deviation of the push from |F_d| at any step of the last 5 s",
+    "hold.lost_s": "time without contact in the last 5 s",
+    "hold.contacts": "least number of contacts that press in the last 5 s [1]",
+    "hold.path_error_m": "largest distance from the reference across F_d in the last 5 s",
+    "hold.turn_error_deg": "largest angle from the desired attitude in the last 5 s",
+    "contact.settling_s": "time from the first touch until the push stays within a fifth of |F_d|; none if never",
+    "course.mean_N": "mean push in each sixtieth of the run",
+    "course.least_N": "least push in each sixtieth of the run, at every step",
+    "course.greatest_N": "greatest push in each sixtieth of the run, at every step",
 }
 """What each of :data:`COMPONENTS` is. Its unit is that of :func:`unit_of_column`, or in brackets."""
 

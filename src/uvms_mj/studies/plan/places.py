@@ -1,4 +1,5 @@
-"""Places of numbers in a scenario: a dotted key, or a component of one, ``initial.position[0]``."""
+"""Places of numbers in a scenario: a dotted key, also of one wall, ``walls[0].friction``, or a component of one,
+``initial.position[0]``."""
 
 import copy
 import difflib
@@ -9,11 +10,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from ...errors import suggestion
+from ...plant.surfaces import Surface
 from ...quantities import refusing
 from ...scenario import Scenario
 from ...stages.signals import OWN_UNIT
 
-_PLACE = re.compile(r"([\w-]+\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
+_PLACE = re.compile(r"((?:walls\[\d+\]|[\w-]+)\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
+_WALL = re.compile(r"walls\[(\d+)\]")
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
 
 
@@ -39,11 +42,19 @@ def overlap(one: str, other: str) -> bool:
     return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
 
 
+def _table(name: str, tables: Mapping[str, Any]) -> Any:
+    """The table of a key's first word, also of one wall, ``walls[0]``; None if there is none."""
+    if (found := _WALL.fullmatch(name)) is None:
+        return tables.get(name)
+    walls = tables.get("walls", [])
+    return walls[int(found[1])] if int(found[1]) < len(walls) else None
+
+
 def value_at(place: str, tables: Mapping[str, Any]) -> Any:
     """The value of a place in the tables of a scenario."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")
-    return functools.reduce(operator.getitem, parts, tables[table][word])
+    return functools.reduce(operator.getitem, parts, _table(table, tables)[word])
 
 
 def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -56,7 +67,7 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
             overrides[key] = value
             continue
         table, _, word = key.partition(".")
-        whole = overrides.setdefault(key, copy.deepcopy(tables[table][word]))
+        whole = overrides.setdefault(key, copy.deepcopy(_table(table, tables)[word]))
         functools.reduce(operator.getitem, parts[:-1], whole)[parts[-1]] = value
     return overrides
 
@@ -64,16 +75,19 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
 def missing(place: str, tables: Mapping[str, Any]) -> str:
     """The reason why the tables of a scenario lack a component; empty for a whole key, which the scenario checks."""
     key, parts = parsed(place)
+    table, _, word = key.partition(".")
+    own = _table(table, tables)
+    if own is None and _WALL.fullmatch(table):
+        return f"the scenario has {len(tables.get('walls', []))} [[walls]]"
     if not parts:
         return ""
-    table, _, word = key.partition(".")
-    if table not in tables:
+    if own is None:
         return f"no table {table!r}; {suggestion(table, (t for t in tables if isinstance(tables[t], dict)))}"
-    if word not in tables[table]:
-        close = difflib.get_close_matches(word, tables[table], 1)
+    if word not in own:
+        close = difflib.get_close_matches(word, own, 1)
         hint = f"did you mean {close[0]!r}?" if close else "give it a value in [base] to vary a component"
         return f"{key} has no components in the base scenario; {hint}"
-    inner, seen = tables[table][word], key
+    inner, seen = own[word], key
     for part in parts:
         if isinstance(part, int) and isinstance(inner, list):
             if part >= len(inner):
@@ -91,7 +105,8 @@ def unit_of(place: str, scenario: Scenario) -> str:
     components of six."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")
-    field = getattr(getattr(scenario, table, None), "__dataclass_fields__", {}).get(word)
+    own = Surface if _WALL.fullmatch(table) else getattr(scenario, table, None)
+    field = getattr(own, "__dataclass_fields__", {}).get(word)
     if field is None:
         return ""
     brackets = re.findall(r"\[([^\]]*)\]", field.metadata.get("meaning", ""))

@@ -79,6 +79,7 @@ class Plan:
         tolerance: largest relative difference of a metric between the engines [1].
         time_limit_s: wall time after which a run ends [s]; None without a limit.
         success: what a run must meet besides its completion, by metric; empty if it must have settled.
+        about: what readers should know, from the file.
         notes: warnings about the plan.
         trusted: names of users' stages whose files may be imported; None: all. Others have placeholders.
     """
@@ -101,6 +102,7 @@ class Plan:
     tolerance: float
     time_limit_s: float | None
     success: Mapping[str, Limit]
+    about: Mapping[str, Any]
     notes: tuple[str, ...]
     trusted: Container[str] | None = None
 
@@ -326,6 +328,7 @@ def plan_of(
         tables={
             "name": study.name,
             "description": study.description,
+            **({"about": plain(study.about)} if study.about else {}),
             "base": base.to_dict(),
             "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
             **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
@@ -346,6 +349,7 @@ def plan_of(
         tolerance=study.run.tolerance,
         time_limit_s=study.run.time_limit_s,
         success=success,
+        about=study.about,
         notes=(*left_out, *notes),
         trusted=trusted,
     )

@@ -31,8 +31,8 @@ _HERE = "<files>/"
 """Beginning of a path in the tables of a bundle, in place of the worker's folder."""
 _PACKAGE = Path(__file__).parents[2]
 _NO_NUMBERS = (
-    *("cli", "envs", "views"),
-    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "tune")),
+    *("cli", "envs", "reproduce", "views"),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "report", "tune")),
 )
 """Folders whose code does not affect a row."""
 

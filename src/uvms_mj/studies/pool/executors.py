@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -60,6 +61,8 @@ class Workers(Executor):
     def __init__(self, workers: int | None = None) -> None:
         self.size = workers or cores()
         self._threads = ThreadPoolExecutor(self.size)
+        # loky begins a worker anew when its memory has grown by 300 MB, which long traces need: no run is lost
+        warnings.filterwarnings("ignore", "A worker was restarted", UserWarning, "loky")
         self._own, self._lock = threading.local(), threading.Lock()
         self._processes: set[ProcessPoolExecutor] | None = set()
 

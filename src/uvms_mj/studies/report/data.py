@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...analysis.summary import COURSES
 from ...views import colours
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, Distribution, Vary
-from ..plan.metrics import COMPLETED, OF_ROWS, SETTLED, in_words, successes, unit_of_column, without_unit
+from ..plan.metrics import COMPLETED, OF_ROWS, SETTLED, columns_of, in_words, successes, unit_of_column, without_unit
 
 PREFERRED = (
     "contact.peak_N",
@@ -139,8 +140,9 @@ class StudyRows:
 
     @functools.cached_property
     def metrics(self) -> tuple[Metric, ...]:
-        """The columns of numbers, those of :data:`PREFERRED` first unless the study file lists its metrics."""
-        known = {*OF_ROWS, *self.plan.varied, SETTLED}
+        """The columns of numbers but for the courses over time, those of :data:`PREFERRED` first unless the study file
+        lists its metrics."""
+        known = {*OF_ROWS, *self.plan.varied, SETTLED, *(column for each in COURSES for column in columns_of(each))}
         names = [name for name in self.frame if name not in known and self._numbers(name).notna().any()]
         if tuple(self.plan.metrics) == DEFAULT_METRICS:
             names.sort(key=lambda name: PREFERRED.index(name) if name in PREFERRED else len(PREFERRED))

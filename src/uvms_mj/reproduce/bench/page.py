@@ -1,0 +1,218 @@
+"""The page: laws and tasks in one table, a table and the courses of the push for each task, the worst runs."""
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...studies.pages import Table, number, rendered
+from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
+from ...views import colours
+from .figures import courses
+from .task import Task
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .execution import Job
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the first table: its text, the interval, and the class of its colour."""
+
+    text: str
+    interval: str
+    look: str
+
+
+@dataclass(frozen=True)
+class Worst:
+    """A draw that failed: law, number, what broke it, and the command that repeats it."""
+
+    law: str
+    draw: int
+    why: str
+    command: str
+
+
+def page(
+    found: Mapping[str, Any],
+    jobs: "Sequence[Job]",
+    frames: "Mapping[tuple[str, str, bool], pd.DataFrame]",
+    folder: Path,
+) -> str:
+    """The page as HTML."""
+    tasks = {job.task.name: job.task for job in jobs}
+    shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
+    parts = []
+    for name, task in tasks.items():
+        own = {job.entry.label: job for job in jobs if job.task is task and not job.tuned and job.plan is not None}
+        rows = {label: frames[label, name, False] for label in own}
+        parts.append(
+            {
+                "task": task,
+                "draws": max((len(frame) for frame in rows.values()), default=0),
+                "criteria": criteria(task),
+                "table": table(found, task, "tasks"),
+                "refused": [
+                    (law["label"], law["tasks"][name]["reason"])
+                    for law in found["laws"]
+                    if not law["tasks"][name]["runs"]
+                ],
+                "picture": courses(task, own, rows, {label: shown[label] for label in own}),
+                "worst": worst(found, task, folder),
+            }
+        )
+    return rendered(
+        Path(__file__).with_name("bench.html"),
+        title=f"{found['benchmark']}: {_counted(len(tasks), 'task')}, {_counted(len(found['laws']), 'law')}",
+        found=found,
+        tasks=tasks,
+        colours=shown,
+        overview=overview(found, tasks, "tasks"),
+        tuned=overview(found, tasks, "tuned"),
+        tuned_settings=[
+            (f"{law['label']}, {task}", text_of(cell["settings"]))
+            for law in found["laws"]
+            for task, cell in law.get("tuned", {}).items()
+        ],
+        truths=truths(found, tasks),
+        parts=parts,
+        laws=[(law["label"], about(law)) for law in found["laws"]],
+        versions=sorted(found["code"].items()),
+    )
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def colours_of(found: Mapping[str, Any]) -> list[str]:
+    """A colour for each law."""
+    return colours.hex_of_runs([law["name"] for law in found["laws"]])
+
+
+def about(law: Mapping[str, Any]) -> str:
+    """A law's name, its settings and its digest."""
+    parts = [law["name"], text_of(law["settings"]), text_of(law["gains"]), f"digest {law['digest']}"]
+    return "; ".join(part for part in parts if part)
+
+
+def text_of(settings: Mapping[str, Any]) -> str:
+    """Settings in a line. A long list has its first numbers."""
+
+    def value(x: Any) -> str:
+        return f"[{x[0]}, ... {len(x)} numbers]" if isinstance(x, list) and len(x) > 8 else str(x)
+
+    return ", ".join(f"{key} = {value(each)}" for key, each in settings.items())
+
+
+def overview(found: Mapping[str, Any], tasks: Mapping[str, Task], key: str) -> list[tuple[str, bool, list[Cell]]]:
+    """The rows of the first table: label, whether the law knows the truth, cells. ``key`` is "tasks" or "tuned"."""
+    return [
+        (law["label"], law["knows_the_truth"], [_cell(law[key].get(name)) for name in tasks])
+        for law in found["laws"]
+        if key in law
+    ]
+
+
+def truths(found: Mapping[str, Any], tasks: Mapping[str, Task]) -> list[tuple[str, str]]:
+    """What the law that knows the truth does on tasks where it is not itself, or can't pass: their names, and the
+    sentence."""
+    said: dict[str, list[str]] = {}
+    for name, task in tasks.items():
+        if any("truth" in law["tasks"][name] for law in found["laws"]):
+            said.setdefault(task.truth, []).append(name.replace("_", " "))
+    return [(", ".join(names), sentence) for sentence, names in said.items()]
+
+
+def _cell(cell: Mapping[str, Any] | None) -> Cell:
+    if cell is None:
+        return Cell("", "", "none")
+    if not cell["runs"]:
+        return Cell("can’t run", "", "none")
+    share = cell["passed"] / cell["draws"]
+    look = "all" if share == 1.0 else "most" if share > 0.5 else "some" if share > 0.0 else "no"
+    mark = "*" if "truth" in cell else ""
+    return Cell(f"{cell['passed']}/{cell['draws']}{mark}", interval(cell), look)
+
+
+def interval(cell: Mapping[str, Any]) -> str:
+    """The interval of a share [%]."""
+    low, high = cell["interval"]
+    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
+
+
+def criteria(task: Task) -> list[tuple[str, str, str]]:
+    """Each criterion: what it bounds, its bounds, and why."""
+    return [(name, bounds(name, limit), task.why[name]) for name, limit in task.criteria.items()]
+
+
+def bounds(name: str, limit: Sequence[float]) -> str:
+    """The bounds of a criterion with their unit."""
+    low, high = limit
+    unit = unit_of_column(name)
+    unit = f" {unit}" if unit else ""
+    if low == high:
+        return f"{number(low)}{unit}"
+    return f"at most {number(high)}{unit}" if low == 0.0 else f"{number(low)} to {number(high)}{unit}"
+
+
+def table(found: Mapping[str, Any], task: Task, key: str) -> Table:
+    """The numbers of each law on a task."""
+    heads = [
+        *("passed", "error, median [N]", "error, worst [N]", "peak, worst [N]", "settling, median [s]"),
+        *("contact lost, worst [s]", "effort, median [N² s]", "chatter, median [N/s]", "failed by"),
+    ]
+    rows = []
+    for law in found["laws"]:
+        cell = law[key].get(task.name)
+        if cell is None:
+            continue
+        if not cell["runs"]:
+            rows.append((law["label"], ["can’t run", *[""] * (len(heads) - 1)]))
+            continue
+        spread = cell["metrics"]
+        places = [
+            *(("hold.error_N", "median"), ("hold.error_N", "worst"), ("contact.peak_N", "worst")),
+            *(("contact.settling_s", "median"), ("hold.lost_s", "worst"), ("effort_N2s", "median")),
+            ("chattering_N_per_s", "median"),
+        ]
+        numbers = [short(spread[name], which) for name, which in places]
+        broke = [f"{without_unit(name).rpartition('.')[2]} {n}" for name, n in cell["broke"].items() if n]
+        rows.append((law["label"], [f"{cell['passed']}/{cell['draws']}", *numbers, ", ".join(broke)]))
+    return Table("law", heads, rows)
+
+
+def short(spread: Mapping[str, Any], which: str) -> str:
+    """A number of a table; "never" where it is missing."""
+    value = spread[which]
+    return "never" if value is None else number(value, 3)
+
+
+def worst(found: Mapping[str, Any], task: Task, folder: Path) -> list[Worst]:
+    """Of each law its failed draw with the largest error, and the command that repeats it."""
+    rows = []
+    for law in found["laws"]:
+        cell = law["tasks"][task.name]
+        failed = [row for row in cell.get("rows", ()) if not row["passed"]]
+        if failed:
+            row = max(failed, key=lambda row: math.inf if row["hold.error_N"] is None else row["hold.error_N"])
+            place = shlex.quote(str(folder / law["label"] / task.name))
+            command = f"uvms-mj run --from {place} --row {row['draw']} --out again"
+            rows.append(Worst(law["label"], row["draw"], why(row, task), command))
+    return rows
+
+
+def why(row: Mapping[str, Any], task: Task) -> str:
+    """What broke a draw, with its numbers."""
+    if row["broke"] == [COMPLETED]:
+        return f"{row['status']}: {row.get('message', '')}"
+    parts = []
+    for name in row["broke"]:
+        value = "missing" if row[name] is None else f"{number(row[name], 3)} {unit_of_column(name)}".rstrip()
+        parts.append(f"{without_unit(name)} {value} ({bounds(name, task.criteria[name])})")
+    return ", ".join(parts)

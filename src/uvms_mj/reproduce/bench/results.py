@@ -1,0 +1,164 @@
+"""The results: of each law on each task how many draws it passes, its numbers, and what broke each failed draw.
+
+They depend on the code, the tasks and the laws alone, so that their JSON has the same bytes for any number of workers,
+on any machine of a cluster and after any interruption. Numbers have :data:`DIGITS` digits.
+"""
+
+import gzip
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import InputError
+from ...studies.plan.metrics import COMPLETED
+from ...studies.report.statistics import rate
+from ...studies.report.tables import without_folders
+from .task import NAME, Task
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+DIGITS = 6
+COSTS = (
+    *("hold.error_N", "hold.bias_N", "hold.worst_N", "contact.peak_N", "contact.settling_s", "hold.lost_s"),
+    *("hold.path_error_m", "hold.turn_error_deg", "saturated_s", "effort_N2s", "chattering_N_per_s"),
+)
+"""The metrics of which a large magnitude is bad: the result has their medians and their worst values."""
+METRICS = (*COSTS, "hold.contacts", "contact.touches")
+"""The metrics of each draw in the result."""
+
+
+def rounded(value: Any) -> float | None:
+    """A number with :data:`DIGITS` digits; None if it is missing or not finite."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}") + 0.0  # no -0.0
+
+
+def broken(task: Task, row: Mapping[str, Any]) -> list[str]:
+    """The criteria that a row does not meet: "completed" alone if the run did not complete. A number that is missing
+    meets nothing."""
+    if row["status"] != COMPLETED:
+        return [COMPLETED]
+    return [name for name, (low, high) in task.criteria.items() if not low <= _number(row.get(name)) <= high]
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
+    """What a law does on a task, from its rows."""
+    draws = []
+    for row in frame.to_dict("records"):
+        broke = broken(task, row)
+        each = {"draw": row["draw"], "seed": row["seed"], "passed": not broke, "broke": broke, "status": row["status"]}
+        if row["message"]:
+            each["message"] = without_folders(row["message"])
+        ended = row["status"] != COMPLETED  # early: its peak and its effort are those of the time before
+        draws.append(each | {name: None if ended else rounded(_number(row.get(name))) for name in METRICS})
+    passed, n = sum(each["passed"] for each in draws), len(draws)
+    share = rate(passed, n, n)
+    return {
+        "runs": True,
+        "passed": passed,
+        "draws": n,
+        "interval": [rounded(share.low), rounded(share.high)],
+        "broke": {name: sum(name in each["broke"] for each in draws) for name in (COMPLETED, *task.criteria)},
+        "metrics": {name: _spread([each[name] for each in draws]) for name in COSTS},
+        "rows": draws,
+    }
+
+
+def _spread(values: Sequence[float | None]) -> dict[str, Any]:
+    """Median and largest magnitude of a metric over all draws, in which a missing number is larger than any other, so
+    that a failed run can't improve them; None stands for it. And the number of those that are missing."""
+    order = sorted(math.inf if value is None else abs(value) for value in values)
+    middle = 0.5 * (order[(len(order) - 1) // 2] + order[len(order) // 2])
+    return {"median": rounded(middle), "worst": rounded(order[-1]), "missing": sum(value is None for value in values)}
+
+
+def refused(reason: str) -> dict[str, Any]:
+    """The cell of a law that can't run on a task."""
+    return {"runs": False, "reason": reason}
+
+
+def document(tasks: Sequence[Task], laws: Sequence[Mapping[str, Any]], code: Mapping[str, str]) -> dict[str, Any]:
+    """The whole result; each of ``laws`` has its label, its identity and its cells."""
+    found: dict[str, Any] = {
+        "benchmark": NAME,
+        "format": FORMAT,
+        "code": dict(code),
+        "tasks": {
+            task.name: {
+                "number": task.number,
+                "version": task.version,
+                "digest": task.digest,
+                "title": task.title,
+                "criteria": {name: list(limit) for name, limit in task.criteria.items()},
+            }
+            for task in tasks
+        },
+        "laws": list(laws),
+    }
+    return found | {"digest": digest(found)}
+
+
+def digest(found: Mapping[str, Any]) -> str:
+    """Digest of a result without its own."""
+    whole = {name: value for name, value in found.items() if name != "digest"}
+    return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def text(found: Mapping[str, Any]) -> str:
+    """The result as JSON; each draw, each metric and each list of numbers is one line."""
+    lines, marks = list[str](), dict[str, str]()
+
+    def marked(value: Any) -> str:
+        mark = f"@{len(marks)}@"
+        marks[mark] = json.dumps(value, ensure_ascii=False, allow_nan=False)
+        return mark
+
+    def shortened(value: Any, name: str = "") -> Any:
+        if name == "rows":
+            return [marked(row) for row in value]
+        if name == "metrics":
+            return {key: marked(spread) for key, spread in value.items()}
+        if isinstance(value, Mapping):
+            return {key: shortened(each, key) for key, each in value.items()}
+        if isinstance(value, list) and all(isinstance(each, int | float) for each in value):
+            return marked(value)
+        return [shortened(each) for each in value] if isinstance(value, list) else value
+
+    for line in json.dumps(shortened(found), indent=1, ensure_ascii=False, allow_nan=False).split("\n"):
+        mark = line.rpartition('"@')[2].rpartition('@"')[0]
+        lines.append(line.replace(f'"@{mark}@"', marks[f"@{mark}@"]) if mark.isdecimal() else line)
+    return "\n".join(lines) + "\n"
+
+
+SHIPPED = Path(__file__).with_name("shipped.json.gz")
+"""The result of all shipped laws."""
+
+
+def shipped() -> dict[str, Any]:
+    """The result of all shipped laws on all tasks, as the package has it."""
+    return parsed(gzip.decompress(SHIPPED.read_bytes()), SHIPPED.name)
+
+
+def parsed(data: bytes, place: str) -> dict[str, Any]:
+    """A result from its JSON. Raises InputError if it is none, or was changed."""
+    try:
+        found = json.loads(data)
+        if not isinstance(found, dict) or found.get("benchmark") != NAME:
+            raise InputError(f"{place}: is not a result of uvms-mj bench")
+        if found.get("format") != FORMAT:
+            raise InputError(f"{place}: has the format {found.get('format')}; this version reads {FORMAT}")
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{place}: is not JSON: {error}") from None
+    if found.get("digest") != digest(found):
+        raise InputError(f"{place}: was changed since it was written: its digest is another one")
+    return found
