@@ -11,8 +11,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-
 from command import COMMAND, no_constants
+
 from law_files import HEADER, one_liner
 from pages import complete_by_itself
 from short_study import HERE

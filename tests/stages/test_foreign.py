@@ -235,11 +235,11 @@ def test_a_study_varies_a_gain_in_c_as_one_in_python(tmp_path, monkeypatch):
             "laws": [name],
             "base": {"scenario": "push_wall", "simulation": {"duration": 2.0}},
             "run": {"engine": "free_body"},
-            "design": {"runs": 6, "seed": 7},
+            "design": {"runs": 60, "seed": 7},
             "vary": [{"key": "controller.k_p", "distribution": "uniform", "low": 100.0, "high": 300.0}],
         }
         frames.append(Study.from_dict(tables).run(tmp_path / Path(name).stem, workers=2).frame.drop(columns="law"))
-    assert len(frames[0]) == 6
+    assert len(frames[0]) == 60
     assert frames[0].equals(frames[1])
 
 
