@@ -50,6 +50,7 @@ def test_a_run_rests_where_the_slow_motion_ends(overrides):
     np.testing.assert_allclose(tau[6:], trace.tau_q[last].mean(axis=0), atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [0.0, 60.0, 180.0])
 @pytest.mark.parametrize("vehicle", [{}, ALPHA])
 def test_joints_begin_to_drift_as_fast_as_estimated(direction, vehicle):

@@ -152,6 +152,7 @@ def at_tool(tmp_path_factory):
     return settings | {"reference.target": initial.position, "reference.attitude_deg": initial.attitude_deg}
 
 
+@pytest.mark.slow
 def test_at_a_tool_inertia_and_damping_follow_the_arm(at_tool):
     """M_d is Lambda of each instant; D_d is Ott's for it every damping_period, and is held between."""
     scenario = Scenario.load("push_wall", at_tool | {"impedance.damping_period": 2e-3}, "impedance")

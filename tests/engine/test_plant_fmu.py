@@ -14,6 +14,7 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
+pytestmark = pytest.mark.slow
 NOISY = {
     "navigation.name": "sensors",
     "navigation.position_noise": [0.01] * 3,

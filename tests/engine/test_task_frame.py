@@ -258,6 +258,7 @@ def test_the_engine_without_joints_refuses_a_tool(tmp_path):
         Simulation(at(path, {"task.frame": "origin"}), engine="free_body")
 
 
+@pytest.mark.slow
 def test_biased_sensors_mislead_the_law_and_not_the_record(arm_of_four):
     """The law sees the tool where the biased position and the biased joints have it; p_WT is the true one."""
     q, bias = [0.3, -0.8, 0.5, 0.4], [0.02, -0.01, 0.03, 0.0]

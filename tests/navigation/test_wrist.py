@@ -168,6 +168,7 @@ def test_wrong_settings_are_refused(scenario, own, message):
         Simulation(scenario(random_tree(0, 2), 1, own))
 
 
+@pytest.mark.slow
 def test_at_rest_the_derived_force_is_that_of_the_wall(tmp_path):
     """The arm is stretched until its tip presses a tilted wall with friction. A law that switches would not come to
     rest."""
@@ -191,6 +192,7 @@ def test_at_rest_the_derived_force_is_that_of_the_wall(tmp_path):
     assert np.abs(trace.f_contact_m_W[-1] - trace.f_contact_W[-1]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_run_with_a_wrist_sensor_has_no_closed_form_of_its_rest(tmp_path):
     own = {"vehicle.model": str(arm_file(tmp_path)), "wrist.name": "sensor", "wrist.site": "hand", "task.frame": "tool"}
     with Simulation(Scenario.load("push_wall", STILL | own)) as sim:

@@ -243,6 +243,7 @@ def test_a_study_varies_a_gain_in_c_as_one_in_python(tmp_path, monkeypatch):
     assert frames[0].equals(frames[1])
 
 
+@pytest.mark.slow
 @pytest.mark.processes
 def test_a_crash_in_c_loses_its_own_run(tmp_path):
     crash = PD.replace("return 0;", "return gains->k_p > 200.0 ? *(volatile int *)8 : 0;")
