@@ -72,7 +72,7 @@ def test_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
         "reference.step_time": 0.0,
         "description": "x" * 200,
     }
-    trace = simulate(Scenario.load("push_wall", scenario), sinks=[McapLog(log)])
+    trace = simulate(Scenario.load("push_wall", scenario), sinks=[McapLog(log)], engine="mujoco")
     data = log.read_bytes()
     dice = random.Random(20261121)
     ends = [m.start() for m in re.finditer(rb"uvms_mj|run\.json|scenario\.toml|outcome\.json|geometry\.json", data)]
@@ -113,6 +113,14 @@ def ends_of_chunks(data: bytes) -> list[int]:
         at += 9 + length
         ends += [at] if opcode == 6 else []
     return ends
+
+
+def test_a_record_that_reaches_beyond_a_whole_log_is_damage_and_no_cut(logged, tmp_path):
+    data = bytearray(logged[1].read_bytes())
+    struct.pack_into("<Q", data, ends_of_chunks(data)[0] + 1, len(data))
+    (tmp_path / "long.mcap").write_bytes(data)
+    with pytest.raises(InputError, match="is damaged: "):
+        Trace.load(tmp_path / "long.mcap")
 
 
 def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path):
