@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from compiled import Compiled
-from uvms_mj.compiler.codes import CONVERSION, DIVISION, INDEX, RAISED
-from uvms_mj.compiler.refusals import Lacking, Mistake
+from uvms_mj.compiler.refusals import CONVERSION, DIVISION, INDEX, RAISED, Lacking, Mistake
 from uvms_mj.compiler.unit import Unit, translate
 
 GAINS = np.dtype([("k", "f8"), ("three", "f8", (3,))], align=True)

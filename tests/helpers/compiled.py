@@ -8,7 +8,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from uvms_mj.compiler.codes import place
+from uvms_mj.compiler.refusals import place
 from uvms_mj.compiler.unit import Unit, translate
 from uvms_mj.engine.native.compilation import target_machine
 

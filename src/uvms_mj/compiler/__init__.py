@@ -3,13 +3,10 @@
 It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its language. :mod:`.unit` is the entrance.
 
 - :mod:`.values`: kinds of values and the LLVM values that represent them
-- :mod:`.refusals`: what is refused, with file, line and the words of the source
-- :mod:`.codes`: the numbers by which a function says why and where it ended early
-- :mod:`.module`: settings, constants and files of a module
-- :mod:`.emission`: memory, loops and checks of one function
+- :mod:`.refusals`: what is refused, with file, line and the words of the source; why and where a function ended early
+- :mod:`.emission`: settings, constants and files of a module; memory, loops and checks of one function
 - :mod:`.scalars`: arithmetic of numbers
-- :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions
-- :mod:`.indexing`: fields, entries, rows and slices
+- :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions; fields, entries, rows and slices
 - :mod:`.expressions`: expressions and calls
 - :mod:`.builtin`: the functions of Python, ``math`` and NumPy that are part of the language
 - :mod:`.library`: functions written in the language itself, such as the solution of linear equations

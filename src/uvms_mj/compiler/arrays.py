@@ -1,12 +1,16 @@
-"""Arithmetic of arrays: element by element with NumPy's broadcasting, products, reductions, and copies."""
+"""Arrays: element by element with NumPy's broadcasting, products, reductions, copies; fields, entries, rows, slices."""
 
+import ast
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from .emission import UNROLLED
+from .refusals import INDEX, field_suggestion
 from .scalars import Scalars
 from .values import (
     BOOL,
@@ -17,10 +21,12 @@ from .values import (
     WORD,
     Kind,
     Value,
+    bundle,
     contiguous,
     items_of,
     scalar,
     shown,
+    view,
     whole,
 )
 
@@ -46,12 +52,13 @@ class Arrays(Scalars):
         shape = self.shape_of(parts[0])
         if any(self.shape_of(part) != shape for part in parts):
             self.mistake(f"the parts have different shapes: {', '.join(shown(self.shape_of(part)) for part in parts)}")
-        axis, base = axis % (len(shape) + 1), self.base_of(parts)
+        base = self.base_of(parts)
         if not shape:
             out = self.made(base, (len(parts),))
             for k, part in enumerate(parts):
                 self.put(self.converted(part, base), out, [WORD(k)])
             return out
+        axis = axis % (len(shape) + 1)
         out = self.temporary(base, (*shape[:axis], len(parts), *shape[axis:]))
         for k, part in enumerate(parts):
             self.fill(self._along(out, axis, k), part)
@@ -60,12 +67,10 @@ class Arrays(Scalars):
     def joined(self, parts: Sequence[Value], axis: int = 0) -> Value:
         """Arrays one behind the other along an axis."""
         shapes = [self.shape_of(part) for part in parts]
-        if any(len(shape) != len(shapes[0]) or not shape for shape in shapes):
-            self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined")
-        axis = axis % len(shapes[0])
-        for shape in shapes:
-            if (*shape[:axis], *shape[axis + 1 :]) != (*shapes[0][:axis], *shapes[0][axis + 1 :]):
-                self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined along axis {axis}")
+        ndim = len(shapes[0])
+        axis = axis % ndim if ndim else 0
+        if not ndim or len({(len(shape), _without(shape, axis)) for shape in shapes}) > 1:
+            self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined along axis {axis}")
         total = sum(shape[axis] for shape in shapes)
         out = self.temporary(self.base_of(parts), (*shapes[0][:axis], total, *shapes[0][axis + 1 :]))
         at = 0
@@ -74,23 +79,18 @@ class Arrays(Scalars):
             at += shape[axis]
         return out
 
+    def span(self, array: Value, axis: int, first: int, n: int) -> Value:
+        """n entries of an array along an axis: a view."""
+        kind = array.kind
+        pointer = self.shifted(array.llvm[0], WORD(first * kind.strides[axis]))
+        sizes = (*kind.sizes[:axis], n, *kind.sizes[axis + 1 :])
+        return Value(replace(kind, shape=sizes), (pointer,))
+
     def _along(self, array: Value, axis: int, k: int) -> Value:
         """The part of an array at index k of an axis: a view, or the pointer of an entry as a view of shape ()."""
         kind = array.kind
         pointer = self.shifted(array.llvm[0], WORD(k * kind.strides[axis]))
-        shape, strides = kind.sizes, kind.strides
-        part = Kind(kind.base, (*shape[:axis], *shape[axis + 1 :]), (*strides[:axis], *strides[axis + 1 :]))
-        return Value(part, (pointer,))
-
-    def span(self, array: Value, axis: int, first: int, n: int, step: int = 1) -> Value:
-        """n entries of an array along an axis: a view."""
-        kind = array.kind
-        pointer = self.shifted(array.llvm[0], WORD(first * kind.strides[axis]))
-        shape = (*kind.sizes[:axis], n, *kind.sizes[axis + 1 :])
-        strides = (*kind.strides[:axis], step * kind.strides[axis], *kind.strides[axis + 1 :])
-        return Value(
-            Kind(kind.base, shape, strides, readonly=kind.readonly), (pointer,), False, array.steady, array.outer
-        )
+        return Value(Kind(kind.base, _without(kind.sizes, axis), _without(kind.strides, axis)), (pointer,))
 
     # shapes
 
@@ -186,7 +186,7 @@ class Arrays(Scalars):
         if kind.strides != contiguous(kind.base, shape).strides:
             value = self.copied(value)
         flat = contiguous(kind.base, (int(np.prod(shape, dtype=int)),), kind.readonly)
-        return Value(flat, value.llvm, value.fresh, value.steady, value.outer)
+        return replace(value, kind=flat)
 
     # products
 
@@ -287,7 +287,7 @@ class Arrays(Scalars):
         if not -len(shape) <= axis < len(shape):
             self.mistake(f"an array of shape {shown(shape)} has no axis {axis}")
         axis %= len(shape)
-        rest, out = (*shape[:axis], *shape[axis + 1 :]), list[Value]()
+        rest, out = _without(shape, axis), list[Value]()
 
         def body(indices: list[ir.Value]) -> None:
             def term(i: ir.Value) -> Value:
@@ -305,30 +305,27 @@ class Arrays(Scalars):
         """``step(step(term 0, term 1), term 2)`` and so on."""
         if not n:
             self.mistake("an array of no numbers has no such value")
-        first = step(term(WORD(0)), term(WORD(0)))  # for its type only
-        base = first.kind.base
-        start = self.converted(term(WORD(0)), base)
+        first = term(WORD(0))
+        base = step(first, first).kind.base
 
         def further(so_far: ir.Value, i: ir.Value) -> ir.Value:
             return self.converted(step(scalar(so_far, base), term(i)), base)
 
-        return scalar(self.folded(n, start, further, 1), base)
+        return scalar(self.folded(n, self.converted(first, base), further, 1), base)
 
     def total(self, n: int, term: Callable[[ir.Value], Value], in_order: bool) -> Value:
         """A sum as NumPy's: of up to eight numbers, or between rows, in order; otherwise of eight partial sums."""
         if not n:
             return self.constant(0.0)
-        if in_order or n < _LANES or term(WORD(0)).kind.base != FLOAT:
-            start = (
-                self.converted(self.operation("Add", term(WORD(0)), whole(0)), INT)
-                if (term(WORD(0)).kind.base != FLOAT)
-                else term(WORD(0)).llvm[0]
-            )
-            base = FLOAT if start.type == DOUBLE else INT
-            return scalar(
-                self.folded(n, start, lambda s, i: self.operation("Add", scalar(s, base), term(i)).llvm[0], 1), base
-            )
-        return self._in_lanes(n, term, 0)
+        first = term(WORD(0))
+        base = FLOAT if first.kind.base == FLOAT else INT
+        if not in_order and n >= _LANES and base == FLOAT:
+            return self._in_lanes(n, term, 0)
+
+        def further(so_far: ir.Value, i: ir.Value) -> ir.Value:
+            return self.operation("Add", scalar(so_far, base), term(i)).llvm[0]
+
+        return scalar(self.folded(n, self.converted(first, base), further, 1), base)
 
     def _in_lanes(self, n: int, term: Callable[[ir.Value], Value], start: int) -> Value:
         def add(a: Value, b: Value) -> Value:
@@ -383,3 +380,195 @@ class Arrays(Scalars):
 
         self.turns(WORD(n), turn)
         return scalar(self.at.load(slots[1], typ=WORD), INT)
+
+
+class Indexing(Arrays):
+    """Parts of records and arrays."""
+
+    def value(self, node: ast.expr) -> Value:
+        raise NotImplementedError  # expressions have it
+
+    def known(self, node: ast.expr) -> Any:
+        raise NotImplementedError
+
+    def test(self, node: ast.expr) -> ir.Value:
+        raise NotImplementedError
+
+    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
+        raise NotImplementedError  # statements have it
+
+    def integer(self, node: ast.expr) -> ir.Value:
+        """An index."""
+        value = self.value(node)
+        if value.kind.is_array or value.kind.items is not None or value.kind.base == BOOL:
+            self.lack("an index is one integer or a slice; write a loop, or np.where with a mask")
+        if not value.kind.is_number or value.kind.base != INT:
+            self.mistake(f"an index is an integer, not {value.kind.described()}")
+        return value.llvm[0]
+
+    def constant_integer(self, node: ast.expr, what: str) -> int:
+        """An integer that must be known when compiling."""
+        number = self.integer(node)
+        if not isinstance(number, ir.Constant):
+            self.needs_constant(what)
+        return int(number.constant)
+
+    def needs_constant(self, what: str) -> None:
+        """Refuse what depends on a number that is not known when compiling. A loop may be written out for it."""
+        self.lack(f"{what} must be known when compiling")
+
+    def field(self, record: Value, name: str, node: ast.expr) -> Value:
+        """A field of a record as a place."""
+        fields = record.kind.base.fields if not record.kind.is_array else None
+        if fields is None:
+            self.mistake(f"{ast.unparse(node)} is {record.kind.described()} and has no {name!r}")
+        if name not in fields or name == "_":
+            hint = field_suggestion(name, [each for each in fields if each != "_"])
+            self.mistake(f"{ast.unparse(node)} has no {name!r}; {hint}")
+        dtype, offset = fields[name][:2]
+        place = self.shifted(record.llvm[0], WORD(offset))
+        part = view(place, dtype, record.kind.readonly)
+        return replace(part, steady=record.steady, outer=record.outer)
+
+    def read(self, place: Value) -> Value:
+        """The value at a place: a number is loaded, a record or an array stays where it is."""
+        if place.kind.is_number:
+            return self.load(place.llvm[0], place.kind.base)
+        return place
+
+    def part(self, array: Value, index: ast.expr) -> Value:
+        """``array[index]`` as a place: of an entry its pointer, of a row or slice a view."""
+        if array.kind.items is not None:
+            return self._item(array, index)
+        if not array.kind.is_array:
+            self.mistake(f"{array.kind.described()} has no index")
+        indices = self._completed(array, list(index.elts) if isinstance(index, ast.Tuple) else [index])
+        pointer, axis = array.llvm[0], 0
+        shape: list[int | None] = []
+        strides: list[int] = []
+        known, length = 0, array.llvm[1:]
+        for each in indices:
+            if self._is_new_axis(each):
+                shape.append(1)
+                strides.append(0)
+                continue
+            stride = array.kind.strides[axis]
+            size = array.kind.shape[axis]  # type: ignore[index]  # an array has a shape
+            if isinstance(each, ast.Slice):
+                first, n, step = (0, None, 1) if _is_all(each) else self._bounds(each, size)
+                shape.append(size if _is_all(each) else n)
+                strides.append(stride * step)
+                known += first * stride
+            else:
+                number = self._checked(self.integer(each), size, array)
+                if axis == 0:
+                    length = ()
+                if isinstance(number, ir.Constant):
+                    known += number.constant * stride
+                else:
+                    pointer = self.shifted(pointer, self.at.mul(number, WORD(stride)))
+            axis += 1
+        pointer, kind = self.shifted(pointer, WORD(known)), array.kind
+        if not shape:
+            return replace(array, kind=Kind(kind.base, readonly=kind.readonly), llvm=(pointer,))
+        part = Kind(kind.base, tuple(shape), tuple(strides), readonly=kind.readonly)
+        return replace(array, kind=part, llvm=(pointer, *(length if part.is_open else ())))
+
+    def _completed(self, array: Value, indices: list[ast.expr]) -> list[ast.expr]:
+        """One index for each axis, without ``...``."""
+        shape = array.kind.shape or ()
+        missing = len(shape) - sum(not self._is_new_axis(i) and not _is_dots(i) for i in indices)
+        if missing < 0:
+            self.mistake(f"{array.kind.described()} has {len(shape)} {'index' if len(shape) == 1 else 'indices'}")
+        rest: list[ast.expr] = [ast.Slice() for _ in range(missing)]
+        for k, each in enumerate(indices):
+            if _is_dots(each):
+                return [*indices[:k], *rest, *indices[k + 1 :]]
+        return [*indices, *rest]
+
+    def _is_new_axis(self, node: ast.expr) -> bool:
+        if isinstance(node, ast.Constant):
+            return node.value is None
+        return isinstance(node, ast.Attribute) and node.attr == "newaxis" and self.known(node) is None
+
+    def _bounds(self, node: ast.Slice, size: int | None) -> tuple[int, int, int]:
+        """First index, number of indices and step of a slice."""
+        if size is None:
+            self.lack("the length of this array is not known when compiling")
+        given = [
+            None if each is None else self.constant_integer(each, "the bounds of a slice")
+            for each in (node.lower, node.upper, node.step)
+        ]
+        if given[2] == 0:
+            self.mistake("the step of a slice is not 0")
+        found = range(*slice(*given).indices(size))
+        return found.start, len(found), found.step
+
+    def _checked(self, index: ir.Value, size: int | None, array: Value) -> ir.Value:
+        """An index counted from the front. One that is not known is checked at run time, in users' code."""
+        if isinstance(index, ir.Constant):
+            if size is not None:
+                return self.known_index(index.constant, size)
+            if index.constant < 0:
+                self.lack("an index into an array of unknown length counts from the front")
+            return index
+        if not self.unit.checked:
+            return index
+        length = array.llvm[1] if size is None else WORD(size)
+        negative = self.at.icmp_signed("<", index, WORD(0))
+        index = self.at.select(negative, self.at.add(index, length), index)
+        self.demand(self.at.icmp_unsigned("<", index, length), INDEX)
+        return index
+
+    def _item(self, value: Value, index: ast.expr) -> Value:
+        """An item of a tuple, or some as a tuple."""
+        items = items_of(value)
+        if isinstance(index, ast.Slice):
+            first, n, step = self._bounds(index, len(items))
+            return bundle([items[first + k * step] for k in range(n)])
+        number = self.integer(index)
+        if isinstance(number, ir.Constant):
+            return items[self.known_index(number.constant, len(items)).constant]
+        if not all(item.kind.is_number for item in items):
+            self.needs_constant("the index of a tuple")
+        array = self.as_array(value)
+        place = self._checked(number, len(items), array)
+        return self.element(array, [place])
+
+    def masked(self, target: Value, mask: Value, value: Value) -> None:
+        """``target[mask] = number``."""
+        if self.shape_of(mask) != self.shape_of(target) or not value.kind.is_number:
+            self.lack("x[mask] = number needs a mask of x's shape and one number; write np.where(mask, value, x)")
+        base = target.kind.base
+
+        def body(indices: list[ir.Value]) -> None:
+            place = self.pointer(target, indices)
+            with self.at.if_then(self.truth(self.element(mask, indices))):
+                self.store(self.converted(value, base), place)
+
+        self.each(target.kind.sizes, body)
+
+    def transposed(self, array: Value) -> Value:
+        kind = array.kind
+        self.shape_of(array)
+        return replace(array, kind=replace(kind, shape=kind.sizes[::-1], strides=kind.strides[::-1]))
+
+    def shape_tuple(self, value: Value) -> Value:
+        """``x.shape``."""
+        sizes = [*value.kind.shape] if value.kind.shape is not None else []
+        return bundle([Value(Kind(INT), (value.llvm[1],)) if n is None else whole(n) for n in sizes])
+
+    def is_mask(self, value: Value) -> bool:
+        return value.kind.is_array and value.kind.base == BOOL
+
+
+def _without(items: tuple[int, ...], axis: int) -> tuple[int, ...]:
+    return (*items[:axis], *items[axis + 1 :])
+
+
+def _is_all(node: ast.Slice) -> bool:
+    return node.lower is None and node.upper is None and node.step is None
+
+
+def _is_dots(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value is ...

@@ -1,16 +1,17 @@
-"""Memory, loops and checks in the code of one function."""
+"""A module of LLVM under construction; and memory, loops and checks in the code of one of its functions."""
 
 import types
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
 
 import numpy as np
 from llvmlite import ir
 
-from .codes import STOPPED, code_of
-from .module import Module
-from .refusals import Lacking, Mistake
+from .refusals import STOPPED, Lacking, Mistake, code_of
 from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Value, contiguous, scalar, whole
+
+Intrinsic = Callable[[ir.IRBuilder, Sequence[ir.Value]], "Value | None"]
 
 UNROLLED = 16
 """Up to so many elements are written out one by one; more are a loop."""
@@ -18,6 +19,60 @@ FRAME = 1 << 18
 """Most bytes of local arrays in a unit. They are on the stack."""
 PATIENCE = 1 << 20
 """Turns of a loop from one look for an interrupt to the next: about a millisecond."""
+
+
+@dataclass
+class Module:
+    """What the parts of a translation share.
+
+    Attributes:
+        name: of the module.
+        checked: whether indices that are not constants, divisions of integers and conversions to integers are checked.
+            A function then returns 0, or a number that says why and where it ended early (:mod:`.refusals`).
+        intrinsics: functions with code of their own, which get their arguments as integers, an array by its address.
+        fused: functions in which, and in all that they call, a product and a sum may be rounded once.
+        interrupted: writes code for a number that is not 0 if a user's loop shall end.
+        library: prefix of the target's names for the functions of the C library.
+        frame: bytes of local arrays so far.
+        files: the sources' files, by their number in the codes.
+    """
+
+    name: str
+    checked: bool = False
+    intrinsics: Mapping[Any, Intrinsic] = field(default_factory=dict)
+    fused: Collection[Any] = ()
+    interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
+    library: str = ""
+
+    def __post_init__(self) -> None:
+        self.module = ir.Module(self.name)
+        self.frame, self.files = 0, list[str]()
+        self._constants: dict[tuple, ir.Value] = {}
+
+    def file(self, name: str) -> int:
+        """The number of a file."""
+        if name not in self.files:
+            self.files.append(name)
+        return self.files.index(name)
+
+    def constant_array(self, array: np.ndarray) -> ir.Value:
+        """Memory with the numbers of an array, which only is read."""
+        key = (array.dtype, array.tobytes())
+        if key not in self._constants:
+            of = ir.IntType(8) if array.dtype == bool else SCALARS[array.dtype]
+            kind = ir.ArrayType(of, array.size)
+            memory = ir.GlobalVariable(self.module, kind, self.module.get_unique_name("constant"))
+            memory.linkage, memory.global_constant = "internal", True
+            memory.initializer = kind(array.ravel().tolist())
+            memory.type = POINTER
+            self._constants[key] = memory
+        return self._constants[key]
+
+    def call(
+        self, at: Any, function: types.FunctionType, arguments: Sequence[Value], fused: bool = False
+    ) -> Value | None:
+        """Write a call."""
+        raise NotImplementedError  # Unit translates the function
 
 
 class Emission:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from .arrays import Indexing
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
-from .indexing import Indexing
-from .module import Module
+from .emission import Module
 from .scalars import COMPARISONS, operator_name
 from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 from llvmlite import ir
 
-from .codes import RAISED
+from .emission import Module
 from .lifetimes import Again, Lifetimes, Plan, bindings
-from .module import Module
+from .refusals import RAISED
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
 

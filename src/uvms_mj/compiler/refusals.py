@@ -1,6 +1,10 @@
-"""What the compiler refuses, with file, line and the words of the source."""
+"""What the compiler refuses, with file, line and the words of the source; and the numbers by which a checked function
+says why and where it ended early."""
 
 import types
+from collections.abc import Sequence
+
+from ..errors import suggestion
 
 
 class Untranslatable(TypeError):
@@ -25,3 +29,24 @@ class Mistake(Untranslatable):
 
 class Lacking(Untranslatable):
     """The function may be right, but the language lacks what it uses."""
+
+
+def field_suggestion(word: str, known: Sequence[str]) -> str:
+    """A hint for an unknown name: the first known name that adds a suffix to it, as p_WB to p, else the closest."""
+    longer = [name for name in known if name.startswith(f"{word}_")]
+    return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
+
+
+INDEX, DIVISION, CONVERSION, RAISED, STOPPED = range(1, 6)
+"""Why: an index out of bounds, a division of an integer by zero, a float that fits no integer, ``raise``, a signal. It
+is the lowest byte of the number; then the file (a byte) and the line."""
+
+
+def code_of(why: int, file: int, line: int) -> int:
+    """The number."""
+    return why | file << 8 | line << 16
+
+
+def place(code: int, files: Sequence[str]) -> tuple[int, str, int]:
+    """Why, and where: the file and the line."""
+    return code & 255, files[code >> 8 & 255], code >> 16

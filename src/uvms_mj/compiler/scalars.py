@@ -8,8 +8,8 @@ import numpy as np
 from llvmlite import ir
 
 from . import library
-from .codes import CONVERSION, DIVISION
 from .emission import Emission
+from .refusals import CONVERSION, DIVISION
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}

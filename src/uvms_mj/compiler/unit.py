@@ -10,11 +10,10 @@ from llvmlite import ir
 
 from ..files import function_tree
 from . import library
-from .emission import Emission
+from .emission import Emission, Module
 from .expressions import A_COPY
 from .function import Function
 from .lifetimes import Again, Plan
-from .module import Module
 from .refusals import Lacking
 from .values import (
     DOUBLE,

@@ -184,7 +184,7 @@ Known = Mapping[tuple[np.dtype, str], int]
 @dataclass(frozen=True)
 class NativeFunction:
     """Machine code: its address, and a ctypes function to call it from Python. ``files`` are the sources that the
-    number which it returns may refer to (:func:`uvms_mj.compiler.codes.place`)."""
+    number which it returns may refer to (:func:`uvms_mj.compiler.refusals.place`)."""
 
     address: int
     ctypes: Any

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from ...compiler.module import Intrinsic
+from ...compiler.emission import Intrinsic
 from ...compiler.unit import Unit, translate
 from ...compiler.values import FLOAT, INT, POINTER, WORD, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels

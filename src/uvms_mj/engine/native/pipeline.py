@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...actuation.thrusters import Inflow
-from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
+from ...compiler.refusals import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
 from ...control.base import Controller
 from ...control.delay import Delay
 from ...control.model import Truth

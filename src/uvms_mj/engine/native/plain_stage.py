@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ...compiler.refusals import field_suggestion
 from ...errors import error_text
 from ...physics.kernels import Record
-from ...stages.base import Stage, field_suggestion, is_shipped
+from ...stages.base import Stage, is_shipped
 from ...stages.foreign import suffix_of
 from .own_memory import OwnMemory
 
