@@ -29,8 +29,7 @@ from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
-from .stages.loader import USERS, Choice, stage_of, table_of
-from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
+from .stages.loader import USERS, Choice, is_a_table, no_table, not_dotted, stage_of, table_of, tables_by_word
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),

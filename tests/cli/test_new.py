@@ -12,7 +12,7 @@ from uvms_mj import Scenario, Trace
 from uvms_mj.cli.new import KINDS
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.scenario import STAGES
-from uvms_mj.stages.words import tables_by_word
+from uvms_mj.stages.loader import tables_by_word
 
 
 def ran(here, kind: str, *settings: str) -> Trace:

@@ -23,7 +23,7 @@ SHORT = {"simulation.duration": 0.2}
         ("{failing}:Law", "line 2: ZeroDivisionError"),
         ("{undecorated}:Law", "@dataclass"),
         ("{empty}:Law", "no method 'law'"),
-        ("{sizeless}:Law", "states must be names with sizes"),
+        ("{sizeless}:Law", "states.x: 0 must be a whole number from 1"),
         ("{listed}:Law", "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]"),
         ("{named}:Law", "'label' is an attribute of every law"),
         ("{short}:Law", "must take (gains, state, signals, state_dot, tau_cmd)"),

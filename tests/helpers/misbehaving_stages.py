@@ -111,7 +111,7 @@ def _steps(kind: Kind) -> dict[str, Case]:
 def _classes(kind: Kind) -> dict[str, Case]:
     """Classes that violate the contract."""
     return {
-        "states": Case(stage(kind, kind.right, "states = {'xi': 0}"), said="states must be"),
+        "states": Case(stage(kind, kind.right, "states = {'xi': 0}"), said="states.xi: 0 must be a whole number"),
         "no step": Case(f"{_head(kind)}class Law({kind.base}):\n    k: float = 3.0\n", said="'step'"),
         "period": Case(stage(kind, kind.right, "period: float = 1.23456e-3"), said="period"),
     }

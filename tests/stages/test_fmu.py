@@ -201,7 +201,7 @@ def test_what_does_not_fit_is_one_list(tmp_path):
     said = str(raised.value)
     for words in (
         "the input eta_e[7] is no entry of eta_e, which is [6]",
-        "the input instant: instant is a whole number",
+        "the input instant is a whole number",
         "the input speed is no signal",
         "the output tau_cmd[1,2] is no entry of tau_cmd, which is [6]",
     ):

@@ -15,7 +15,7 @@ from uvms_mj.control import Aismc
 from uvms_mj.engine.native.shared_library import compiler
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
-from uvms_mj.stages.c_header import Records, header
+from uvms_mj.stages.foreign import Records, header
 from uvms_mj.studies.pool.bundle import StudyBundle
 from uvms_mj.studies.study import Study
 
@@ -460,8 +460,8 @@ def test_a_log_s_gains_are_those_of_the_file_however_it_is_named(tmp_path):
     ("description", "words"),
     [
         ('stage = "controller"\nstates = 3\n', "states"),
-        ('stage = "controller"\nsettings._ = {default = 1.0}\n', "settings._: is no name of a field in C"),
-        ('stage = "controller"\nsettings.double = {default = 1.0}\n', "settings.double: is no name of a field in C"),
+        ('stage = "controller"\nsettings._ = {default = 1.0}\n', "settings._: '_' is no name of a field in C"),
+        ('stage = "controller"\nsettings.double = {default = 1.0}\n', "'double' is no name of a field in C"),
         ('stage = "controller"\nuses_task = "no"\n', "uses_task"),
         ('stage = "controller"\nsettings.k_p = {default = "a"}\n', "settings.k_p.default: 'a' must be a finite number"),
         ('stage = "controller"\nsettings.period = {default = 1e-3}\n', "settings.period: is a key of every controller"),

@@ -82,11 +82,11 @@ def test_a_list_for_the_thrusters_has_their_number(tmp_path):
     [
         ('{"decayz": 1.0}', "start_values has 'decayz', which is not a state; did you mean 'decays'?"),
         ('{"decays": [1.0, 2.0]}', "start_values['decays'] has 2 numbers; the state has 3"),
-        ('{"kept": [1.0, float("nan")]}', "start_values['kept'] = [1.0, nan] must be finite"),
-        ('{"zero": "one"}', "start_values['zero'] = 'one' must be a number or a list of numbers"),
-        ('{"zero": [[1.0, 2.0]]}', "start_values['zero'] = [[1.0, 2.0]] must be a number or a list of numbers"),
-        ('{"zero": True}', "start_values['zero'] = True must be a number or a list of numbers"),
-        ("[1.0]", "start_values must give states numbers, as in {'xi': 0.5}; [1.0] does not"),
+        ('{"kept": [1.0, float("nan")]}', "start_values.kept: [1.0, nan] must be a finite number or a list of them"),
+        ('{"zero": "one"}', "start_values.zero: 'one' must be a finite number or a list of them"),
+        ('{"zero": [[1.0, 2.0]]}', "start_values.zero: [[1.0, 2.0]] must be a finite number or a list of them"),
+        ('{"zero": True}', "start_values.zero: True must be a finite number or a list of them"),
+        ("[1.0]", "start_values: [1.0] is not a table"),
     ],
 )
 def test_wrong_start_values_are_named(tmp_path, starts, said):

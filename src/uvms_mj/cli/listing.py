@@ -56,7 +56,7 @@ def stages(names: tuple[str, ...]) -> None:
 def _rooms() -> dict[str, list[str]]:
     """The tables of stages by each word for them: a table, a room, and the further words that messages understand."""
     from ..scenario import STAGES
-    from ..stages.words import tables_by_word
+    from ..stages.loader import tables_by_word
 
     named = [word for table, choice in STAGES.items() for word in (table, choice.base.room.name)]
     rooms = {word: [t for t, choice in STAGES.items() if word in (t, choice.base.room.name)] for word in named}

@@ -147,8 +147,7 @@ def _header(description: Path, out: str | None, vehicle: str | None, force: bool
     from ..files import atomic_write
     from ..plant.mjcf import Mjcf
     from ..scenario import STAGES
-    from ..stages.c_header import Records, header
-    from ..stages.foreign import HEADER, Description
+    from ..stages.foreign import HEADER, Description, Records, header
 
     if description.suffix != ".toml":
         raise InputError(f"NAME {description}: give the description of a stage, NAME.toml")
@@ -231,7 +230,7 @@ def _kind_of(word: str) -> str:
     """The kind of file that a word for stages means: ``law`` of ``controller``. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
     from ..scenario import STAGES
-    from ..stages.words import tables_by_word
+    from ..stages.loader import tables_by_word
 
     tables = {table: table for table in STAGES} | tables_by_word(STAGES)
     for kind in KINDS:

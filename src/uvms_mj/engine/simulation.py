@@ -19,8 +19,7 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
-from ..stages.signals import Signal, record_dtype
-from ..stages.words import no_signal
+from ..stages.signals import Signal, no_signal, record_dtype
 from .base import Engine
 from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine

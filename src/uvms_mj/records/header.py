@@ -26,8 +26,7 @@ from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, listed_files
 from ..stages.foreign import SHARED
-from ..stages.signals import OF_JOINTS, Signal
-from ..stages.words import no_signal
+from ..stages.signals import OF_JOINTS, Signal, no_signal
 from ..stages.written import class_source
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "llvmlite", "mcap")

@@ -13,8 +13,7 @@ from .. import display
 from ..control.base import NoClosedForm, SteadyState
 from ..errors import InputError
 from ..scenario import Scenario
-from ..stages.signals import BAND, Signal
-from ..stages.words import no_signal
+from ..stages.signals import BAND, Signal, no_signal
 from .header import Column, Header, Outcome, Status
 from .mcap import McapLog, read
 

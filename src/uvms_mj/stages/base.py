@@ -34,16 +34,17 @@ import types
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
-from typing import Any, ClassVar, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import AfterValidator, ConfigDict, Field, StrictBool, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
+from ..compiler.refusals import field_suggestion
 from ..errors import Fault, InputError, faults_of, shortened, suggestion
 from ..files import function_tree
 from ..physics.random import key_of
-from ..quantities import Step, unit_of
+from ..quantities import Step, refusing, unit_of
 from . import signals
 from .signals import JOINT_SIGNALS, Signal
 
@@ -312,29 +313,58 @@ def validator(cls: Any) -> TypeAdapter:
     return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))
 
 
-_MOST_STATES = 10_000
-_LONGEST_NAME = 100
+_MOST = 10_000
 _RECORDED = (
     *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
     *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
-_OVERRIDDEN = (
-    "name",
-    "states",
-    "memory",
-    "start_values",
-    "units",
-    "every_step",
-    "uses_task",
-    "uses_truth",
-    "files",
-)
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""
 _SOUND: weakref.WeakSet[type[Stage]] = weakref.WeakSet()
 """Classes that satisfy their contract."""
+
+
+def no_numbers(value: Any) -> bool:
+    """Whether a value is neither a finite number nor a list of them."""
+    numbers = np.asarray(value if isinstance(value, int | float | list | tuple | np.ndarray) else ())
+    return numbers.dtype.kind not in "if" or numbers.ndim > 1 or not numbers.size or not np.isfinite(numbers).all()
+
+
+def _no_size(value: Any) -> bool:
+    return value not in ("thrusters", "joints") and not (type(value) is int and 1 <= value <= _MOST)
+
+
+def _field_name(name: str) -> str:
+    """The name of a state, which is a field of NumPy's records."""
+    for wrong, what in (
+        (not name.isidentifier(), "not a name"),
+        (keyword.iskeyword(name), "a word of Python's grammar"),
+        (hasattr(np.record, name), "an attribute of NumPy's records"),
+        (name in _SIGNALS, "the name of a signal"),
+    ):
+        if wrong:
+            raise ValueError(f"is {what}; give the state another name")
+    return name
+
+
+StateName = Annotated[str, AfterValidator(_field_name)]
+Size = Annotated[Any, refusing(_no_size, f'must be a whole number from 1 to {_MOST}, "thrusters" or "joints"')]
+Start = Annotated[Any, refusing(no_numbers, "must be a finite number or a list of them")]
+Text = Annotated[str, refusing(lambda text: not text.isprintable(), "must be printable")]
+
+
+class Declared(TypedDict, total=False):
+    """What a class declares of itself and of its states."""
+
+    name: Annotated[Text, Field(max_length=100)]
+    states: dict[StateName, Size]
+    memory: dict[StateName, Size]
+    start_values: dict[str, Start]
+    units: dict[str, Text]
+    uses_task: StrictBool
+    uses_truth: StrictBool
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -358,50 +388,65 @@ def check_contract(cls: type[Stage], file: str = "") -> None:
 
 
 def _wrong(cls: type[Stage]) -> Iterator[str]:
-    base, room = base_of(cls), cls.room
-    shared = {f.name for f in dataclasses.fields(base)}
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
         return  # without its fields, the rest can't be judged
-    names = [f.name for f in dataclasses.fields(cls)]
-    taken = [name for name in names if hasattr(base, name) and name not in shared]
-    reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
-    yield from (f"{name!r} {reason}; give the {room.setting} another name" for name, reason in reasons)
-    own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
-    ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
-    ours -= {*_OVERRIDDEN, room.method, *room.theory, *shared}
-    yield from (
-        f"{name!r} is a method of every {room.noun}; give yours another name"
-        for name in sorted(ours)
-        if name not in taken and any(name in vars(base) for base in own)
-    )
-    yield from (
-        f"{name} = {shortened(vars(each)[name])} has no effect without its type; write {name}: float = ..."
-        for each in own
-        for name in names
-        if name in vars(each) and name not in inspect.get_annotations(each)
-    )
-    name = cls.name
-    if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
-        yield f"name = {shortened(name)} must be a text of at most {_LONGEST_NAME} printable characters"
-    for name in ("uses_task", "uses_truth"):
-        flag = getattr(cls, name, False)
-        if not isinstance(flag, bool):
-            yield f"{name} = {shortened(flag)} must be true or false"
-    if getattr(cls, "uses_truth", False) is True:
-        yield "uses_truth is reserved for ideal, the yardstick law"
-    yield from wrong_files(*_listed(cls))
-    states = [*_wrong_states(cls.states, "states", room.counts), *_wrong_states(cls.memory, "memory", room.counts)]
-    if not states:
-        states += [f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states]
+    yield from _wrong_names(cls)
+    states = list(_wrong_declarations(cls))
     yield from states
-    if not states:
-        yield from _wrong_units(cls)
-        yield from _wrong_starts(cls)
+    yield from wrong_files(*_listed(cls))
     function = list(_wrong_function(cls))
     yield from function
     if not function and not states:
         yield from _unknown_fields(cls)
+
+
+def _wrong_names(cls: type[Stage]) -> Iterator[str]:
+    """Errors of settings and methods that take the place of others."""
+    base, room = base_of(cls), cls.room
+    names, shared = ([field.name for field in dataclasses.fields(each)] for each in (cls, base))
+    own = [each for each in cls.__mro__ if not each.__module__.startswith("uvms_mj.") and each is not object]
+    of_all = {name for each in (Stage, base) for name in vars(each) if name[0] != "_"} - {*names, *shared}
+    of_all -= {*Declared.__annotations__, "every_step", "files", room.method, *room.theory}
+    for name in names:
+        if name not in shared and hasattr(base, name):
+            yield f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name"
+    for name in sorted(of_all):
+        if any(name in vars(each) for each in own):
+            yield f"{name!r} is a method of every {room.noun}; give yours another name"
+    for each in own:
+        for name in names:
+            if name in vars(each) and name not in inspect.get_annotations(each):
+                value = shortened(vars(each)[name])
+                yield f"{name} = {value} has no effect without its type; write {name}: float = ..."
+
+
+def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
+    """Errors of what a class declares of itself and of its states."""
+    try:
+        declared = {name: getattr(cls, name) for name in Declared.__annotations__ if hasattr(cls, name)}
+        TypeAdapter(Declared).validate_python(declared)
+    except ValidationError as error:
+        yield from map(str, faults_of(error))
+        return
+    if declared.get("uses_truth"):
+        yield "uses_truth is reserved for ideal, the yardstick law"
+    for called in ("states", "memory"):
+        sizes, counted = declared[called], cls.room.counts
+        if wrong := [name for name, size in sizes.items() if isinstance(size, str) and size != counted]:
+            yield f"{called}.{wrong[0]}: {sizes[wrong[0]]!r} is not the number of {counted}"
+        elif (total := sum(size for size in sizes.values() if size != counted)) > _MOST:
+            yield f"{called} has {total} numbers in all; at most {_MOST} are allowed"
+    sizes = {**cls.states, **cls.memory}
+    yield from (f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states)
+    for called, of in (("units", cls.states), ("start_values", sizes)):
+        for name in declared[called]:
+            if name not in of:
+                hint = suggestion(name, of) if of else "the class declares no states"
+                yield f"{called} has {shortened(name)}, which is not a state; {hint}"
+    for name, value in cls.start_values.items():
+        if isinstance(size := sizes.get(name), int) and np.size(value) not in (1, size):
+            yield f"start_values[{name!r}] has {np.size(value)} numbers; the state has {size}"
 
 
 def _listed(cls: type[Stage]) -> tuple[Any, Path | None]:
@@ -436,65 +481,6 @@ def wrong_files(names: Any, folder: Path | None) -> Iterator[str]:
             size += (there / path).stat().st_size
     if size > _MOST_BYTES:
         yield f"files have {size / 1e6:.4g} MB in all; at most {_MOST_BYTES / 1e6:g} MB are allowed"
-
-
-def _wrong_states(states: Any, called: str, counted: str) -> Iterator[str]:
-    wanted = f"{called} must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
-    if not isinstance(states, Mapping):
-        yield f"{wanted}; {shortened(states)} is not"
-        return
-    good = [
-        isinstance(name, str)
-        and name.isidentifier()
-        and (size == counted or (type(size) is int and 0 < size <= _MOST_STATES))
-        for name, size in states.items()
-    ]
-    for (name, size), fits in zip(states.items(), good, strict=True):
-        if not fits:
-            yield f"{wanted}; {shortened(name)}: {shortened(size)} is not"
-        elif keyword.iskeyword(name):
-            yield f"{name!r} is a word of Python's grammar; give the state another name"
-        elif hasattr(np.record, name):
-            yield f"{name!r} is an attribute of NumPy's records; give the state another name"
-        elif name in _SIGNALS:
-            yield f"{name!r} is the name of a signal; give the state another name"
-    total = sum(size for size in states.values() if size != counted) if all(good) else 0
-    if total > _MOST_STATES:
-        yield f"{called} has {total} numbers in all; at most {_MOST_STATES} are allowed"
-
-
-def _wrong_units(cls: type[Stage]) -> Iterator[str]:
-    units = cls.units
-    if not isinstance(units, Mapping):
-        yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(units)} does not"
-        return
-    for name, unit in units.items():
-        if name not in cls.states:
-            hint = suggestion(str(name), cls.states) if cls.states else "the class declares no states"
-            yield f"units has {shortened(name)}, which is not a state; {hint}"
-        if not (isinstance(unit, str) and unit.isprintable()):
-            yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(unit)} is not a text"
-
-
-def _wrong_starts(cls: type[Stage]) -> Iterator[str]:
-    starts, sizes = cls.start_values, {**cls.states, **cls.memory}
-    if not isinstance(starts, Mapping):
-        yield f"start_values must give states numbers, as in {{'xi': 0.5}}; {shortened(starts)} does not"
-        return
-    for name, value in starts.items():
-        if name not in sizes:
-            hint = suggestion(str(name), sizes) if sizes else "the class declares no states"
-            yield f"start_values has {shortened(name)}, which is not a state; {hint}"
-            continue
-        numbers = [value] if isinstance(value, int | float) else value
-        array = np.asarray(numbers) if isinstance(numbers, list | tuple | np.ndarray) else np.zeros(0)
-        size = sizes[name]
-        if array.dtype.kind not in "if" or array.ndim != 1 or not array.size:
-            yield f"start_values[{name!r}] = {shortened(value)} must be a number or a list of numbers"
-        elif not np.isfinite(array).all():
-            yield f"start_values[{name!r}] = {shortened(value)} must be finite"
-        elif isinstance(size, int) and array.size not in (1, size):
-            yield f"start_values[{name!r}] has {array.size} numbers; the state has {size}"
 
 
 def _wrong_function(cls: type[Stage]) -> Iterator[str]:
@@ -569,9 +555,3 @@ def _hint(cls: type[Stage], role: str, word: str, known: list[str]) -> str:
     if known:
         return field_suggestion(word, known)
     return f"the class declares no {cls.room.setting if role == settings else 'state'}s"
-
-
-def field_suggestion(word: str, known: Sequence[str]) -> str:
-    """A hint for an unknown name: the first known name that adds a suffix to it, as p_WB to p, else the closest."""
-    longer = [name for name in known if name.startswith(f"{word}_")]
-    return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)

@@ -10,10 +10,10 @@ import hashlib
 import keyword
 import os
 import re
-import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, ClassVar
 
@@ -23,14 +23,13 @@ from pydantic import Field
 from ..errors import Fault, InputError, needs_extra, shortened, suggestion
 from ..quantities import Number, of_length
 from .base import ForeignCode, Stage, setting
-from .c_header import Records
+from .foreign import Records
 from .signals import OWN_UNIT, Signal
 
 _MOST_BYTES, _MOST_FILES = 1 << 29, 10_000
 """Limits of an FMU that is unpacked."""
 Whole = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 """An integer of FMI."""
-_ELEMENT = re.compile(r"(\w+)(?:\[(\d+(?:,\d+)*)\])?")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,9 +45,8 @@ class Unit:
         return [each for each in self.description.modelVariables if each.causality == causality]
 
 
-def read(path: Path, base: type[Stage]) -> Unit:
-    """Read an FMU for the stages of a base class. Raises InputError: it is no FMU, has no co-simulation of FMI 2.0, or
-    its description is wrong."""
+def _read(path: Path, base: type[Stage]) -> Unit:
+    """Read an FMU for the stages of a base class."""
     with needs_extra("fmi"):
         import fmpy
         from fmpy.model_description import ValidationError
@@ -94,25 +92,13 @@ def unpacked(path: Path, folder: Path) -> Path:
         with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
             part = Path(new, target.name)
             with zipfile.ZipFile(path) as archive:
-                for each in archive.infolist():
-                    _unpack(archive, each, part)
+                archive.extractall(part)  # of each file no more than the archive's list says
             try:
                 os.rename(part, target)
             except OSError:  # another process was first
                 if not target.is_dir():
                     raise
     return target
-
-
-def _unpack(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> None:
-    """Unpack an entry, and not more of it than the archive's list says."""
-    target = folder / entry.filename
-    if entry.is_dir():
-        target.mkdir(parents=True, exist_ok=True)
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with archive.open(entry) as source, target.open("wb") as out:
-        shutil.copyfileobj(source, out)  # zipfile ends at the size of the list
 
 
 def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -175,29 +161,22 @@ class OfUnit:
     def wiring(self: Any, records: Records, faults: list[Fault]) -> Wiring:
         """The wiring of the FMU for these records, with what is wrong in ``faults``."""
         room, table = self.room, self.room.table
-        given = {signal.name: signal for signal in type(self).given(1)}
-        out = {signal.name: signal for signal in room.out}
         named = dict(self.variables or {})
         known = {each.name for each in self.unit.description.modelVariables}
-        unknown = (
-            f"the FMU has no variable {name!r}; {suggestion(name, known)}" for name in named if name not in known
-        )
-        faults += [Fault(f"{table}.variables", wrong) for wrong in unknown]
         exchanged = {each.name for causality in ("input", "output") for each in self.unit.variables(causality)}
+        wrong = [f"the FMU has no variable {name!r}; {suggestion(name, known)}" for name in named if name not in known]
         idle = sorted(named.keys() & known - exchanged)
-        faults += [Fault(f"{table}.variables", f"{name} is neither an input nor an output of the FMU") for name in idle]
-        inputs, outputs = (
-            self._side(causality, signals, dtype, named, faults)
-            for causality, signals, dtype in (("input", given, records.given), ("output", out, records.out))
-        )
-        places_out = [place for _, place in outputs]
-        for place in sorted({place for place in places_out if places_out.count(place) > 1}):
-            name = _element_at(out, records.out, place)
-            faults.append(Fault(f"{table}.variables", f"two outputs of the FMU are {name}"))
-        missing = sorted(set(range(records.out.itemsize // 8)) - {place for _, place in outputs})
-        for place in missing if not faults else ():
-            name = _element_at(out, records.out, place)
-            faults.append(Fault(f"{table}.name", f"no output of the FMU is {name}; name it in {table}.variables"))
+        wrong += [f"{name} is neither an input nor an output of the FMU" for name in idle]
+        faults += [Fault(f"{table}.variables", each) for each in wrong]
+        inputs = self._side("input", type(self).given(1), records.given, named, faults)
+        outputs = self._side("output", room.out, records.out, named, faults)
+        set_by = Counter(place for _, place in outputs)
+        names = {place: name for name, place in _places(room.out, records.out).items()}
+        twice = [names[place] for place in sorted(set_by) if set_by[place] > 1]
+        faults += [Fault(f"{table}.variables", f"two outputs of the FMU are {name}") for name in twice]
+        for place in sorted(names.keys() - set_by.keys()) if not faults else ():
+            wanted = f"no output of the FMU is {names[place]}; name it in {table}.variables"
+            faults.append(Fault(f"{table}.name", wanted))
         refs = [np.array([ref for ref, _ in side], np.uint32) for side in (inputs, outputs)]
         places = [np.array([place for _, place in side], np.int64) for side in (inputs, outputs)]
         return Wiring(refs[0], places[0], refs[1], places[1])
@@ -205,62 +184,52 @@ class OfUnit:
     def _side(
         self: Any,
         causality: str,
-        signals: Mapping[str, Signal],
+        signals: Sequence[Signal],
         dtype: np.dtype,
         named: Mapping[str, str],
         faults: list[Fault],
     ) -> list[tuple[int, int]]:
         """Value reference and place of each input, or of each output that is a signal."""
-        table, found = self.room.table, list[tuple[int, int]]()
-
-        def wrong(said: str) -> None:
-            faults.append(Fault(f"{table}.name", f"the {causality} {said}"))
-
+        table, places, found = self.room.table, _places(signals, dtype), list[tuple[int, int]]()
+        kinds = {signal.name: signal.kind for signal in signals}
         for each in self.unit.variables(causality):
             element = named.get(each.name, each.name)
-            parts = _ELEMENT.fullmatch(element)
-            if parts is None or parts[1] not in signals:
+            name = element.partition("[")[0]
+            if name not in kinds:
                 if causality == "input" or each.name in named:
-                    close = difflib.get_close_matches(parts[1] if parts else element, signals, n=1)
+                    close = difflib.get_close_matches(name, kinds, n=1)
                     hint = f"did you mean {close[0]!r}?" if close else f"`uvms-mj signals {self.room.noun}` lists them"
-                    wrong(f"{each.name} is no signal: {hint}; name it in {table}.variables")
-                continue
-            place = _place(signals[parts[1]], dtype, parts[2])
-            if place is None:
-                shape = dtype[parts[1]].shape if dtype.names else dtype.shape
-                sizes = ",".join(str(n) for n in shape) if shape else "a single number"
-                wrong(f"{each.name} is no entry of {parts[1]}, which is {f'[{sizes}]' if shape else sizes}")
-            elif signals[parts[1]].kind != "f8":
-                wrong(f"{each.name}: {parts[1]} is a whole number, and FMI's type Real alone is exchanged")
+                    said = f"is no signal: {hint}; name it in {table}.variables"
+                else:
+                    continue
+            elif element not in places:
+                sizes = ",".join(map(str, dtype[name].shape if dtype.names else dtype.shape))
+                said = f"is no entry of {name}, which is {f'[{sizes}]' if sizes else 'a single number'}"
+            elif kinds[name] != "f8":
+                said = "is a whole number: FMI's type Real alone is exchanged"
             elif each.type != "Real":
-                wrong(f"{each.name} is {each.type}: FMI's type Real alone is exchanged")
+                said = f"is {each.type}: FMI's type Real alone is exchanged"
             else:
-                found.append((int(each.valueReference), place))
+                found.append((int(each.valueReference), places[element]))
+                continue
+            faults.append(Fault(f"{table}.name", f"the {causality} {each.name} {said}"))
         return found
 
 
-def _place(signal: Signal, dtype: np.dtype, indices: str | None) -> int | None:
-    """Place of an entry of a signal among the numbers of a record or of an array; None if it has no such entry."""
-    kind, start = (dtype.fields[signal.name][:2]) if dtype.fields else (dtype, 0)
-    counts = [int(n) - 1 for n in indices.split(",")] if indices else []
-    if len(counts) != len(kind.shape) or any(not 0 <= i < n for i, n in zip(counts, kind.shape, strict=True)):
-        return None
-    return start // 8 + (int(np.ravel_multi_index(counts, kind.shape)) if counts else 0)
+def _places(signals: Sequence[Signal], dtype: np.dtype) -> dict[str, int]:
+    """The place of each entry among the numbers of a record, or of the array of the only signal, by its name."""
+    fields: Any = dtype.fields or {signals[0].name: (dtype, 0)}
+    return {
+        f"{name}[{','.join(str(i + 1) for i in index)}]" if index else name: start // 8 + k
+        for name, (kind, start, *_) in fields.items()
+        for k, index in enumerate(np.ndindex(kind.shape))
+    }
 
 
-def _element_at(signals: Mapping[str, Signal], dtype: np.dtype, place: int) -> str:
-    """Name of the entry at a place of an output."""
-    fields: Any = dtype.fields or {next(iter(signals)): (dtype, 0)}
-    for name, (kind, start, *_) in fields.items():
-        if 0 <= (at := place - start // 8) < kind.itemsize // 8:
-            counts = np.unravel_index(at, kind.shape) if kind.shape else ()
-            return f"{name}[{','.join(str(int(i) + 1) for i in counts)}]" if counts else name
-    raise AssertionError(place)
-
-
-def stage_class(unit: Unit, base: type[Stage], module: str) -> type[Stage]:
-    """The class of an FMU as a stage of a room."""
-    fields: list[Any] = []
+def stage_class(path: Path, base: type[Stage], module: str) -> type[Stage]:
+    """The class of an FMU as a stage of a room, for a module of this name. Raises InputError: the file is no FMU, has
+    no co-simulation of FMI 2.0, or its description is wrong."""
+    unit, fields = _read(path, base), list[Any]()
     for name, members in unit.parameters.items():
         starts = [_start(each) for each in members]
         of, meaning = members[0].unit or OWN_UNIT, members[0].description or f"parameter {members[0].name}"

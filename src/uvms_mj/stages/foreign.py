@@ -1,30 +1,26 @@
 """Stages in C or in a library: a class of settings and states from a description, beside machine code of the user's.
 
 A file ``my_law.c`` has the stage's function and ``my_law.toml`` its description; of a library, ``libmy_law.so:NAME``,
-``NAME.toml`` beside it is the description. :mod:`.c_header` writes the records as C structs, and the engine loads the
-machine code.
+``NAME.toml`` beside it is the description. ``uvms_stage.h`` has the records of the stage as C structs: settings,
+states, what it is given, and its output. The engine loads the machine code.
 """
 
 import dataclasses
-import functools
-import math
-import operator
+import hashlib
 import os
 import re
-import sys
-import types
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+import numpy as np
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError
 
 from ..errors import Fault, InputError, faults_of, suggestion
 from ..files import parsed_toml, text_of
-from ..quantities import STRICT, Number, of_length, refusing, repeated
-from . import fmu
-from .base import ForeignCode, Stage, setting
-from .signals import OWN_UNIT
+from ..quantities import STRICT, Number, of_length, refusing, repeated, unit_of
+from .base import ForeignCode, Size, Stage, Start, no_numbers, setting
+from .signals import OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal, record_dtype
 
 C_FILE, SHARED, UNIT = ".c", (".so", ".dylib"), ".fmu"
 SUFFIXES = (C_FILE, *SHARED, UNIT)
@@ -54,23 +50,21 @@ def suffix_of(kind: type[Stage]) -> str:
     return suffix if suffix in SUFFIXES else ""
 
 
-_MOST = 10_000
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]*")
+_WORDS_OF_C = """
+    auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    unused linux unix class new delete this template typename namespace
+"""
+"""Words of C and C++ and of the header."""
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def is_c_name(word: str) -> bool:
+    """Whether a word may name a field or a function in C and C++."""
+    return bool(_NAME.fullmatch(word)) and word not in _WORDS_OF_C.split()
 
 
-def _no_default(value: Any) -> bool:
-    return not (isinstance(value, bool) or _is_number(value) or (_is_list(value) and value))
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list) and all(map(_is_number, value))
-
-
-def _no_size(value: Any) -> bool:
-    return value not in ("thrusters", "joints") and not (type(value) is int and 1 <= value <= _MOST)
+CName = Annotated[str, refusing(lambda word: not is_c_name(word), "is no name of a field in C")]
 
 
 def _floats(value: Any) -> Any:
@@ -80,18 +74,15 @@ def _floats(value: Any) -> Any:
     return value if isinstance(value, bool) else float(value)
 
 
-Default = Annotated[Any, refusing(_no_default, "must be a finite number, a list of them, true or false")]
-Size = Annotated[Any, refusing(_no_size, f'must be a whole number from 1 to {_MOST}, "thrusters" or "joints"')]
-Start = Annotated[
-    Any, refusing(lambda each: not (_is_number(each) or _is_list(each)), "must be a finite number or a list of them")
-]
+def _no_default(value: Any) -> bool:
+    return not isinstance(value, bool) and no_numbers(value)
 
 
 @dataclasses.dataclass(frozen=True)
 class OneSetting:
     """A setting of a description: its default, which also gives its type and its length; unit, meaning and range."""
 
-    default: Default
+    default: Annotated[Any, refusing(_no_default, "must be a finite number, a list of them, true or false")]
     unit: str = OWN_UNIT
     meaning: str = ""
     at_least: Number | None = None
@@ -106,29 +97,11 @@ class OneSetting:
         """The type of the field."""
         if isinstance(self.default, bool):
             return bool
-        checks = [*self._checks()]
+        number = Annotated[Number, Field(ge=self.at_least, gt=self.above, le=self.at_most, lt=self.below)]
         if isinstance(self.default, list):
             n = len(self.default)
-            return Annotated[tuple[Number, ...], of_length(n), *checks, repeated(n)]
-        return Annotated[Number, *checks] if checks else Number
-
-    def _checks(self) -> Iterator[AfterValidator | Any]:
-        """The validators of the range."""
-        limits: tuple[tuple[str, float | None, Callable[[float, float], bool]], ...] = (
-            ("at least", self.at_least, operator.ge),
-            ("greater than", self.above, operator.gt),
-            ("at most", self.at_most, operator.le),
-            ("less than", self.below, operator.lt),
-        )
-        for words, limit, holds in limits:
-            if limit is not None:
-                text = f"must be {words} {limit:g} {self.unit if self.unit != OWN_UNIT else ''}".rstrip()
-                yield refusing(functools.partial(_breaks, holds, limit), text)
-
-
-def _breaks(holds: Callable[[float, float], bool], limit: float, value: float | tuple[float, ...]) -> bool:
-    """Whether a number, or one of several, is not within a limit."""
-    return not all(holds(each, limit) for each in (value if isinstance(value, tuple) else (value,)))
+            return Annotated[tuple[number, ...], of_length(n), repeated(n)]
+        return number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,9 +123,9 @@ class Description:
 
     stage: str
     summary: str = ""
-    settings: Mapping[str, OneSetting] = dataclasses.field(default_factory=dict)
-    states: Mapping[str, OneState] = dataclasses.field(default_factory=dict)
-    uses_task: Annotated[bool, Field(strict=True)] = True
+    settings: dict[CName, OneSetting] = dataclasses.field(default_factory=dict)
+    states: dict[CName, OneState] = dataclasses.field(default_factory=dict)
+    uses_task: StrictBool = True
     files: list[str] = dataclasses.field(default_factory=list)
 
     __pydantic_config__ = STRICT
@@ -164,35 +137,24 @@ class Description:
         try:
             tables = parsed_toml(text_of(path))
         except FileNotFoundError:
-            wanted = (
-                f"it describes the stage's settings and states; `uvms-mj new law {path.stem} --language c` writes one"
-            )
+            wanted = f"it describes the stage; `uvms-mj new law {path.stem} --language c` writes one"
             raise InputError(f"no file {path.name} in {path.parent}: {wanted}") from None
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a description in TOML: {error}") from None
-        names = {kind: [f.name for f in dataclasses.fields(kind)] for kind in (cls, OneSetting, OneState)}
-        choices = {"": names[cls]}
+        choices = {"": _keys(cls)}
         for table, kind in (("settings", OneSetting), ("states", OneState)):
-            given = tables.get(table, {})
-            words = list(given) if isinstance(given, dict) else []
-            choices |= {f"{table}.{word}": names[kind] for word in words}
-            if wrong := [word for word in words if not is_c_name(word)]:
-                raise InputError([Fault(f"{table}.{word}", "is no name of a field in C") for word in wrong], path.name)
+            if isinstance(given := tables.get(table), dict):
+                choices |= dict.fromkeys((f"{table}.{word}" for word in given), _keys(kind))
         try:
             found = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
             raise InputError(faults_of(error, choices=choices), path.name) from None
         if found.stage not in stages:
-            hint = suggestion(found.stage, stages)
-            raise InputError(
-                [Fault("stage", f"{found.stage!r} is not a table of a scenario with a stage; {hint}")], path.name
-            )
-        own = {field.name for field in dataclasses.fields(BASES[found.stage])} & found.settings.keys()
-        if own:
-            faults = [
-                Fault(f"settings.{word}", f"is a key of every {found.stage}; choose another name") for word in own
-            ]
-            raise InputError(sorted(faults, key=str), path.name)
+            wrong = f"{found.stage!r} is not a table of a scenario with a stage; {suggestion(found.stage, stages)}"
+            raise InputError([Fault("stage", wrong)], path.name)
+        if own := sorted(found.settings.keys() & _keys(BASES[found.stage])):
+            wrong = f"is a key of every {found.stage}; choose another name"
+            raise InputError([Fault(f"settings.{word}", wrong) for word in own], path.name)
         return found
 
     def stage_class(self, name: str, module: str, files: list[str]) -> type[Stage]:
@@ -207,7 +169,7 @@ class Description:
             "states": {key: each.size for key, each in states.items()},
             "memory": {key: each.size for key, each in self.states.items() if not each.advanced},
             "units": {key: each.unit for key, each in states.items() if each.unit},
-            "start_values": {key: _floats(each.start) for key, each in self.states.items() if each.start != 0.0},
+            "start_values": {key: each.start for key, each in self.states.items() if each.start != 0.0},
             "files": files,
             base.room.method: staticmethod(function),
             "__doc__": self.summary or f"{name}.",
@@ -226,79 +188,21 @@ class Description:
 
 
 _VALIDATOR = TypeAdapter(Description)
-_NAME = re.compile("[A-Za-z][A-Za-z0-9_]*")
-_WORDS_OF_C = {
-    *(
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-    ),
-    *(
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-    ),
-    *(
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "unused",
-        "linux",
-        "unix",
-        "class",
-        "new",
-        "delete",
-        "this",
-        "template",
-    ),
-    *("typename", "namespace"),
-}
-"""Words of C and C++ and of the header."""
 
 
-def is_c_name(word: str) -> bool:
-    """Whether a word may name a field or a function in C and C++."""
-    return bool(_NAME.fullmatch(word)) and word not in _WORDS_OF_C
+def _keys(kind: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(kind)]
 
 
-def load_foreign(path: Path, name: str, table: str, module: types.ModuleType) -> None:
-    """Set the class of a stage in C, in a library or in an FMU in a new module with this file. Raises InputError."""
-    if path.suffix == UNIT:
-        setattr(module, name, fmu.stage_class(fmu.read(path, BASES[table]), BASES[table], module.__name__))
-        return
-    folder, own = path.parent, path if path.suffix == C_FILE else path.with_name(f"{name}.c")
+def stage_class(path: Path, name: str, module: str) -> type[Stage]:
+    """The class of a stage in C or in a library, for a module of this name. Raises InputError."""
     if not name.isidentifier() or not name.isascii():
         raise InputError(f"{name!r} is not the name of a C function; give {path.name}:NAME")
-    found = Description.load(folder / f"{name}.toml")
-    found_in = c_sources(own)[1:] if path.suffix == C_FILE else _beside(Path(os.path.abspath(path)))
-    included = [each.relative_to(os.path.abspath(folder)).as_posix() for each in found_in]
-    files = [f"{name}.toml", *included, *found.files]
-    setattr(module, name, found.stage_class(name, module.__name__, list(dict.fromkeys(files))))
+    found = Description.load(path.with_name(f"{name}.toml"))
+    path = Path(os.path.abspath(path))
+    beside = c_sources(path)[1:] if path.suffix == C_FILE else _beside(path)
+    files = [f"{name}.toml", *(each.relative_to(path.parent).as_posix() for each in beside), *found.files]
+    return found.stage_class(name, module, list(dict.fromkeys(files)))
 
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
@@ -332,15 +236,164 @@ def _beside(path: Path) -> list[Path]:
     return list(found)
 
 
-def module_for(path: Path, name: str, table: str, module_name: str) -> types.ModuleType:
-    """The module of a stage in C, in a library or in an FMU, which does not say for which table it is. Raises
-    InputError."""
-    module = types.ModuleType(module_name)
-    module.__file__ = str(path)
-    sys.modules[module_name] = module
-    try:
-        load_foreign(path, name, table, module)
-    except BaseException:
-        del sys.modules[module_name]
-        raise
-    return module
+# the records as C structs
+
+_FUNCTIONS = Path(__file__).with_name("uvms_functions.h")
+"""Random numbers and attitudes, in C."""
+_TYPES = {"f8": "double", "i8": "int64_t", "b1": "unsigned char"}
+"""C's types; a flag is one byte, 0 or 1."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Records:
+    """The dtypes of a stage's records. ``out`` is a record, or an array of numbers. What a stage is given may be the
+    beginning of a longer record."""
+
+    settings: np.dtype
+    state: np.dtype
+    given: np.dtype
+    out: np.dtype
+
+    @classmethod
+    def of(cls, stage: Stage, counted: int) -> "Records":
+        """The records of a stage with so many thrusters or joints."""
+        kind, room = type(stage), stage.room
+        out = np.dtype(("f8", (counted if room.out[0].shape == (0,) else room.out[0].size,)))
+        if room.arguments[-1] == "out":
+            shapes = [(s.name, s.kind, (counted,) if s.shape == (0,) else s.shape) for s in room.out]
+            out = np.dtype(shapes, align=True)
+        given = record_dtype(kind.given(counted))
+        return cls(stage.record().dtype, kind.state_record(counted).dtype, given, out)
+
+    def _each(self) -> Iterator[tuple[str, np.dtype]]:
+        yield from (("settings", self.settings), ("state", self.state), ("given", self.given), ("out", self.out))
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Sizes of settings, state and output [bytes]."""
+        return self.settings.itemsize, self.state.itemsize, self.out.itemsize
+
+    @property
+    def layout(self) -> int:
+        """A number that decides names, types and places of all fields. A header has it, and so has a library that was
+        compiled with it."""
+        text = [
+            f"{record}.{name} {kind.base.kind}{kind.base.itemsize} {kind.shape} {place}"
+            for record, dtype in self._each()
+            for name, kind, place in _fields(dtype)
+        ]
+        return int.from_bytes(hashlib.sha256("\n".join([*text, str(self.sizes)]).encode()).digest()[:8], "little") >> 1
+
+    @property
+    def counted(self) -> dict[str, int]:
+        """Number of thrusters or of joints, if the records depend on it, by the name of its constant."""
+        found = {}
+        for _, dtype in self._each():
+            for name, kind, _ in _fields(dtype):
+                for constant, names in (("UVMS_THRUSTERS", OF_THRUSTERS), ("UVMS_JOINTS", OF_JOINTS)):
+                    if name in names and kind.shape:
+                        found[constant] = kind.shape[0]
+        return found
+
+
+def _fields(dtype: np.dtype) -> list[tuple[str, np.dtype, int]]:
+    """Name, type and place of the fields in the order of their places; none of an array."""
+    fields: Any = dtype.fields or {}
+    return sorted(((name, each[0], each[1]) for name, each in fields.items()), key=lambda each: each[2])
+
+
+def header(kind: type[Stage], records: Records) -> str:
+    """The text of ``uvms_stage.h`` for a stage: its structs, the function and the number that both sides compare."""
+    name, room = kind.__name__, kind.room
+    given = "signals" if "signals" in room.arguments else "given"
+    settings = {field.name: (unit_of(field), field.metadata.get("meaning", "")) for field in kind.setting_fields()}
+    states = {
+        key: (kind.units.get(key, ""), "a state" if key in kind.states else "kept")
+        for key in kind.state_record(1).dtype.names or ()
+    }
+    notes = {
+        "settings": settings,
+        "state": states,
+        given: _notes(kind.given(1)),
+        "out": _notes(room.out),
+    }
+    structs = {"settings": records.settings, "state": records.state, given: records.given}
+    called = dict(zip(("settings", "state", given, "state_dot", "out"), room.arguments, strict=True))
+    output = f"double *{called['out']}"
+    if records.out.names:
+        structs["out"] = records.out
+        output = f"struct out *{called['out']}"
+    text = "\n".join(_struct(key, dtype, notes[key]) for key, dtype in structs.items())
+    constants = "".join(f"#define {key} {value}\n" for key, value in records.counted.items())
+    has = [structs.get(key, np.dtype("f8")).itemsize for key in ("settings", "state")]
+    sizes = [f"sizeof(struct {key})" if size else "0" for key, size in zip(("settings", "state"), has, strict=True)]
+    sizes.append("sizeof(struct out)" if records.out.names else str(records.out.itemsize))
+    number = _numbers_of_out(records.out)
+    return f"""/* The records of the {room.noun} {name}, in SI units, for a stage of uvms-mj.
+
+   uvms-mj writes this file from {name}.toml: `uvms-mj new header {name}.toml` writes it anew. A run compiles {name}.c
+   with records of its own; a library that was compiled with other records is refused by its number. */
+#ifndef UVMS_STAGE_H
+#define UVMS_STAGE_H
+
+#include <math.h>
+#include <stdint.h>
+
+{constants}{text}
+{_FUNCTIONS.read_text(encoding="utf-8")}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* The function of the stage. It sets {number} and the derivatives of its states; it may set its states too.
+   It returns 0, or a number of its own that ends the run. */
+__attribute__((visibility("default")))
+int {name}(const struct settings *{called["settings"]}, struct state *{called["state"]},
+    const struct {given} *{called[given]}, struct state *{called["state_dot"]}, {output});
+
+/* The number of these records, and their sizes in bytes. */
+extern __attribute__((visibility("default"), weak)) const uint64_t {name}_records[4];
+const uint64_t {name}_records[4] = {{
+    UINT64_C({records.layout}), {", ".join(sizes)}
+}};
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _notes(signals: tuple[Signal, ...]) -> dict[str, tuple[str, str]]:
+    frame = {signal.name: f", in {signal.frame}" if signal.frame != "-" else "" for signal in signals}
+    return {signal.name: (signal.unit, f"{signal.meaning}{frame[signal.name]}") for signal in signals}
+
+
+def _numbers_of_out(out: np.dtype) -> str:
+    return f"all of {', '.join(out.names)}" if out.names else f"all {out.itemsize // 8} numbers of its output"
+
+
+def _struct(name: str, dtype: np.dtype, notes: Mapping[str, tuple[str, str]]) -> str:
+    """A struct with the fields at their places: gaps are filled."""
+    if not dtype.itemsize:
+        return f"struct {name}; /* empty */\n"
+    lines, end = [], 0
+
+    def fill(until: int) -> None:
+        if until > end:
+            lines.append(f"    unsigned char gap_{end}[{until - end}];")
+
+    for field, kind, place in _fields(dtype):
+        fill(place)
+        called = field if field != "_" else "unused"
+        shape = "".join(f"[{n}]" for n in kind.shape)
+        unit, meaning = notes.get(field, ("", ""))
+        note = f"{f'[{unit}]' if unit else ''} {meaning}".strip().replace("*/", "* /")
+        declared = f"    {_TYPES[kind.base.str[1:]]} {called}{shape};"
+        lines.append(f"{declared:<36}{f' /* {note} */' if note else ''}".rstrip())
+        end = place + kind.itemsize
+    if name in ("settings", "state", "out"):
+        fill(dtype.itemsize)
+    body = "\n".join(lines)
+    return f"struct {name} {{\n{body}\n}};\n"

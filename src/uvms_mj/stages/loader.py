@@ -1,6 +1,7 @@
 """Loading of stages: a shipped class by its name, a user's class from a file, or its placeholder in a loaded log."""
 
 import dataclasses
+import difflib
 import functools
 import hashlib
 import importlib.util
@@ -12,8 +13,9 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
+from . import fmu, foreign
 from .base import Stage, check_contract, setting
-from .foreign import BASES, SHARED, module_for, parted
+from .foreign import BASES, SHARED, UNIT, parted
 from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
@@ -249,11 +251,18 @@ def load_file(path: Path, key: str, function: str = "") -> ModuleType:
     module with the class of a function."""
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if path.suffix != ".py":
+        function = function or path.stem
         try:
-            table = key.partition(".")[0]
-            return module_for(path, function or path.stem, table if table in BASES else "controller", name)
+            if path.suffix == UNIT:  # it does not say for which table it is
+                kind = fmu.stage_class(path, BASES.get(key.partition(".")[0], BASES["controller"]), name)
+            else:
+                kind = foreign.stage_class(path, function, name)
         except InputError as error:
             raise InputError([Fault(key, str(error))]) from None
+        module = sys.modules[name] = ModuleType(name)
+        module.__file__ = str(path)
+        setattr(module, function, kind)
+        return module
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None  # the suffix is .py
     assert spec.loader is not None
@@ -327,3 +336,53 @@ def placeholder_stage(
         return dataclasses.make_dataclass(label, fields, bases=(base,), namespace=namespace, frozen=True)
     except (TypeError, SyntaxError) as error:
         raise InputError(f"the {room.setting}s of {source}: {error}") from None
+
+
+# keys that a scenario does not have: the key that was meant
+
+
+def tables_by_word(choices: Mapping[str, Choice]) -> dict[str, str]:
+    """The table of each word for a stage: the name of its room, its noun, and the room's further words."""
+    found: dict[str, str] = {}
+    for table, choice in choices.items():
+        room = choice.base.room
+        for word in (room.name, room.noun, *room.words):
+            found |= {each: found.get(each, table) for each in (word, f"{word}s")}
+    return found
+
+
+def no_table(table: str, word: str, known: Collection[str], choices: Mapping[str, Choice]) -> str:
+    """The error of the key ``table.word``, whose table a scenario does not have; ``known`` are those that it has."""
+    meant = tables_by_word(choices).get(table)
+    return f"no table {table!r}; {_called(meant, word) if meant else suggestion(table, known)}"
+
+
+def is_a_table(table: str, value: Any, keys: Collection[str], choice: Choice | None) -> str:
+    """The error of a table that is given a value, by its keys and its choice of stages."""
+    if choice is not None and isinstance(value, str):
+        return f"is a table; {table}.name={value} chooses the {choice.base.room.noun}"
+    known = keys if choice is None else ("name", *keys)
+    return f"is a table; its keys are {', '.join(f'{table}.{key}' for key in known)}"
+
+
+def not_dotted(
+    word: str, value: Any, keys: Mapping[str, Collection[str]], choices: Mapping[str, Choice], tables: Mapping[str, Any]
+) -> str:
+    """The error of a key without a dot that is not of the scenario itself. ``keys`` are those of each table without its
+    stage's name, and ``tables`` are the tables of the scenario, by their names."""
+    if (table := tables_by_word(choices).get(word)) is not None:
+        return f"is not a dotted key; {_called(table, 'name')}{f'={value}' if isinstance(value, str) else ''}"
+    in_use = {}
+    for t, choice in choices.items():
+        table = tables[t]
+        source = table.source() if isinstance(table, Stage) else table.get("name", choice.default.name)
+        in_use[t] = choice.settings(source) or ()
+    meant = [f"{t}.{word}" for t, known in {**keys, **in_use}.items() if t and word in known]
+    of_the_law = [f"controller.{word}"] if not meant and word not in keys else []
+    close = difflib.get_close_matches(word, [f"{t}.{key}" for t, known in keys.items() if t for key in known], 1)
+    hint = " or ".join(repr(m) for m in meant or close or of_the_law)
+    return f"is not a dotted key{f'; did you mean {hint}?' if hint else ''}"
+
+
+def _called(table: str, word: str) -> str:
+    return f"the table is called {table}: {table}.{word}"

@@ -4,9 +4,12 @@ To add a signal, add a line to a table here and a line where it is computed.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from ..errors import suggestion
 
 BANDED = ("tau", "s", "u", "push", "tau_q")
 """Signals that may alternate from one step to the next. Where rows are further apart than steps, each has a band."""
@@ -372,3 +375,14 @@ JOINT_SIGNALS = (
 )
 """Recorded of a vehicle with joints: always q, q_dot, tau_q and joint_saturation_time; the
 others where they may differ from these."""
+
+
+_WORDS = {"force": ("push", "f_contact_W", "force_peak"), "position": ("p_WB",), "time": ("t",), "thrust": ("u",)}
+"""The signals of words for them."""
+
+
+def no_signal(name: object, known: Collection[str]) -> str:
+    """The error of a signal that is not among the known ones."""
+    meant = [repr(each) for each in _WORDS.get(str(name), ()) if each in known]
+    hint = f"did you mean {' or '.join(meant)}?"
+    return f"no signal {name!r}; {hint if meant else suggestion(str(name), known)}"

@@ -23,16 +23,23 @@ _MOST_NUMBERS = 10_000
 """Most numbers of an array that is written as text."""
 
 
+def _definition(node_type: type[ast.stmt], name: str, code: types.CodeType) -> str:
+    """The source of a class or of a function by this name, in the cell or file with this code; empty if it is not
+    known."""
+    lines = linecache.getlines(code.co_filename)
+    for node in ast.walk(parsed("".join(lines))):
+        if isinstance(node, node_type) and node.name == name:  # type: ignore[attr-defined]  # both kinds have it
+            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])  # type: ignore[attr-defined]
+            if first <= code.co_firstlineno <= (node.end_lineno or first):
+                return "".join(lines[first - 1 : node.end_lineno])
+    return ""
+
+
 def class_source(kind: type[Stage]) -> str:
     """The source of a class that was defined in a cell, from the cell that defines its function. Raises OSError if the
     cell is not known."""
-    code = kind.function().__code__
-    lines = linecache.getlines(code.co_filename)
-    for node in ast.walk(parsed("".join(lines))):
-        if isinstance(node, ast.ClassDef) and node.name == kind.__name__:
-            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-            if first <= code.co_firstlineno <= (node.end_lineno or first):
-                return "".join(lines[first - 1 : node.end_lineno])
+    if source := _definition(ast.ClassDef, kind.__name__, kind.function().__code__):
+        return source
     raise OSError("source code not available")
 
 
@@ -82,19 +89,11 @@ def _add(name: str, value: Any, known: Mapping[str, Any], found: dict[str, str])
     elif isinstance(value, type) and issubclass(value, Stage):
         _define(name, class_source(value), known, found)
     elif isinstance(value, types.FunctionType):
-        _define(name, _function_source(value), known, found)
+        if not (source := _definition(ast.FunctionDef, value.__name__, value.__code__)):
+            raise _NoText(name)
+        _define(name, source, known, found)
     else:
         found[name] = f"{name} = {_text(name, value, found)}"
-
-
-def _function_source(function: types.FunctionType) -> str:
-    code = function.__code__
-    lines = linecache.getlines(code.co_filename)
-    for node in parsed("".join(lines)).body:
-        if isinstance(node, ast.FunctionDef) and node.name == function.__name__:
-            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-            return "".join(lines[first - 1 : node.end_lineno])
-    raise _NoText(function.__name__)
 
 
 def _text(name: str, value: Any, found: dict[str, str]) -> str:

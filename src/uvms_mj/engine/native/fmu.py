@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import Fault, InputError, needs_extra
-from ...stages.c_header import Records
 from ...stages.fmu import Wiring, unpacked
+from ...stages.foreign import Records
 from .compilation import cache_folder
 from .shared_library import check_whole
 

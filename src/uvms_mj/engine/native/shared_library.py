@@ -19,8 +19,7 @@ import numpy as np
 
 from ...errors import Fault, InputError
 from ...stages.base import Stage
-from ...stages.c_header import Records, header
-from ...stages.foreign import C_FILE, HEADER
+from ...stages.foreign import C_FILE, HEADER, Records, header
 from .compilation import cache_folder, fingerprint
 
 _OPTIONS = (
