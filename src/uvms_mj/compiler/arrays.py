@@ -14,7 +14,6 @@ from .refusals import INDEX, field_suggestion
 from .scalars import Scalars
 from .values import (
     BOOL,
-    DOUBLE,
     FLOAT,
     INT,
     SCALARS,
@@ -37,7 +36,19 @@ _BLOCK, _LANES = 128, 8
 
 
 class Arrays(Scalars):
-    """Operations on arrays."""
+    """Operations on arrays, and their parts."""
+
+    def value(self, node: ast.expr) -> Value:
+        raise NotImplementedError  # expressions have it
+
+    def known(self, node: ast.expr) -> Any:
+        raise NotImplementedError
+
+    def test(self, node: ast.expr) -> ir.Value:
+        raise NotImplementedError
+
+    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
+        raise NotImplementedError  # statements have it
 
     # arrays of what is not one
 
@@ -200,7 +211,7 @@ class Arrays(Scalars):
             self.mistake(f"arrays of shapes {shown(left)} and {shown(right)} do not fit in a matrix product")
         base = self.common([a, b])
 
-        def sums(rows: Sequence[list[ir.Value]], column: list[ir.Value]) -> list[ir.Value]:
+        def sums(rows: Sequence[list[ir.Value]], column: list[ir.Value]) -> Sequence[ir.Value]:
             """The entries of some rows and of one column of the result."""
 
             def term(row: list[ir.Value], k: ir.Value) -> Value:
@@ -219,7 +230,7 @@ class Arrays(Scalars):
         out: Value,
         rows: tuple[int, ...],
         columns: tuple[int, ...],
-        sums: Callable[[Sequence[list[ir.Value]], list[ir.Value]], list[ir.Value]],
+        sums: Callable[[Sequence[list[ir.Value]], list[ir.Value]], Sequence[ir.Value]],
     ) -> None:
         """Set the entries of a product, some rows at a time."""
 
@@ -245,31 +256,18 @@ class Arrays(Scalars):
         for i in range(whole_blocks * ROWS, rows[0]):
             block(WORD(i), 1)
 
-    def _side_by_side(self, n: int, terms: Sequence[Callable[[ir.Value], Value]], base: np.dtype) -> list[ir.Value]:
+    def _side_by_side(self, n: int, terms: Sequence[Callable[[ir.Value], Value]], base: np.dtype) -> Sequence[ir.Value]:
         """Several sums of n terms, each in the order of the indices."""
-        kind = SCALARS[base]
         if not n:
-            return [kind(0) for _ in terms]
+            return [SCALARS[base](0) for _ in terms]
 
-        def added(so_far: ir.Value, term: Value) -> ir.Value:
-            return self.operation("Add", scalar(so_far, base), term).llvm[0]
+        def further(so_far: Sequence[ir.Value], k: ir.Value) -> list[ir.Value]:
+            return [
+                self.operation("Add", scalar(each, base), term(k)).llvm[0]
+                for each, term in zip(so_far, terms, strict=True)
+            ]
 
-        first = [self.converted(term(WORD(0)), base) for term in terms]
-        if n <= UNROLLED:
-            for k in range(1, n):
-                first = [added(so_far, term(WORD(k))) for so_far, term in zip(first, terms, strict=True)]
-            return first
-        slots = [self.entry.alloca(kind) for _ in terms]
-        for slot, number in zip(slots, first, strict=True):
-            self.at.store(number, slot)
-
-        def turn(k: ir.Value) -> None:
-            k = self.at.add(k, WORD(1))
-            for slot, term in zip(slots, terms, strict=True):
-                self.at.store(added(self.at.load(slot, typ=kind), term(k)), slot)
-
-        self.turns(WORD(n - 1), turn)
-        return [self.at.load(slot, typ=kind) for slot in slots]
+        return self.folded(n, [self.converted(term(WORD(0)), base) for term in terms], further, UNROLLED - 1)
 
     # reductions
 
@@ -308,10 +306,10 @@ class Arrays(Scalars):
         first = term(WORD(0))
         base = step(first, first).kind.base
 
-        def further(so_far: ir.Value, i: ir.Value) -> ir.Value:
-            return self.converted(step(scalar(so_far, base), term(i)), base)
+        def further(so_far: Sequence[ir.Value], i: ir.Value) -> list[ir.Value]:
+            return [self.converted(step(scalar(so_far[0], base), term(i)), base)]
 
-        return scalar(self.folded(n, self.converted(first, base), further, 1), base)
+        return scalar(self.folded(n, [self.converted(first, base)], further)[0], base)
 
     def total(self, n: int, term: Callable[[ir.Value], Value], in_order: bool) -> Value:
         """A sum as NumPy's: of up to eight numbers, or between rows, in order; otherwise of eight partial sums."""
@@ -321,11 +319,7 @@ class Arrays(Scalars):
         base = FLOAT if first.kind.base == FLOAT else INT
         if not in_order and n >= _LANES and base == FLOAT:
             return self._in_lanes(n, term, 0)
-
-        def further(so_far: ir.Value, i: ir.Value) -> ir.Value:
-            return self.operation("Add", scalar(so_far, base), term(i)).llvm[0]
-
-        return scalar(self.folded(n, self.converted(first, base), further, 1), base)
+        return scalar(self._side_by_side(n, [term], base)[0], base)
 
     def _in_lanes(self, n: int, term: Callable[[ir.Value], Value], start: int) -> Value:
         def add(a: Value, b: Value) -> Value:
@@ -334,7 +328,14 @@ class Arrays(Scalars):
         if n > _BLOCK:
             half = n // 2 - n // 2 % _LANES
             return add(self._in_lanes(half, term, start), self._in_lanes(n - half, term, start + half))
-        lanes = self._lanes(n // _LANES, term, start)
+
+        def further(so_far: Sequence[ir.Value], k: ir.Value) -> list[ir.Value]:
+            at = self.at.add(self.at.mul(k, WORD(_LANES)), WORD(start))
+            numbers = [term(self.at.add(at, WORD(j))).llvm[0] for j in range(_LANES)]
+            return [self.at.fadd(each, number) for each, number in zip(so_far, numbers, strict=True)]
+
+        sums = self.folded(n // _LANES, [term(WORD(start + j)).llvm[0] for j in range(_LANES)], further, 0)
+        lanes = [scalar(each, FLOAT) for each in sums]
         while len(lanes) > 1:
             lanes = [add(lanes[i], lanes[i + 1]) for i in range(0, len(lanes), 2)]
         result = lanes[0]
@@ -342,60 +343,23 @@ class Arrays(Scalars):
             result = add(result, term(WORD(start + i)))
         return result
 
-    def _lanes(self, turns: int, term: Callable[[ir.Value], Value], start: int) -> list[Value]:
-        """Eight sums, each of every eighth number."""
-        sums = [term(WORD(start + j)).llvm[0] for j in range(_LANES)]
-        if turns > 1:
-            slots = [self.entry.alloca(DOUBLE) for _ in range(_LANES)]
-            for slot, each in zip(slots, sums, strict=True):
-                self.at.store(each, slot)
-
-            def turn(i: ir.Value) -> None:
-                first = self.at.add(self.at.mul(i, WORD(_LANES)), WORD(start + _LANES))
-                for j, slot in enumerate(slots):
-                    number = term(self.at.add(first, WORD(j))).llvm[0]
-                    self.at.store(self.at.fadd(self.at.load(slot, typ=DOUBLE), number), slot)
-
-            self.turns(WORD(turns - 1), turn)
-            sums = [self.at.load(slot, typ=DOUBLE) for slot in slots]
-        return [scalar(each, FLOAT) for each in sums]
-
     def place_of(self, n: int, term: Callable[[ir.Value], Value], sign: str) -> Value:
         """The index of the first least (greatest) number, or of the first NaN."""
         if not n:
             self.mistake("an array of no numbers has no such value")
         first = term(WORD(0))
-        slots = self.entry.alloca(first.llvm[0].type), self.entry.alloca(WORD)
-        self.at.store(first.llvm[0], slots[0])
-        self.at.store(WORD(0), slots[1])
         base = first.kind.base
 
-        def turn(i: ir.Value) -> None:
-            best, number = scalar(self.at.load(slots[0], typ=SCALARS[base]), base), term(i)
+        def further(so_far: Sequence[ir.Value], i: ir.Value) -> list[ir.Value]:
+            best, number = scalar(so_far[0], base), term(i)
             take = self.comparison(sign, number, best).llvm[0]
             if base == FLOAT:
                 take = self.at.and_(self.at.or_(take, self.is_nan(number)), self.at.not_(self.is_nan(best)))
-            self.at.store(self.at.select(take, number.llvm[0], best.llvm[0]), slots[0])
-            self.at.store(self.at.select(take, i, self.at.load(slots[1], typ=WORD)), slots[1])
+            return [self.at.select(take, number.llvm[0], best.llvm[0]), self.at.select(take, i, so_far[1])]
 
-        self.turns(WORD(n), turn)
-        return scalar(self.at.load(slots[1], typ=WORD), INT)
+        return scalar(self.folded(n, [first.llvm[0], WORD(0)], further, 0)[1], INT)
 
-
-class Indexing(Arrays):
-    """Parts of records and arrays."""
-
-    def value(self, node: ast.expr) -> Value:
-        raise NotImplementedError  # expressions have it
-
-    def known(self, node: ast.expr) -> Any:
-        raise NotImplementedError
-
-    def test(self, node: ast.expr) -> ir.Value:
-        raise NotImplementedError
-
-    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
-        raise NotImplementedError  # statements have it
+    # parts of records and arrays
 
     def integer(self, node: ast.expr) -> ir.Value:
         """An index."""

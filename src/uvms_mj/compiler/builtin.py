@@ -19,15 +19,15 @@ import numpy as np
 from llvmlite import ir
 
 from . import library
-from .arrays import Indexing
+from .arrays import Arrays
 from .values import BOOL, DOUBLE, FLOAT, INT, WORD, Kind, Value, contiguous, items_of, scalar, shown, whole
 
-Writer = Callable[["Indexing", Sequence[ast.expr], Mapping[str, ast.expr]], "Value | None"]
+Writer = Callable[["Arrays", Sequence[ast.expr], Mapping[str, ast.expr]], "Value | None"]
 FUNCTIONS: dict[Any, Writer] = {}
 """What writes the code of a call, by the function that is called."""
 METHODS: dict[str, Any] = {}
 """NumPy's function for a method of an array, whose first argument is the array."""
-PROPERTIES: dict[str, Callable[[Indexing, Value], Value]] = {}
+PROPERTIES: dict[str, Callable[[Arrays, Value], Value]] = {}
 """What writes the code of an attribute of an array."""
 
 # What an argument is read as, by the annotation of its parameter.
@@ -63,7 +63,7 @@ def _bound(writer: Callable) -> Writer:
     read = {each.name: _READ[each.annotation.removesuffix(" | None")] for each in parameters}
     further = parameters[-1].name if len(names) < len(parameters) else ""
 
-    def write(at: Indexing, nodes: Sequence[ast.expr], keywords: Mapping[str, ast.expr]) -> Value | None:
+    def write(at: Arrays, nodes: Sequence[ast.expr], keywords: Mapping[str, ast.expr]) -> Value | None:
         if len(nodes) > len(names) and not further:
             at.mistake(f"it takes at most {len(names)} arguments, not {len(nodes)}")
         found = dict(zip(names, nodes, strict=False))
@@ -89,11 +89,11 @@ def _is_none(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and node.value is None
 
 
-def _floats(at: Indexing, value: Value) -> Value:
+def _floats(at: Arrays, value: Value) -> Value:
     return at.elementwise(lambda each: scalar(at.float_of(each), FLOAT), value)
 
 
-def _square(at: Indexing, node: ast.expr) -> Value:
+def _square(at: Arrays, node: ast.expr) -> Value:
     value = at.as_array(at.value(node))
     shape = at.shape_of(value)
     if len(shape) != 2 or shape[0] != shape[1]:
@@ -101,14 +101,14 @@ def _square(at: Indexing, node: ast.expr) -> Value:
     return value if value.kind.base == FLOAT else _floats(at, value)
 
 
-def _parts(at: Indexing, node: ast.expr) -> list[Value]:
+def _parts(at: Arrays, node: ast.expr) -> list[Value]:
     value = at.value(node)
     if value.kind.items is None:
         at.lack("a tuple of arrays is needed here")
     return [at.as_array(item) for item in items_of(value)]
 
 
-def _sizes(at: Indexing, *nodes: ast.expr) -> tuple[int, ...]:
+def _sizes(at: Arrays, *nodes: ast.expr) -> tuple[int, ...]:
     """The sizes of a shape, given one by one or as a tuple."""
     values = [at.value(node) for node in nodes]
     if len(values) == 1 and values[0].kind.items is not None:
@@ -118,7 +118,7 @@ def _sizes(at: Indexing, *nodes: ast.expr) -> tuple[int, ...]:
     return tuple(int(value.constant) for value in values)
 
 
-def _shape(at: Indexing, node: ast.expr) -> tuple[int, ...]:
+def _shape(at: Arrays, node: ast.expr) -> tuple[int, ...]:
     shape = _sizes(at, node)
     if any(size < 0 for size in shape):
         at.mistake("the sizes of an array are not negative")
@@ -128,7 +128,7 @@ def _shape(at: Indexing, node: ast.expr) -> tuple[int, ...]:
 _TYPES = {float: FLOAT, int: INT, bool: BOOL, np.float64: FLOAT, np.int64: INT, np.bool_: BOOL}
 
 
-def _type(at: Indexing, node: ast.expr) -> np.dtype:
+def _type(at: Arrays, node: ast.expr) -> np.dtype:
     """The type of an array's numbers."""
     known = node.value if isinstance(node, ast.Constant) else at.known(node)
     if known not in _TYPES:
@@ -136,7 +136,7 @@ def _type(at: Indexing, node: ast.expr) -> np.dtype:
     return _TYPES[known]
 
 
-_READ: dict[str, Callable[[Indexing, ast.expr], Any]] = {
+_READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
     "Value": lambda at, node: at.value(node),
     "Node": lambda at, node: node,
     "Array": lambda at, node: at.as_array(at.value(node)),
@@ -224,8 +224,8 @@ _TWO: dict[str, tuple[Any, ...]] = {
 _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
     **{functions: (1, _c(name)) for name, functions in _ONE.items()},
     **{functions: (2, _c(name)) for name, functions in _TWO.items()},
-    (abs, np.abs): (1, Indexing.magnitude),
-    (np.sign,): (1, Indexing.sign),
+    (abs, np.abs): (1, Arrays.magnitude),
+    (np.sign,): (1, Arrays.sign),
     (np.floor,): (1, _kept("floor")),
     (np.ceil,): (1, _kept("ceil")),
     (np.trunc,): (1, _kept("trunc")),
@@ -238,10 +238,10 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
     (np.isinf, math.isinf): (1, _size_is("==")),
     (np.square,): (1, lambda at, x: at.operation("Mult", x, x)),
     (np.reciprocal,): (1, lambda at, x: at.operation("Div", at.constant(1.0), x)),
-    (np.negative,): (1, Indexing.negative),
+    (np.negative,): (1, Arrays.negative),
     (np.deg2rad, np.radians, math.radians): (1, _scaled(math.pi / 180.0)),
     (np.rad2deg, np.degrees, math.degrees): (1, _scaled(180.0 / math.pi)),
-    (np.logical_not,): (1, Indexing.negation),
+    (np.logical_not,): (1, Arrays.negation),
     (np.minimum,): (2, lambda at, a, b: at.extreme("<", a, b)),
     (np.maximum,): (2, lambda at, a, b: at.extreme(">", a, b)),
     (np.fmin,): (2, _fmin("<")),
@@ -261,10 +261,10 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
 
 
 def _elementwise(count: int, function: Callable[..., Value]) -> Callable:
-    def one(at: Indexing, x: Value, out: Node | None = None) -> Value:
+    def one(at: Arrays, x: Value, out: Node | None = None) -> Value:
         return stored(at, out, at.elementwise(partial(function, at), x))
 
-    def two(at: Indexing, x: Value, y: Value, out: Node | None = None) -> Value:
+    def two(at: Arrays, x: Value, y: Value, out: Node | None = None) -> Value:
         return stored(at, out, at.elementwise(partial(function, at), x, y))
 
     return one if count == 1 else two
@@ -274,7 +274,7 @@ for _functions, (_count, _function) in _ELEMENTWISE.items():
     entry(*_functions)(_elementwise(_count, _function))
 
 
-def stored(at: Indexing, out: ast.expr | None, result: Value) -> Value:
+def stored(at: Arrays, out: ast.expr | None, result: Value) -> Value:
     """A result, in the array that the caller gives for it, if any."""
     if out is None:
         return result
@@ -287,35 +287,35 @@ def stored(at: Indexing, out: ast.expr | None, result: Value) -> Value:
 
 
 @entry(math.log)
-def _log(at: Indexing, x: Value, base: Value | None = None) -> Value:
+def _log(at: Arrays, x: Value, base: Value | None = None) -> Value:
     logarithm = at.c_function("log", [x])
     return logarithm if base is None else at.operation("Div", logarithm, at.c_function("log", [base]))
 
 
 @entry(float, np.float64)
-def _float(at: Indexing, x: Value) -> Value:
+def _float(at: Arrays, x: Value) -> Value:
     return scalar(at.float_of(x), FLOAT)
 
 
 @entry(int, np.int64)
-def _int(at: Indexing, x: Value) -> Value:
+def _int(at: Arrays, x: Value) -> Value:
     return at.as_integer(x)
 
 
 @entry(bool, np.bool_)
-def _bool(at: Indexing, x: Node) -> Value:
+def _bool(at: Arrays, x: Node) -> Value:
     return scalar(at.test(x), BOOL)
 
 
 @entry(round)
-def _round(at: Indexing, number: Value, ndigits: Node | None = None) -> Value:
+def _round(at: Arrays, number: Value, ndigits: Node | None = None) -> Value:
     if ndigits is not None:
         at.lack("round(x, n) rounds decimal digits; write np.round(x, n)")
     return at.as_integer(_kept("rint")(at, number))
 
 
 @entry(np.round, method="round")
-def _round_array(at: Indexing, a: Value, decimals: Whole = 0) -> Value:
+def _round_array(at: Arrays, a: Value, decimals: Whole = 0) -> Value:
     scale, (there, back) = at.constant(10.0 ** abs(decimals)), ("Mult", "Div") if decimals > 0 else ("Div", "Mult")
 
     def rounded(value: Value) -> Value:
@@ -329,7 +329,7 @@ def _round_array(at: Indexing, a: Value, decimals: Whole = 0) -> Value:
 def _best(sign: str, name: str) -> Callable:
     """``min`` and ``max`` of Python: of several numbers, or of one array or tuple."""
 
-    def write(at: Indexing, *values: Value) -> Value:
+    def write(at: Arrays, *values: Value) -> Value:
         if len(values) == 1:
             (only,) = values
             if only.kind.items is None:
@@ -347,7 +347,7 @@ entry(max)(_best(">", "max"))
 
 
 @entry(len)
-def _len(at: Indexing, x: Value) -> Value:
+def _len(at: Arrays, x: Value) -> Value:
     if x.kind.items is not None:
         return whole(len(x.kind.items))
     if not x.kind.shape:
@@ -358,7 +358,7 @@ def _len(at: Indexing, x: Value) -> Value:
 # arrays from nothing
 
 
-def _filled(at: Indexing, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
+def _filled(at: Arrays, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
     out = at.temporary(base, shape)
     at.fill(out, at.as_integer(number) if base == INT else scalar(at.converted(number, base), base))
     return out
@@ -367,10 +367,10 @@ def _filled(at: Indexing, shape: tuple[int, ...], base: np.dtype, number: Value)
 def _of_number(number: int) -> tuple[Callable, Callable]:
     """``np.zeros`` and ``np.zeros_like``, and so on."""
 
-    def new(at: Indexing, shape: Sizes, dtype: Type = FLOAT) -> Value:
+    def new(at: Arrays, shape: Sizes, dtype: Type = FLOAT) -> Value:
         return _filled(at, shape, dtype, at.constant(number))
 
-    def like(at: Indexing, a: Array, dtype: Type | None = None) -> Value:
+    def like(at: Arrays, a: Array, dtype: Type | None = None) -> Value:
         return _filled(at, at.shape_of(a), a.kind.base if dtype is None else dtype, at.constant(number))
 
     return new, like
@@ -385,17 +385,17 @@ for _number, _new, _like in (
 
 
 @entry(np.full)
-def _full(at: Indexing, shape: Sizes, fill_value: Value, dtype: Type | None = None) -> Value:
+def _full(at: Arrays, shape: Sizes, fill_value: Value, dtype: Type | None = None) -> Value:
     return _filled(at, shape, fill_value.kind.base if dtype is None else dtype, fill_value)
 
 
 @entry(np.full_like)
-def _full_like(at: Indexing, a: Array, fill_value: Value) -> Value:
+def _full_like(at: Arrays, a: Array, fill_value: Value) -> Value:
     return _filled(at, at.shape_of(a), a.kind.base, fill_value)
 
 
 @entry(np.eye, np.identity)
-def _eye(at: Indexing, N: Sizes, M: Whole | None = None) -> Value:
+def _eye(at: Arrays, N: Sizes, M: Whole | None = None) -> Value:
     (n,) = N
     m = n if M is None else M
     out = _filled(at, (n, m), FLOAT, at.constant(0.0))
@@ -404,7 +404,7 @@ def _eye(at: Indexing, N: Sizes, M: Whole | None = None) -> Value:
 
 
 @entry(np.arange)
-def _arange(at: Indexing, *numbers: Whole) -> Value:
+def _arange(at: Arrays, *numbers: Whole) -> Value:
     if not 1 <= len(numbers) <= 3:
         at.lack("np.arange takes up to three integers here")
     bounds = range(*numbers)
@@ -417,7 +417,7 @@ def _arange(at: Indexing, *numbers: Whole) -> Value:
     return out
 
 
-def _as_type(at: Indexing, value: Value, base: np.dtype | None) -> Value:
+def _as_type(at: Arrays, value: Value, base: np.dtype | None) -> Value:
     """A new array with these numbers, of another type if one is given."""
     if base in (None, value.kind.base):
         return at.copied(value) if not value.fresh else value
@@ -429,64 +429,64 @@ def _as_type(at: Indexing, value: Value, base: np.dtype | None) -> Value:
 
 
 @entry(np.array)
-def _array(at: Indexing, object: Array, dtype: Type | None = None) -> Value:
+def _array(at: Arrays, object: Array, dtype: Type | None = None) -> Value:
     return _as_type(at, object, dtype)
 
 
 @entry(np.asarray, np.ascontiguousarray)
-def _asarray(at: Indexing, a: Array, dtype: Type | None = None) -> Value:
+def _asarray(at: Arrays, a: Array, dtype: Type | None = None) -> Value:
     return a if dtype in (None, a.kind.base) and a.kind.is_array else _as_type(at, a, dtype)
 
 
 @entry(np.astype, method="astype")
-def _astype(at: Indexing, x: Value, dtype: Type) -> Value:
+def _astype(at: Arrays, x: Value, dtype: Type) -> Value:
     return _as_type(at, x, dtype)
 
 
 @entry(np.copy, method="copy")
-def _copy(at: Indexing, a: Array) -> Value:
+def _copy(at: Arrays, a: Array) -> Value:
     return at.copied(a)
 
 
 @entry(np.concatenate)
-def _concatenate(at: Indexing, arrays: Parts, axis: Whole = 0) -> Value:
+def _concatenate(at: Arrays, arrays: Parts, axis: Whole = 0) -> Value:
     return at.joined(arrays, axis)
 
 
 @entry(np.stack)
-def _stack(at: Indexing, arrays: Parts, axis: Whole = 0) -> Value:
+def _stack(at: Arrays, arrays: Parts, axis: Whole = 0) -> Value:
     return at.stacked(arrays, axis)
 
 
 @entry(np.hstack)
-def _hstack(at: Indexing, tup: Parts) -> Value:
+def _hstack(at: Arrays, tup: Parts) -> Value:
     values = [value if value.kind.is_array else at.stacked([value]) for value in tup]
     return at.joined(values, 0 if len(at.shape_of(values[0])) == 1 else 1)
 
 
 @entry(np.vstack)
-def _vstack(at: Indexing, tup: Parts) -> Value:
+def _vstack(at: Arrays, tup: Parts) -> Value:
     return at.joined([at.stacked([value]) if len(at.shape_of(value)) == 1 else value for value in tup])
 
 
 @entry(np.column_stack)
-def _column_stack(at: Indexing, tup: Parts) -> Value:
+def _column_stack(at: Arrays, tup: Parts) -> Value:
     return at.stacked(tup, 1)
 
 
 # reductions
 
-Reduce = Callable[[Indexing, int, Callable[[ir.Value], Value], bool], Value]
+Reduce = Callable[[Arrays, int, Callable[[ir.Value], Value], bool], Value]
 
 
 def _reduction(function: Reduce) -> Callable:
-    def write(at: Indexing, a: Value, axis: Whole | None = None) -> Value:
+    def write(at: Arrays, a: Value, axis: Whole | None = None) -> Value:
         return at.reduced(a, axis, partial(function, at))
 
     return write
 
 
-def _mean(at: Indexing, n: int, term: Callable, in_order: bool) -> Value:
+def _mean(at: Arrays, n: int, term: Callable, in_order: bool) -> Value:
     return at.operation("Div", at.total(n, term, in_order), at.constant(float(n))) if n else at.constant(math.nan)
 
 
@@ -500,7 +500,7 @@ def _tested(name: str) -> Reduce:
 
 
 _REDUCTIONS: dict[str, tuple[tuple[Any, ...], Reduce]] = {
-    "sum": ((np.sum,), Indexing.total),
+    "sum": ((np.sum,), Arrays.total),
     "mean": ((np.mean,), _mean),
     "prod": ((np.prod,), _in_turn(_operator("Mult"))),
     "min": ((np.min, np.amin), _in_turn(lambda at, a, b: at.extreme("<", a, b))),
@@ -515,7 +515,7 @@ for _name, (_functions, _reduce) in _REDUCTIONS.items():
 
 
 @entry(sum)
-def _sum(at: Indexing, iterable: Value) -> Value:
+def _sum(at: Arrays, iterable: Value) -> Value:
     """Python's own sum, one after the other."""
     if iterable.kind.items is not None:
         values = items_of(iterable)
@@ -531,7 +531,7 @@ def _sum(at: Indexing, iterable: Value) -> Value:
 
 @entry(np.clip, method="clip")
 def _clip(
-    at: Indexing, a: Value, a_min: Value | None = None, a_max: Value | None = None, out: Node | None = None
+    at: Arrays, a: Value, a_min: Value | None = None, a_max: Value | None = None, out: Node | None = None
 ) -> Value:
     for sign, bound in ((">", a_min), ("<", a_max)):
         if bound is not None and not bound.kind.is_none:
@@ -540,12 +540,12 @@ def _clip(
 
 
 @entry(np.where)
-def _where(at: Indexing, condition: Value, x: Value, y: Value) -> Value:
+def _where(at: Arrays, condition: Value, x: Value, y: Value) -> Value:
     return at.elementwise(lambda test, a, b: at.chosen(at.truth(test), a, b), condition, x, y)
 
 
 @entry(np.interp)
-def _interp(at: Indexing, x: Value, xp: Floats, fp: Floats) -> Value:
+def _interp(at: Arrays, x: Value, xp: Floats, fp: Floats) -> Value:
     if at.shape_of(xp) != at.shape_of(fp) or len(at.shape_of(xp)) != 1:
         at.mistake("the tables of np.interp have one length")
     return at.elementwise(lambda v: at.written(library.interp, [scalar(at.float_of(v), FLOAT), xp, fp]), x)
@@ -555,32 +555,32 @@ def _interp(at: Indexing, x: Value, xp: Floats, fp: Floats) -> Value:
 
 
 @entry(np.dot, np.matmul, np.inner, np.vdot, method="dot")
-def _dot(at: Indexing, a: Array, b: Array, out: Node | None = None) -> Value:
+def _dot(at: Arrays, a: Array, b: Array, out: Node | None = None) -> Value:
     name = "Mult" if not at.shape_of(a) or not at.shape_of(b) else "MatMult"
     return stored(at, out, at.binary(name, a, b))
 
 
 @entry(np.outer)
-def _outer(at: Indexing, a: Array, b: Array) -> Value:
+def _outer(at: Arrays, a: Array, b: Array) -> Value:
     a, b = at.flat(a), at.flat(b)
     column = Kind(a.kind.base, (*a.kind.sizes, 1), (*a.kind.strides, 0))
     return at.elementwise(partial(at.operation, "Mult"), replace(a, kind=column), b)
 
 
 @entry(np.cross)
-def _cross(at: Indexing, a: Array, b: Array) -> Value:
+def _cross(at: Arrays, a: Array, b: Array) -> Value:
     if at.shape_of(a) != (3,) or at.shape_of(b) != (3,):
         at.mistake(f"a cross product is of two vectors (3,), not {shown(at.shape_of(a))} and {shown(at.shape_of(b))}")
     return at.written(library.cross, [a, b])
 
 
 @entry(np.trace, method="trace")
-def _trace(at: Indexing, a: Array) -> Value:
+def _trace(at: Arrays, a: Array) -> Value:
     diagonal = _diagonal(at, a)
     return at.total(diagonal.kind.size, lambda i: at.element(diagonal, [i]), False)
 
 
-def _diagonal(at: Indexing, value: Value) -> Value:
+def _diagonal(at: Arrays, value: Value) -> Value:
     if len(at.shape_of(value)) != 2:
         at.mistake(f"a matrix is needed here, not shape {shown(at.shape_of(value))}")
     kind = Kind(value.kind.base, (min(value.kind.sizes),), (sum(value.kind.strides),), readonly=value.kind.readonly)
@@ -588,7 +588,7 @@ def _diagonal(at: Indexing, value: Value) -> Value:
 
 
 @entry(np.diag, np.diagonal)
-def _diag(at: Indexing, v: Array) -> Value:
+def _diag(at: Arrays, v: Array) -> Value:
     shape = at.shape_of(v)
     if len(shape) == 2:
         part = _diagonal(at, v)
@@ -600,13 +600,13 @@ def _diag(at: Indexing, v: Array) -> Value:
 
 
 @entry(np.linalg.norm)
-def _norm(at: Indexing, x: Array) -> Value:
+def _norm(at: Arrays, x: Array) -> Value:
     flat = at.flat(x)
     return at.c_function("sqrt", [at.product(flat, flat)])
 
 
 @entry(np.linalg.solve)
-def _solve(at: Indexing, a: Square, b: Floats) -> Value:
+def _solve(at: Arrays, a: Square, b: Floats) -> Value:
     shape, right = at.shape_of(a), at.shape_of(b)
     if right[:1] != shape[:1] or len(right) > 2:
         at.mistake(f"shapes {shown(shape)} and {shown(right)} do not fit in linear equations")
@@ -614,7 +614,7 @@ def _solve(at: Indexing, a: Square, b: Floats) -> Value:
 
 
 def _of_matrix(function: Callable) -> Callable:
-    def write(at: Indexing, a: Square) -> Value:
+    def write(at: Arrays, a: Square) -> Value:
         return at.written(function, [a])
 
     return write
@@ -629,22 +629,22 @@ entry(np.linalg.cholesky)(_of_matrix(library.cholesky))
 
 
 @entry(np.transpose, method="transpose")
-def _transpose(at: Indexing, a: Array) -> Value:
+def _transpose(at: Arrays, a: Array) -> Value:
     return at.transposed(a)
 
 
 @entry(np.ravel, method="ravel")
-def _ravel(at: Indexing, a: Array) -> Value:
+def _ravel(at: Arrays, a: Array) -> Value:
     return at.flat(a)
 
 
 @entry("flatten", method="flatten")
-def _flatten(at: Indexing, a: Value) -> Value:
+def _flatten(at: Arrays, a: Value) -> Value:
     return at.flat(at.copied(a))
 
 
 @entry(np.reshape, method="reshape")
-def _reshape(at: Indexing, a: Array, *shape: Node) -> Value:
+def _reshape(at: Arrays, a: Array, *shape: Node) -> Value:
     wanted, size = _sizes(at, *shape), int(np.prod(at.shape_of(a), dtype=int))
     try:
         shape_of_all = np.empty(size, bool).reshape(wanted).shape
@@ -655,7 +655,7 @@ def _reshape(at: Indexing, a: Array, *shape: Node) -> Value:
 
 
 @entry("fill", method="fill")
-def _fill(at: Indexing, a: Value, value: Value) -> None:
+def _fill(at: Arrays, a: Value, value: Value) -> None:
     at.store_all(a, value)
 
 

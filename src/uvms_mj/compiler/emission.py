@@ -233,21 +233,31 @@ class Emission:
         self.at.branch(test)
         self.at.position_at_end(end)
 
-    def folded(self, n: int, first: ir.Value, step: Callable[[ir.Value, ir.Value], ir.Value], start: int) -> ir.Value:
-        """The result of ``step(so far, index)`` for the indices from ``start`` to n - 1, in their order."""
-        if n - start <= UNROLLED:
-            for i in range(start, n):
+    def folded(
+        self,
+        n: int,
+        first: Sequence[ir.Value],
+        step: Callable[[Sequence[ir.Value], ir.Value], Sequence[ir.Value]],
+        most: int = UNROLLED,
+    ) -> Sequence[ir.Value]:
+        """The numbers of ``step(numbers so far, index)`` after the indices from 1 to n - 1, in their order, from those
+        of index 0. Up to ``most`` steps are written out."""
+        if n - 1 <= most:
+            for i in range(1, n):
                 first = step(first, WORD(i))
             return first
-        slot = self.entry.alloca(first.type)
-        self.at.store(first, slot)
+        slots = [self.entry.alloca(each.type) for each in first]
 
-        def turn(i: ir.Value) -> None:
-            so_far = self.at.load(slot, typ=first.type)
-            self.at.store(step(so_far, self.at.add(i, WORD(start))), slot)
+        def load() -> list[ir.Value]:
+            return [self.at.load(slot, typ=each.type) for slot, each in zip(slots, first, strict=True)]
 
-        self.turns(WORD(n - start), turn)
-        return self.at.load(slot, typ=first.type)
+        def keep(numbers: Sequence[ir.Value]) -> None:
+            for slot, number in zip(slots, numbers, strict=True):
+                self.at.store(number, slot)
+
+        keep(first)
+        self.turns(WORD(n - 1), lambda i: keep(step(load(), self.at.add(i, WORD(1)))))
+        return load()
 
     # checks
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from .arrays import Indexing
+from .arrays import Arrays
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .emission import Module
 from .scalars import COMPARISONS, operator_name
@@ -37,7 +37,7 @@ class Variable:
     numbers: tuple[ir.Value, ...] | None = None
 
 
-class Expressions(Indexing):
+class Expressions(Arrays):
     """The expressions of one function."""
 
     def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
@@ -105,11 +105,14 @@ class Expressions(Indexing):
 
     # values
 
+    def visit(self, node: ast.AST) -> Any:
+        """Write the code of an expression or a statement."""
+        name = type(node).__name__
+        visit = getattr(self, f"_{name}", None)
+        return visit(node) if visit is not None else self.lack(f"the language has no {_SPOKEN.get(name, name)}")
+
     def value(self, node: ast.expr) -> Value:
-        visit = getattr(self, f"_{type(node).__name__}", None)
-        if visit is None:
-            self.lack(f"the language has no {_SPOKEN.get(type(node).__name__, type(node).__name__)}")
-        return visit(node)
+        return self.visit(node)
 
     def number(self, node: ast.expr, base: np.dtype) -> ir.Value:
         """A number, converted to a type."""
@@ -118,8 +121,11 @@ class Expressions(Indexing):
     def test(self, node: ast.expr) -> ir.Value:
         """A truth value."""
         if isinstance(node, ast.BoolOp):
-            return self._chain([partial(self.test, each) for each in node.values], isinstance(node.op, ast.And)).llvm[0]
+            return self._deciding([partial(self._tested, each) for each in node.values], node.op).llvm[0]
         return self._is_true(self.value(node))
+
+    def _tested(self, node: ast.expr) -> Value:
+        return scalar(self.test(node), BOOL)
 
     def _is_true(self, value: Value) -> ir.Value:
         if value.kind.is_none or value.kind.items is not None:
@@ -189,16 +195,16 @@ class Expressions(Indexing):
         values = [self.value(node.left)]
         if len(node.ops) == 1:
             return self._compared(node.ops[0], values[0], self.value(node.comparators[0]), node)
-        return self._chain([partial(self._link, node, k, values) for k in range(len(node.ops))], is_and=True)
+        return self._deciding([partial(self._link, node, k, values) for k in range(len(node.ops))], ast.And())
 
-    def _link(self, node: ast.Compare, k: int, values: list[Value]) -> ir.Value:
+    def _link(self, node: ast.Compare, k: int, values: list[Value]) -> Value:
         """One comparison of a chain; what it compares with is evaluated only if it is reached."""
         if len(values) == k + 1:
             values.append(self.value(node.comparators[k]))
         result = self._compared(node.ops[k], values[k], values[k + 1], node)
         if not result.kind.is_number:
             self.mistake("a chain of comparisons is of numbers; use & between arrays")
-        return self.truth(result)
+        return result
 
     def _compared(self, operator: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> Value:
         name = type(operator).__name__
@@ -215,41 +221,26 @@ class Expressions(Indexing):
         return self.elementwise(lambda a, b: self.comparison(COMPARISONS[name], a, b), left, right)
 
     def _BoolOp(self, node: ast.BoolOp) -> Value:
-        """The first operand that decides, or the last one, as in Python."""
-        found = []
-        for each in node.values:
-            value = self.value(each)
-            test = self._is_true(value) if each is not node.values[-1] else None
+        return self._deciding([partial(self.value, each) for each in node.values], node.op)
+
+    def _deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
+        """The first operand that decides, or the last one, as in Python; those behind it are not evaluated."""
+        found, is_and = [], isinstance(operator, ast.And)
+        for operand in operands:
+            value = operand()
+            test = self._is_true(value) if operand is not operands[-1] else None
             if test is None or isinstance(test, ir.Constant):
-                if test is None or bool(test.constant) != isinstance(node.op, ast.And):
+                if test is None or bool(test.constant) != is_and:
                     break
                 continue
             decided, further = self.at.append_basic_block(), self.at.append_basic_block()
-            self.at.cbranch(test, *((further, decided) if isinstance(node.op, ast.And) else (decided, further)))
+            self.at.cbranch(test, *((further, decided) if is_and else (decided, further)))
             found.append((value, decided))
             self.at.position_at_end(further)
         if not found:
             return value
         found.append((value, self.at.block))
         return self.merged(found, self.at.append_basic_block())
-
-    def _chain(self, parts: Sequence[Callable[[], ir.Value]], is_and: bool) -> Value:
-        """``and`` or ``or`` of tests that are evaluated only if they are reached."""
-        result, end = self.entry.alloca(FLAG), self.at.append_basic_block()
-        self.at.store(FLAG(not is_and), result)
-        for k, part in enumerate(parts):
-            test, last = part(), k == len(parts) - 1
-            if isinstance(test, ir.Constant) and bool(test.constant) == is_and and not last:
-                continue
-            if isinstance(test, ir.Constant) or last:
-                self.at.store(test, result)
-                self.at.branch(end)
-                self.at.position_at_end(end)
-                return scalar(test, BOOL) if k == 0 else scalar(self.at.load(result, typ=FLAG), BOOL)
-            further = self.at.append_basic_block()
-            self.at.cbranch(test, *((further, end) if is_and else (end, further)))
-            self.at.position_at_end(further)
-        raise AssertionError("a chain has a last part")
 
     def _IfExp(self, node: ast.IfExp) -> Value:
         test = self.test(node.test)
@@ -397,4 +388,14 @@ _SPOKEN = {
     "JoinedStr": "str",
     "NamedExpr": ":=",
     "Starred": "*x",
+    "With": "with",
+    "Try": "try",
+    "Delete": "del",
+    "Import": "import within a function",
+    "ImportFrom": "import within a function",
+    "FunctionDef": "function within a function; define it at the top of the file",
+    "Global": "global; keep what changes in a state or a memory",
+    "Nonlocal": "nonlocal",
+    "ClassDef": "class within a function",
+    "Match": "match",
 }

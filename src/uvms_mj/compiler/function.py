@@ -4,7 +4,7 @@ import ast
 import types
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
@@ -98,10 +98,7 @@ class Function(Lifetimes):
             if self.at.block.is_terminated:
                 break
             self.line = statement.lineno
-            visit = getattr(self, f"_{type(statement).__name__}", None)
-            if visit is None:
-                self.lack(f"the language has no {_SPOKEN.get(type(statement).__name__, type(statement).__name__)}")
-            visit(statement)
+            self.visit(statement)
         self.block = before
 
     def needs_constant(self, what: str) -> None:
@@ -445,19 +442,7 @@ class Function(Lifetimes):
         kind = array.kind
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
-        return self.read(Value(part, (place,), array.fresh, array.steady, array.outer))
+        return self.read(replace(array, kind=part, llvm=(place,)))
 
 
 _LACKS = "lacks: "
-_SPOKEN = {
-    "With": "with",
-    "Try": "try",
-    "Delete": "del",
-    "Import": "import within a function",
-    "ImportFrom": "import within a function",
-    "FunctionDef": "function within a function; define it at the top of the file",
-    "Global": "global; keep what changes in a state or a memory",
-    "Nonlocal": "nonlocal",
-    "ClassDef": "class within a function",
-    "Match": "match",
-}

@@ -118,11 +118,10 @@ class Scalars(Emission):
         """Division of integers, rounded down. The processor rounds towards zero, and traps where it can't divide."""
         if isinstance(a, ir.Constant) and isinstance(b, ir.Constant) and b.constant:
             return whole(a.constant // b.constant if name == "FloorDiv" else a.constant % b.constant)
-        negated: ir.Value = WORD(0)
         if self.unit.checked:
             self.demand(self.at.icmp_signed("!=", b, WORD(0)), DIVISION)
             negative = self.at.icmp_signed("==", b, WORD(-1))  # the least integer by -1 traps, too
-            negated, b = negative, self.at.select(negative, WORD(1), b)
+            b = self.at.select(negative, WORD(1), b)  # divided by 1, the rest is 0
             a = self.at.select(negative, self.at.neg(a), a)
         quotient, rest = self.at.sdiv(a, b), self.at.srem(a, b)
         odd = self.at.and_(
@@ -130,7 +129,6 @@ class Scalars(Emission):
         )
         if name == "FloorDiv":
             return scalar(self.at.sub(quotient, self.at.zext(odd, WORD)), INT)
-        del negated  # divided by 1, the rest is 0
         return scalar(self.at.select(odd, self.at.add(rest, b), rest), INT)
 
     def _power(self, left: Value, right: Value) -> Value:

@@ -16,19 +16,19 @@ from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking
 from .values import (
+    BOOL,
     DOUBLE,
-    FLAG,
+    FLOAT,
     INT,
     POINTER,
     WORD,
     Kind,
     Value,
     argument_kind,
-    bundle,
+    bundled,
     contiguous,
-    items_of,
-    scalar,
-    view,
+    kind_of,
+    leaves_of,
 )
 
 
@@ -40,6 +40,13 @@ class Unit(Module):
         self._done: dict[tuple, _Done] = {}
         self._underway: list[types.FunctionType] = []
 
+    def done(self, function: types.FunctionType, kinds: tuple[Kind, ...], fused: bool) -> "_Done":
+        """The translation of a function for arguments of these kinds."""
+        key = (function, kinds, fused)
+        if key not in self._done:
+            self._done[key] = self._translated(function, kinds, fused)
+        return self._done[key]
+
     def call(
         self, at: Emission, function: types.FunctionType, arguments: Sequence[Value], fused: bool = False
     ) -> Value | None:
@@ -47,10 +54,7 @@ class Unit(Module):
         if function in self._underway:
             at.lack(f"{function.__name__} calls itself; write a loop")
         kinds, fused = tuple(argument_kind(argument) for argument in arguments), fused or function in self.fused
-        key = (function, kinds, fused)
-        if key not in self._done:
-            self._done[key] = self._translated(function, kinds, fused)
-        done = self._done[key]
+        done = self.done(function, kinds, fused)
         words = [w for a, kind in zip(arguments, kinds, strict=True) if kind.constant is None for w in a.llvm]
         result = at.reserve(done.size)
         code = at.at.call(done.code, [*words, result])
@@ -78,16 +82,12 @@ class Unit(Module):
                 try:
                     body.translate(code, kinds)
                     return _Done.of(body, code)
-                except Again:
-                    self.drop(code)
+                except Again:  # take the draft back, with its calls
+                    del self.module.globals[code.name]
+                    for done in self._done.values():
+                        done.called_by([each for each in done.callers if each is not code])
         finally:
             self._underway.pop()
-
-    def drop(self, draft: ir.Function) -> None:
-        """Take a draft back, with its calls."""
-        del self.module.globals[draft.name]
-        for done in self._done.values():
-            done.called_by([each for each in done.callers if each is not draft])
 
 
 def _parameters(kinds: Sequence[Kind]) -> list[ir.Type]:
@@ -97,11 +97,12 @@ def _parameters(kinds: Sequence[Kind]) -> list[ir.Type]:
 @dataclass
 class _Done:
     """A translated function. Its last argument is the memory [bytes] for its result: the numbers of it one after the
-    other, of an array the address, or all entries if the array is the function's own."""
+    other, of an array the address, or all entries if the array is the function's own. ``leaves`` are its parts that are
+    no tuples, with their sizes [bytes]."""
 
     code: ir.Function
     kind: Kind | None
-    size: int = 0
+    leaves: list[tuple[Kind, int]] = field(default_factory=list)
     copies: bool = False
     readonly: str = ""
     callers: list[ir.Function] = field(default_factory=list)
@@ -124,36 +125,34 @@ class _Done:
             own = [value for value in values if not value.outer]
             mixed = len(own) not in (0, len(values))
             done = cls(code, kind, copies=bool(own), readonly=A_COPY if mixed else "")
-            done.size = sum(size for _, size in done._leaves(kind))
+            done.leaves = [(leaf, done._bytes(leaf)) for leaf in kind.leaves]
         for block, value in body.returns:
             body.at.position_at_end(block)
-            if done.kind is not None:
-                done._store(body, value, done.kind, code.args[-1], 0)
+            done._store(body, value, code.args[-1])
             body.at.ret_void() if not body.unit.checked else body.at.ret(WORD(0))
         body.finish()
         return done
 
-    def _leaves(self, kind: Kind) -> list[tuple[Kind, int]]:
-        """The parts of a result with their sizes [bytes]."""
-        if kind.items is not None:
-            return [leaf for item in kind.items for leaf in self._leaves(item)]
-        if kind.is_array and self.copies:
-            return [(kind, -(-kind.size * kind.base.itemsize // 8) * 8)]
-        return [(kind, 8 * len(kind.llvm))]
+    @property
+    def size(self) -> int:
+        return sum(size for _, size in self.leaves)
 
-    def _store(self, body: Function, value: Value, kind: Kind, memory: ir.Value, at: int) -> int:
-        """Store a part of the result at an offset; returns that of the next."""
-        if kind.items is not None:
-            for item, its in zip(items_of(value), kind.items, strict=True):
-                at = self._store(body, item, its, memory, at)
-            return at
-        place = body.shifted(memory, WORD(at))
+    def _bytes(self, kind: Kind) -> int:
+        """The size of a part of the result."""
         if kind.is_array and self.copies:
-            body.fill(Value(contiguous(kind.base, kind.sizes), (place,)), value)
-        else:
-            for k, number in enumerate(body.adapted(value, kind)):
-                body.store(number, body.shifted(place, WORD(8 * k)))
-        return at + self._leaves(kind)[0][1]
+            return -(-kind.size * kind.base.itemsize // 8) * 8
+        return 8 * len(kind.llvm)
+
+    def _store(self, body: Function, value: Value, memory: ir.Value) -> None:
+        at = 0
+        for part, (kind, size) in zip(leaves_of(value), self.leaves, strict=False):  # nothing of None
+            place = body.shifted(memory, WORD(at))
+            if kind.is_array and self.copies:
+                body.fill(Value(contiguous(kind.base, kind.sizes), (place,)), part)
+            else:
+                for k, number in enumerate(body.adapted(part, kind)):
+                    body.store(number, body.shifted(place, WORD(8 * k)))
+            at += size
 
     def result(self, at: Emission, memory: ir.Value, arguments: Sequence[Value]) -> Value | None:
         """The result of a call, from its memory."""
@@ -163,24 +162,19 @@ class _Done:
         arrays = [each for each in arguments if each.kind.is_array or each.kind.items is not None]
         fresh = any(each.fresh for each in arrays)  # then the result may be in memory of this statement
         readonly = A_COPY if fresh and not all(each.fresh for each in arrays) else ""
-
-        def read(kind: Kind, place: int) -> tuple[Value, int]:
-            if kind.items is not None:
-                items = []
-                for each in kind.items:
-                    item, place = read(each, place)
-                    items.append(item)
-                return bundle(items), place
-            after, pointer = place + self._leaves(kind)[0][1], at.shifted(memory, WORD(place))
+        found, place = [], 0
+        for kind, size in self.leaves:
+            pointer = at.shifted(memory, WORD(place))
+            place += size
             if kind.is_number:
-                return at.load(pointer, kind.base), after
-            if kind.is_array and self.copies:
-                return Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True), after
-            words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
-            kind = replace(kind, readonly=kind.readonly or readonly)
-            return Value(kind, tuple(words), fresh, steady, outer), after
-
-        return read(self.kind, 0)[0]
+                found.append(at.load(pointer, kind.base))
+            elif kind.is_array and self.copies:
+                found.append(Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True))
+            else:
+                words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
+                kind = replace(kind, readonly=kind.readonly or readonly)
+                found.append(Value(kind, tuple(words), fresh, steady, outer))
+        return bundled(self.kind, iter(found))
 
 
 def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]]:
@@ -210,35 +204,19 @@ def translate(
     tree, source = definition(function)
     if len(tree.args.args) != len(parameters):
         raise Lacking(function, 1, source[0].strip(), f"it can't be called with {len(parameters)} arguments")
-    draft = ir.Function(unit.module, ir.FunctionType(WORD, [WORD] * len(parameters)), f"{name}.draft")
-    result = _entry(unit, draft, function, parameters, readonly, source)  # to know its type
-    unit.drop(draft)
-    returns = DOUBLE if result is not None and result.type == DOUBLE else WORD
+    kinds = [Kind(INT) if dtype == INT else kind_of(dtype, readonly.get(k, "")) for k, dtype in enumerate(parameters)]
+    number = unit.done(function, tuple(kinds), function in unit.fused).kind
+    returned = number if number is not None and number.is_number and not unit.checked else None
+    returns = DOUBLE if returned is not None and returned.base == FLOAT else WORD
     entry = ir.Function(unit.module, ir.FunctionType(returns, [WORD] * len(parameters)), name)
-    _entry(unit, entry, function, parameters, readonly, source)
-
-
-def _entry(
-    unit: Unit,
-    entry: ir.Function,
-    function: types.FunctionType,
-    parameters: Sequence[np.dtype],
-    readonly: Mapping[int, str],
-    source: Sequence[str],
-) -> ir.Value | None:
-    """Write the C function's body. Returns what it returns."""
     at = Emission(unit, function, source, fused=False)
     at.at = at.entry = ir.IRBuilder(entry.append_basic_block())
-    arguments = []
-    for k, (word, dtype) in enumerate(zip(entry.args, parameters, strict=True)):
-        number = dtype == INT
-        arguments.append(
-            scalar(word, INT) if number else view(at.at.inttoptr(word, POINTER), dtype, readonly.get(k, ""))
-        )
+    arguments = [
+        Value(kind, (word if kind.is_number else at.at.inttoptr(word, POINTER),))
+        for word, kind in zip(entry.args, kinds, strict=True)
+    ]
     result = unit.call(at, function, arguments)
-    if result is None or unit.checked or not result.kind.is_number:
+    if returned is None or result is None:
         at.at.ret(WORD(0))
-        return None
-    value = result.llvm[0]
-    at.at.ret(at.at.zext(value, WORD) if value.type == FLAG else value)
-    return value
+    else:
+        at.at.ret(at.at.zext(result.llvm[0], WORD) if returned.base == BOOL else result.llvm[0])

@@ -1,7 +1,7 @@
 """Kinds of values, and the LLVM values that represent them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,12 +40,17 @@ class Kind:
     def llvm(self) -> list[ir.Type]:
         """The types of the LLVM values that represent it: of an array, the pointer, and the length if it is needed."""
         if self.items is not None:
-            return [each for item in self.items for each in item.llvm]
+            return [each for leaf in self.leaves for each in leaf.llvm]
         if self.shape is not None:
             return [POINTER, WORD] if self.is_open else [POINTER]
         if self.constant is not None or self.base == NOTHING:
             return []
         return [SCALARS.get(self.base, POINTER)]
+
+    @property
+    def leaves(self) -> list["Kind"]:
+        """The kinds of all parts that are no tuples."""
+        return [self] if self.items is None else [each for item in self.items for each in item.leaves]
 
     @property
     def is_number(self) -> bool:
@@ -170,12 +175,16 @@ def whole(number: int) -> Value:
     return Value(Kind(INT), (WORD(number),))
 
 
-def view(pointer: ir.Value, dtype: np.dtype, readonly: str = "", outer: bool = True) -> Value:
-    """The record or, if the dtype has a shape, the array at a pointer."""
+def kind_of(dtype: np.dtype, readonly: str = "") -> Kind:
+    """The kind of a record or, if the dtype has a shape, of an array."""
     if dtype.subdtype is None:
-        return Value(Kind(dtype, readonly=readonly), (pointer,), outer=outer)
-    base, shape = dtype.subdtype
-    return Value(contiguous(base, tuple(shape), readonly), (pointer,), outer=outer)
+        return Kind(dtype, readonly=readonly)
+    return contiguous(dtype.base, tuple(dtype.shape), readonly)
+
+
+def view(pointer: ir.Value, dtype: np.dtype, readonly: str = "") -> Value:
+    """The record or, if the dtype has a shape, the array at a pointer."""
+    return Value(kind_of(dtype, readonly), (pointer,), outer=True)
 
 
 def bundle(items: list[Value]) -> Value:
@@ -215,3 +224,13 @@ def items_of(value: Value) -> list[Value]:
         found.append(unbundled(kind, value.llvm[at : at + n], value))
         at += n
     return found
+
+
+def leaves_of(value: Value) -> list[Value]:
+    """All parts of a value that are no tuples."""
+    return [value] if value.kind.items is None else [each for item in items_of(value) for each in leaves_of(item)]
+
+
+def bundled(kind: Kind, leaves: Iterator[Value]) -> Value:
+    """A value of a kind from its parts that are no tuples."""
+    return next(leaves) if kind.items is None else bundle([bundled(item, leaves) for item in kind.items])
