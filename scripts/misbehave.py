@@ -1,8 +1,8 @@
-"""Run ``uvms-mj run`` with every stage of ``tests/helpers/misbehaving_stages.py``, each in a separate process, and
+"""Run ``uvms-mj run`` with every stage of ``tests/helpers/misbehaving.py``, each in a separate process, and
 ``uvms-mj study`` with every metric.
 
     python scripts/misbehave.py              all of them
-    python scripts/misbehave.py gain flat    those whose names contain one of these words
+    python scripts/misbehave.py gain file    those whose names contain one of these words
 
 Each run must end with its expected message on standard error and its expected exit status, without a traceback, a
 signal or a hang. If it wrote a log, the log must load. A study must end with the expected message in its row, or on
@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from misbehaving_stages import Case, cases
+from misbehaving import Case, cases
 from uvms_mj import Trace
 
 LIMIT_S = 120.0
