@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import textwrap
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -35,134 +36,19 @@ from uvms_mj.stages.signals import (
 
 HEADER = """
 from dataclasses import dataclass
-import math
-import numpy as np
-from uvms_mj.guidance import Guidance, station_keep
-from uvms_mj.navigation import Encoder, Navigation, Observer, Perfect, Wrist
-from uvms_mj.navigation import perfect
-from uvms_mj.actuation import Actuation
-from uvms_mj.actuation import pseudo_inverse
-from uvms_mj.actuation import Joints, Thrusters, commanded
-from uvms_mj.control import Controller
-from uvms_mj.physics.random import standard_normal
-from uvms_mj.stages.base import setting
+from uvms_mj import *
+from uvms_mj.navigation import Encoder, Observer, Wrist, perfect
+from uvms_mj.actuation import Joints, Thrusters, pseudo_inverse
 """
-GOOD = {
-    "reference": """
-class Own(Guidance):
-    "A horizontal circle."
-    radius: float = setting(0.5, "m", "radius")
-    omega: float = setting(0.2, "rad/s", "angular velocity")
 
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        station_keep(settings, given, out)
-        c, s = math.cos(settings.omega * given.t), math.sin(settings.omega * given.t)
-        out.p_d[0], out.p_d[1] = settings.radius * c, settings.radius * s
-        out.p_d_dot[0], out.p_d_dot[1] = -settings.radius * settings.omega * s, settings.radius * settings.omega * c
-""",
-    "navigation": """
-class Own(Navigation):
-    "A force sensor with noise and a drifting bias."
-    radius: float = setting(0.1, "N", "standard deviation")
-    states = {"bias": 3}
 
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        perfect(given, out)
-        for i in range(3):
-            state_dot.bias[i] = 0.01
-            noise = standard_normal(given.key, given.instant, i)
-            out.f_contact_m_W[i] += state.bias[i] + settings.radius * noise
-""",
-    "observer": """
-class Own(Observer):
-    "A first-order lag of the wrench that the model does not explain, without the acceleration."
-    radius: float = setting(0.1, "s", "time constant")
-    states = {"wrench": 6}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        for i in range(6):
-            unexplained = given.D_hat_nu[i] + given.g_hat[i] - given.tau_hat[i]
-            state_dot.wrench[i] = (unexplained - state.wrench[i]) / settings.radius
-            out.tau_contact_m_B[i] = state.wrench[i]
-        for i in range(3):
-            out.f_contact_m_W[i] = 0.0
-            for j in range(3):
-                out.f_contact_m_W[i] += given.R_WB[i, j] * state.wrench[j]
-""",
-    "controller": """
-class Own(Controller):
-    "PD."
-    radius: float = setting(0.1, "N", "gain")
-    uses_task = False
-
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        for i in range(6):
-            tau_cmd[i] = signals.g_hat[i] - gains.radius * signals.nu_e[i]
-""",
-    "actuation": """
-class Own(Actuation):
-    "Thrusters with a first-order lag."
-    radius: float = setting(0.1, "s", "time constant")
-    states = {"thrust": "thrusters"}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, u):
-        pseudo_inverse(given, u)
-        for k in range(u.shape[0]):
-            state_dot.thrust[k] = (u[k] - state.thrust[k]) / settings.radius
-            u[k] = state.thrust[k]
-""",
-    "thrusters": """
-class Own(Thrusters):
-    "Thrusters with a first-order lag that lose thrust to the inflow."
-    radius: float = setting(0.1, "s", "time constant")
-    states = {"thrust": "thrusters"}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, u):
-        for k in range(u.shape[0]):
-            state_dot.thrust[k] = (given.u_cmd[k] - state.thrust[k]) / settings.radius
-            u[k] = state.thrust[k] - 0.5 * given.inflow[k]
-""",
-    "encoder": """
-class Own(Encoder):
-    "Encoders with a bias."
-    radius: float = setting(0.1, "rad", "bias")
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        for j in range(out.q_m.shape[0]):
-            out.q_m[j] = given.q[j] + settings.radius
-            out.q_dot_m[j] = given.q_dot[j]
-""",
-    "wrist": """
-class Own(Wrist):
-    "A sensor with a scale error."
-    radius: float = setting(0.1, "1", "scale error")
-
-    @staticmethod
-    def step(settings, state, given, state_dot, reading):
-        for i in range(6):
-            reading[i] = (1.0 + settings.radius) * given.wrench_S[i]
-""",
-    "joints": """
-class Own(Joints):
-    "Motors with a first-order lag."
-    radius: float = setting(0.1, "s", "time constant")
-    states = {"lagged": "joints"}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, tau_q):
-        commanded(given, tau_q)
-        for j in range(tau_q.shape[0]):
-            state_dot.lagged[j] = (tau_q[j] - state.lagged[j]) / settings.radius
-            tau_q[j] = state.lagged[j]
-""",
-}
+def own(table, body="", members=""):
+    """The class of a stage for a table, with a setting that its function uses."""
+    room = STAGES[table].base.room
+    step = f"@staticmethod\ndef {room.method}({', '.join(room.arguments)}):\n"
+    step += textwrap.indent(body or f"x = {room.arguments[0]}.radius", "    ")
+    inside = f'"One sentence."\nradius: float = setting(0.1, "1", "a setting")\n{members}\n{step}'
+    return f"class Own({STAGES[table].base.__name__}):\n{textwrap.indent(inside, '    ')}"
 
 
 def record(signals, **values):
@@ -183,7 +69,7 @@ def states_of(stage, n=6):
 
 def file_with(tmp_path, body, frozen="@dataclass(frozen=True)"):
     path = tmp_path / "own.py"
-    path.write_text(f"{HEADER}\n{frozen}{body}")
+    path.write_text(f"{HEADER}\n{frozen}\n{body}\n")
     return f"{path}:Own"
 
 
@@ -204,7 +90,7 @@ def rng():
 
 @pytest.mark.parametrize("table", STAGES)
 def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
-    source = file_with(tmp_path, GOOD[table])
+    source = file_with(tmp_path, own(table))
     scenario = Scenario.load("push_wall", {f"{table}.name": source, f"{table}.radius": 2})
     stage = getattr(scenario, table)
     assert stage.radius == 2.0
@@ -226,46 +112,59 @@ def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
     [
         ("radius: float", "label: float", "'label' is an attribute of every"),
         (
-            '    "',
-            '    states = {"std": 1}\n    "',
+            "    @",
+            "    states = {'std': 1}\n    @",
             "'std' is an attribute of NumPy's records; give the state another name",
         ),
         ("@staticmethod", "", "must be a @staticmethod"),
         ("state_dot,", "", r"must take \("),
-        ('    "', '    states = {"x": 0}\n    "', "states.x: 0 must be a whole number from 1 to 10000"),
-        ('    "', '    name = 3\n    "', "name: 3 is not a string"),
+        ("    @", "    states = {'x': 0}\n    @", "states.x: 0 must be a whole number from 1 to 10000"),
+        ("    @", "    name = 3\n    @", "name: 3 is not a string"),
         (".radius", ".radios", r"own.py, line \d+: (settings|gains) has no 'radios'; did you mean 'radius'"),
     ],
 )
 def test_a_stage_that_violates_the_contract_is_refused_with_its_place(tmp_path, table, old, new, said):
-    body = GOOD[table].replace("    states", "    _states") if "states" in new else GOOD[table]
-    assert old in body
     with pytest.raises(InputError, match=said) as caught:
-        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, body.replace(old, new))})
+        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, own(table).replace(old, new, 1))})
     assert f"{table}.name: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("table", "old", "new", "said"),
+    ("table", "body", "said"),
     [
-        ("reference", "given.t)", "given.tau_nom)", "given has no 'tau_nom'"),
-        ("reference", "out.p_d[0]", "out.p_D[0]", "out has no 'p_D'; did you mean 'p_d'"),
-        ("navigation", "given.key", "given.p_d", "given has no 'p_d'; choose from .*p_WB"),
-        ("navigation", "out.f_contact_m_W[i]", "out.f_contact_W[i]", "out has no 'f_contact_W'.*'f_contact_m_W'"),
-        ("navigation", "state_dot.bias[i]", "state_dot.bia[i]", "state_dot has no 'bia'; did you mean 'bias'"),
-        ("controller", "signals.nu_e[i]", "signals.s[i]", "signals has no 's'; the class has uses_task = False"),
-        ("controller", "signals.nu_e[i]", "signals.M[i]", "yardstick"),
-        ("controller", "gains.radius", "gains.nu_e[i]", "gains has no 'nu_e'; signals.nu_e is a signal"),
-        ("controller", "uses_task = False", "uses_task = 0", "uses_task: 0 is not true or false"),
-        ("actuation", "settings.radius", "settings.period", "given.period is the period"),
-        ("actuation", "(given, u)", "(given.tau, u)", "given has no 'tau'; did you mean 'tau_cmd'"),
-        ("actuation", '"thrusters"', '"thruster"', "states.thrust: 'thruster' must be"),
-        ("thrusters", "given.u_cmd[k]", "given.u[k]", "given has no 'u'; .*u_cmd"),
+        ("reference", "out.p_d[0] = given.tau_nom[0]", "given has no 'tau_nom'"),
+        ("reference", "out.p_D[0] = 0.0", "out has no 'p_D'; did you mean 'p_d'"),
+        ("navigation", "x = given.p_d", "given has no 'p_d'; choose from .*p_WB"),
+        ("navigation", "out.f_contact_W[:] = 0.0", "out has no 'f_contact_W'.*'f_contact_m_W'"),
+        ("navigation", "state_dot.bia[0] = 0.01", "state_dot has no 'bia'; did you mean 'bias'"),
+        ("controller", "tau_cmd[:] = signals.s", "signals has no 's'; the class has uses_task = False"),
+        ("controller", "tau_cmd[:] = signals.M[0]", "yardstick"),
+        ("controller", "tau_cmd[:] = gains.nu_e", "gains has no 'nu_e'; signals.nu_e is a signal"),
+        ("actuation", "u[:] = settings.period", "given.period is the period"),
+        ("actuation", "pseudo_inverse(given.tau, u)", "given has no 'tau'; did you mean 'tau_cmd'"),
+        ("thrusters", "u[:] = given.u", "given has no 'u'; .*u_cmd"),
     ],
 )
-def test_wrong_fields_are_found_in_each_room(tmp_path, table, old, new, said):
+def test_wrong_fields_are_found_in_each_room(tmp_path, table, body, said):
+    members = 'states = {"bias": 3}' + ("\nuses_task = False" if table == "controller" else "")
     with pytest.raises(InputError, match=said):
-        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, GOOD[table].replace(old, new))})
+        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, own(table, body, members))})
+
+
+@pytest.mark.parametrize(
+    ("table", "members", "said"),
+    [
+        ("controller", "uses_task = 0", "uses_task: 0 is not true or false"),
+        ("controller", 'states = {"x": "joints"}', "states.x: 'joints' is not the number of thrusters"),
+        ("actuation", 'states = {"x": "thruster"}', "states.x: 'thruster' must be"),
+        ("joints", 'memory = {"x": "thrusters"}', "memory.x: 'thrusters' is not the number of joints"),
+        ("controller", 'states = {"x": 1}\nmemory = {"x": 2}', "'x' is both a state and memory"),
+        ("controller", 'memory = {"x": 10_001}', "memory.x: 10001 must be a whole number"),
+    ],
+)
+def test_wrong_declarations_are_named(tmp_path, table, members, said):
+    with pytest.raises(InputError, match=said):
+        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, own(table, members=members))})
 
 
 @pytest.mark.parametrize("table", STAGES)
@@ -276,7 +175,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(tmp_path, table):
         default[:-1]: f"did you mean '{default}'",
         3: "3 is not the name of any",
         "nowhere.py:Own": "no file 'nowhere.py'",
-        file_with(tmp_path, GOOD[table]).replace(":Own", ":Other"): "no .* 'Other' in .*its .* are .*Own",
+        file_with(tmp_path, own(table)).replace(":Own", ":Other"): "no .* 'Other' in .*its .* are .*Own",
     }
     for name, said in cases.items():
         with pytest.raises(InputError, match=f"{table}.name: .*{said}"):
@@ -338,7 +237,10 @@ def test_a_record_of_settings_is_never_empty_and_whole_numbers_long(stage, setup
 
 
 def test_states_of_the_thrusters_have_their_number(tmp_path):
-    stage = Scenario.load("push_wall", {"actuation.name": file_with(tmp_path, GOOD["actuation"])}).actuation
+    states = 'states = {"thrust": "thrusters"}'
+    stage = Scenario.load(
+        "push_wall", {"actuation.name": file_with(tmp_path, own("actuation", members=states))}
+    ).actuation
     assert type(stage).state_record(8)["thrust"].shape == (1, 8)
 
 
@@ -538,19 +440,9 @@ def test_the_base_classes_are_not_stages_to_choose():
     assert dataclasses.is_dataclass(Guidance)
 
 
-LIST = """
-class Own(Navigation):
-    bias: tuple[float, float, float] = setting({default}, "N", "bias")
-    states = {states}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        perfect(given, out)
-"""
-
-
 def list_stage(tmp_path, default="(0.3, 0.0, 0.0)", states="{}", frozen="@dataclass(frozen=True)"):
-    return file_with(tmp_path, LIST.replace("{default}", default).replace("{states}", states), frozen)
+    members = f'bias: tuple[float, float, float] = setting({default}, "N", "bias")\nstates = {states}'
+    return file_with(tmp_path, own("navigation", "perfect(given, out)", members), frozen)
 
 
 @pytest.mark.parametrize(
@@ -610,23 +502,78 @@ def test_a_missing_decorator_is_one_error(tmp_path, frozen):
 
 def test_memory_is_kept_and_neither_advances_nor_is_recorded(tmp_path):
     """A queue of two samples in memory delays the position by two periods."""
-    (tmp_path / "late.py").write_text(
-        "from dataclasses import dataclass\n"
-        "from uvms_mj import Navigation\n"
-        "from uvms_mj.navigation import perfect\n"
-        "@dataclass(frozen=True)\n"
-        "class Late(Navigation):\n"
-        "    memory = {'queue': 2}\n"
-        "    @staticmethod\n"
-        "    def step(settings, state, given, state_dot, out):\n"
-        "        perfect(given, out)\n"
-        "        out.p_WB[0] = state.queue[1]\n"
-        "        state.queue[1] = state.queue[0]\n"
-        "        state.queue[0] = given.p_WB[0]\n"
-    )
+    body = ["perfect(given, out)", "out.p_WB[0] = state.queue[1]", "state.queue[1] = state.queue[0]"]
+    body = "\n".join([*body, "state.queue[0] = given.p_WB[0]"])
+    late = file_with(tmp_path, own("navigation", body, 'memory = {"queue": 2}'))
     overrides = {"simulation.duration": 0.01, "initial.velocity": [1.0, 0, 0, 0, 0, 0]}
-    overrides["navigation.name"] = f"{tmp_path / 'late.py'}:Late"
+    overrides["navigation.name"] = late
     trace = simulate(Scenario.load("push_wall", overrides), log_rate=1e4)
     assert np.array_equal(trace.p_WB_m[2:, 0], trace.p_WB[:-2, 0])
     assert np.ptp(trace.p_WB[:, 0]) > 1e-3
     assert "queue" not in set(trace)
+
+
+# start values: where a class declares them, a run begins and a reset returns to them
+
+RIGHT = {
+    "controller": "tau_cmd[:] = 0.0",
+    "navigation": "perfect(given, out)",
+    "actuation": "pseudo_inverse(given, u)",
+    "thrusters": "u[:] = given.u_cmd",
+}
+STARTS = '{"decays": [1.0, -2.0, 3.0], "kept": 0.5}'
+
+
+def starting(tmp_path, table, starts=STARTS, size=3, plain=False):
+    body = f"{RIGHT[table]}\nfor i in range(len(state.decays)):\n    state_dot.decays[i] = -2.0 * state.decays[i]\n"
+    body += "for i in range(2):\n    state_dot.zero[i] = state.kept[i]"
+    body += "\nrepr(state)" if plain else ""  # which is not in the language
+    members = f'states = {{"decays": {size}, "zero": 2}}\nmemory = {{"kept": 2}}\nstart_values = {starts}'
+    settings = {f"{table}.name": file_with(tmp_path, own(table, body, members)), "simulation.timestep": 1e-3}
+    return Scenario.load("push_wall", settings)
+
+
+@pytest.mark.parametrize(
+    ("table", "plain"), [("controller", False), ("navigation", False), ("thrusters", False), ("controller", True)]
+)
+def test_states_and_memory_begin_at_their_values_and_return_to_them(tmp_path, table, plain):
+    """Explicit Euler of x' = -2 x from the start, and of y' = 0.5 from zero, with the memory that stays as it was."""
+    start, h = np.array([1.0, -2.0, 3.0]), 1e-3
+    with Simulation(starting(tmp_path, table, plain=plain), engine="free_body") as sim:
+        assert bool(sim.slow_stages) == plain
+        for steps in (10, 7):
+            assert np.array_equal(sim.signals["decays"], start)
+            assert not sim.signals["zero"].any()
+            sim.step(steps)
+            n = steps if table in ("navigation", "reference") else steps - 1  # the law's instant is in the next step
+            assert sim.signals["decays"] == pytest.approx(start * (1.0 - 2.0 * h) ** n, rel=1e-14)
+            assert sim.signals["zero"] == pytest.approx(np.full(2, 0.5 * h * n), rel=1e-14)
+            sim.reset()
+
+
+def test_a_list_for_the_thrusters_has_their_number(tmp_path):
+    six, five = ('{"decays": [1, 2, 3, 4, 5, 6], "kept": 0.5}', '{"decays": [1, 2, 3, 4, 5], "kept": 0.5}')
+    with Simulation(starting(tmp_path, "actuation", six, '"thrusters"'), engine="free_body") as sim:
+        assert sim.signals["decays"].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    scenario = starting(tmp_path, "actuation", five, '"thrusters"')
+    with pytest.raises(
+        InputError, match=r"^actuation.name: Own: start_values\['decays'\] has 5 numbers; the state has 6"
+    ):
+        Simulation(scenario, engine="free_body")
+
+
+@pytest.mark.parametrize(
+    ("starts", "said"),
+    [
+        ('{"decayz": 1.0}', "start_values has 'decayz', which is not a state; did you mean 'decays'?"),
+        ('{"decays": [1.0, 2.0]}', "start_values['decays'] has 2 numbers; the state has 3"),
+        ('{"kept": [1.0, float("nan")]}', "start_values.kept: [1.0, nan] must be a finite number or a list of them"),
+        ('{"zero": "one"}', "start_values.zero: 'one' must be a finite number or a list of them"),
+        ('{"zero": [[1.0, 2.0]]}', "start_values.zero: [[1.0, 2.0]] must be a finite number or a list of them"),
+        ('{"zero": True}', "start_values.zero: True must be a finite number or a list of them"),
+        ("[1.0]", "start_values: [1.0] is not a table"),
+    ],
+)
+def test_wrong_start_values_are_named(tmp_path, starts, said):
+    with pytest.raises(InputError, match=rf"controller.name: Own in .*own\.py: {re.escape(said)}"):
+        starting(tmp_path, "controller", starts)
