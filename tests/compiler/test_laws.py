@@ -32,16 +32,10 @@ _RANDOM = np.random.default_rng(7)
 W1, W2 = _RANDOM.normal(size=(64, 12)) / 4.0, _RANDOM.normal(size=(64, 64)) / 8.0
 W3 = _RANDOM.normal(size=(6, 64)) / 8.0
 B1, B2 = _RANDOM.normal(size=64), _RANDOM.normal(size=64)
-SMALL = _RANDOM.normal(size=(8, 6))
 SPEEDS = np.array([-2.0, -1.0, -0.3, 0.0, 0.4, 1.0, 2.0])
 THRUSTS = (-40.0, -15.0, -3.0, 0.0, 4.0, 17.0, 45.0)
 LIMITS = (10.0, 10.0, 10.0, 2.0, 2.0, 2.0)
 A2, B2x = np.array([[1.0, 0.01], [0.0, 1.0]]), np.array([0.0, 0.01])
-Q2, R2 = 1e-3 * np.eye(2), 0.1
-
-
-def pd_control(g, s, d, tau):
-    tau[:] = -g.k * g.e - 2.0 * g.e_dot
 
 
 def pid_with_clamping(g, s, d, tau):
@@ -49,22 +43,6 @@ def pid_with_clamping(g, s, d, tau):
         u = -3.0 * g.e[i] - g.e_dot[i] - s.z[i]
         d.z[i] = g.e[i] if abs(u) < LIMITS[i] else 0.0
         tau[i] = max(-LIMITS[i], min(LIMITS[i], u))
-
-
-def impedance(g, s, d, tau):
-    tau[:] = g.M @ (g.D @ g.e_dot + g.k * g.e)
-
-
-def computed_torque(g, s, d, tau):
-    acceleration = -4.0 * g.e - 4.0 * g.e_dot
-    tau[:] = g.M @ acceleration + g.D @ g.nu + np.abs(g.nu) * g.nu
-
-
-def super_twisting(g, s, d, tau):
-    sigma = g.e_dot + 2.0 * g.e
-    root = np.sqrt(np.abs(sigma)) * np.sign(sigma)
-    d.z[:] = -1.1 * np.sign(sigma)
-    tau[:] = -1.5 * root + s.z
 
 
 def adaptive_super_twisting(g, s, d, tau):
@@ -76,49 +54,6 @@ def adaptive_super_twisting(g, s, d, tau):
         tau[i] = -1.5 * math.sqrt(L * abs(sigma[i])) * np.sign(sigma[i]) + s.z[i]
 
 
-def boundary_layer(g, s, d, tau):
-    sigma = g.e_dot + g.e
-    tau[:] = -5.0 * np.clip(sigma / 0.05, -1.0, 1.0)
-
-
-def hyperbolic_switching(g, s, d, tau):
-    tau[:] = -5.0 * np.tanh((g.e_dot + g.e) / 0.05)
-
-
-def prescribed_performance(g, s, d, tau):
-    rho = (2.0 - 0.05) * math.exp(-0.5 * abs(g.t)) + 0.05
-    for i in range(6):
-        xi = min(max(g.e[i] / rho, -0.999), 0.999)
-        transformed = 0.5 * math.log((1.0 + xi) / (1.0 - xi))
-        tau[i] = -g.k * transformed / (rho * (1.0 - xi * xi))
-
-
-def backstepping(g, s, d, tau):
-    alpha = -2.0 * g.e
-    z2 = g.nu - alpha
-    alpha_dot = -2.0 * g.e_dot
-    tau[:] = g.M @ (alpha_dot - g.e - 3.0 * z2) + g.D @ g.nu
-
-
-def command_filter(g, s, d, tau):
-    wn, zeta = 10.0, 0.8
-    x, v = s.w[:6], s.w[6:]
-    d.w[:6] = v
-    d.w[6:] = wn * wn * (g.e - x) - 2.0 * zeta * wn * v
-    tau[:] = x
-
-
-def projected_gradient(g, s, d, tau):
-    """A few steps of a box-constrained quadratic programme."""
-    H = g.M @ g.M.T + 10.0 * np.eye(6)
-    u = np.zeros(6)
-    step = 1.0 / (np.trace(H) + 1.0)
-    for _ in range(20):
-        gradient = H @ u - g.e
-        u = np.clip(u - step * gradient, -0.05, 0.05)
-    tau[:] = u
-
-
 def accelerated_gradient(g, s, d, tau):
     H = g.M.T @ g.M + np.eye(6)
     x = g.e.copy()
@@ -128,20 +63,6 @@ def accelerated_gradient(g, s, d, tau):
         x = y - 0.01 * (H @ y)
         y = x + k / (k + 3.0) * (x - before)
     tau[:] = x
-
-
-def kalman_filter(g, s, d, tau):
-    x = s.z[:2]
-    P = s.P
-    x = A2 @ x + B2x * g.e[0]
-    P = A2 @ P @ A2.T + Q2
-    S = P[0, 0] + R2
-    K = P[:, 0] / S
-    x = x + K * (g.e[1] - x[0])
-    P = P - np.outer(K, P[0])
-    s.z[:2] = x
-    s.P[:] = P
-    tau[:2] = x
 
 
 def information_filter(g, s, d, tau):
@@ -158,57 +79,10 @@ def kalman_of_six(g, s, d, tau):
     tau[:] = g.e + K @ innovation
 
 
-def luenberger(g, s, d, tau):
-    d.z[:] = s.w[:6] + 20.0 * (g.e - s.z)
-    d.w[:6] = 100.0 * (g.e - s.z)
-    tau[:] = s.w[:6]
-
-
-def high_gain_observer(g, s, d, tau):
-    eps = 0.01
-    gains = np.array([3.0 / eps, 3.0 / eps**2, 1.0 / eps**3])
-    x = s.w[0:3]
-    error = g.e[0] - x[0]
-    shifted = np.array([x[1], x[2], 0.0])
-    d.w[0:3] = shifted + gains * error
-    tau[0] = x[2]
-
-
-def sliding_differentiator(g, s, d, tau):
-    error = s.w[0] - g.e[0]
-    v = s.w[1] - 1.5 * math.sqrt(abs(error)) * np.sign(error)
-    d.w[0] = v
-    d.w[1] = -1.1 * np.sign(error)
-    tau[0] = v
-
-
-def disturbance_observer(g, s, d, tau):
-    d_hat = s.z + 5.0 * (g.M @ g.nu)
-    d.z[:] = -5.0 * (d_hat + g.e)
-    tau[:] = -g.e - d_hat
-
-
-def friction_observer(g, s, d, tau):
-    v = g.nu[0]
-    dissipation = abs(v) / (1.5 + 0.5 * math.exp(-((v / 0.01) ** 2)))
-    d.z[0] = v - dissipation * s.z[0]
-    tau[0] = 1e2 * s.z[0] + 0.3 * d.z[0] + 0.4 * v
-
-
-def friction_compensation(g, s, d, tau):
-    stribeck = 0.2 + 0.3 * np.exp(-np.abs(g.nu / 0.1))
-    tau[:] = np.where(np.abs(g.nu) < 1e-3, 0.0, stribeck * np.sign(g.nu))
-
-
 def neural_policy(g, s, d, tau):
     h1 = np.tanh(W1 @ g.x + B1)
     h2 = np.tanh(W2 @ h1 + B2)
     tau[:] = 10.0 * np.tanh(W3 @ h2)
-
-
-def rectified_policy(g, s, d, tau):
-    hidden = np.maximum(SMALL @ g.e, 0.0)
-    tau[:] = SMALL.T @ hidden
 
 
 def radial_basis(g, s, d, tau):
@@ -221,16 +95,6 @@ def radial_basis(g, s, d, tau):
 def thrust_table(g, s, d, tau):
     for i in range(6):
         tau[i] = np.interp(g.nu[i], SPEEDS, THRUSTS)
-
-
-def thrust_table_by_hand(g, s, d, tau):
-    for i in range(6):
-        v = min(max(g.nu[i], SPEEDS[0]), SPEEDS[-1])
-        k = 0
-        while k < len(SPEEDS) - 2 and v > SPEEDS[k + 1]:
-            k += 1
-        share = (v - SPEEDS[k]) / (SPEEDS[k + 1] - SPEEDS[k])
-        tau[i] = THRUSTS[k] + share * (THRUSTS[k + 1] - THRUSTS[k])
 
 
 def bilinear_table(g, s, d, tau):
@@ -291,15 +155,6 @@ def rigid_coriolis(g, s, d, tau):
     tau[:] = C @ g.nu
 
 
-def euler_angles(g, s, d, tau):
-    q = g.q / np.linalg.norm(g.q)
-    w, x, y, z = q
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    tau[3], tau[4], tau[5] = roll, pitch, yaw
-
-
 def integrate_quaternion(g, s, d, tau):
     q = g.q
     rate = np.concatenate((np.zeros(1), g.nu[3:]))
@@ -324,12 +179,6 @@ def state_machine(g, s, d, tau):
         tau[:] = 0.0
         following = 0
     s.n[0] = following
-
-
-def debounce(g, s, d, tau):
-    touching = abs(g.f[0]) > 0.5
-    s.n[0] = s.n[0] + 1 if touching else 0
-    tau[0] = 1.0 if touching and s.n[0] > 3 or not touching and s.n[0] == 0 else 0.0
 
 
 def hysteresis(g, s, d, tau):
@@ -361,11 +210,6 @@ def moving_average(g, s, d, tau):
     tau[0] = s.w.mean()
 
 
-def median_of_three(g, s, d, tau):
-    a, b, c = g.f
-    tau[0] = max(min(a, b), min(max(a, b), c))
-
-
 def insertion_sorted_median(g, s, d, tau):
     x = g.e.copy()
     for i in range(1, len(x)):
@@ -377,40 +221,12 @@ def insertion_sorted_median(g, s, d, tau):
     tau[0] = 0.5 * (x[2] + x[3])
 
 
-def rate_limit(g, s, d, tau):
-    for i in range(6):
-        change = np.clip(g.e[i] - s.z[i], -0.1, 0.1)
-        s.z[i] += change
-        tau[i] = s.z[i]
-
-
-def dead_zone(g, s, d, tau):
-    width = 0.2
-    tau[:] = np.sign(g.e) * np.maximum(np.abs(g.e) - width, 0.0)
-
-
-def low_pass_second_order(g, s, d, tau):
-    b0, b1, b2, a1, a2 = 0.02, 0.04, 0.02, -1.56, 0.64
-    x = g.e[0]
-    y = b0 * x + s.w[0]
-    s.w[0] = b1 * x - a1 * y + s.w[1]
-    s.w[1] = b2 * x - a2 * y
-    tau[0] = y
-
-
 def notch_bank(g, s, d, tau):
     for i, (w, z) in enumerate(((10.0, 0.1), (25.0, 0.05))):
         x1, x2 = s.w[2 * i], s.w[2 * i + 1]
         d.w[2 * i] = x2
         d.w[2 * i + 1] = -w * w * x1 - 2.0 * z * w * x2 + g.e[i]
         tau[i] = g.e[i] - 2.0 * z * w * x2
-
-
-def admittance(g, s, d, tau):
-    v = s.w[:3]
-    d.w[:3] = (g.f - 20.0 * v - 100.0 * s.z[:3]) / 5.0
-    d.z[:3] = v
-    tau[:3] = 200.0 * (s.z[:3] - g.e[:3]) - 30.0 * g.nu[:3]
 
 
 def hybrid_force_position(g, s, d, tau):
@@ -420,19 +236,6 @@ def hybrid_force_position(g, s, d, tau):
     d.z[:3] = P @ force
     position = -50.0 * g.e[:3] - 10.0 * g.e_dot[:3]
     tau[:3] = P @ (force + s.z[:3]) + (np.eye(3) - P) @ position
-
-
-def damped_pseudoinverse(g, s, d, tau):
-    J = g.M[:3]
-    tau[:] = J.T @ np.linalg.solve(J @ J.T + 0.01 * np.eye(3), g.f)
-
-
-def null_space(g, s, d, tau):
-    J = g.M[:2]
-    JJ = J @ J.T
-    inverse = J.T @ np.linalg.inv(JJ + 0.1 * np.eye(2))
-    N = np.eye(6) - inverse @ J
-    tau[:] = inverse @ g.f[:2] + N @ g.e
 
 
 def cholesky_solution(g, s, d, tau):
@@ -445,11 +248,6 @@ def cholesky_solution(g, s, d, tau):
     for i in range(5, -1, -1):
         x[i] = (y[i] - L[:, i] @ x) / L[i, i]
     tau[:] = x
-
-
-def determinant(g, s, d, tau):
-    tau[0] = np.linalg.det(g.M[:3, :3])
-    tau[1] = np.linalg.det(g.M[:2, :2]) - (g.M[0, 0] * g.M[1, 1] - g.M[0, 1] * g.M[1, 0])
 
 
 def recursive_least_squares(g, s, d, tau):
@@ -466,13 +264,6 @@ def gradient_adaptation(g, s, d, tau):
     sigma = g.e_dot + g.e
     d.z[:] = -0.5 * regressor.T @ sigma
     tau[:] = -sigma + regressor @ s.z
-
-
-def projection_operator(g, s, d, tau):
-    rate = g.e * g.nu
-    outside = (np.abs(s.z) > 1.0) & (s.z * rate > 0.0)
-    d.z[:] = np.where(outside, 0.0, rate)
-    tau[:] = s.z
 
 
 def energy_shaping(g, s, d, tau):
@@ -493,12 +284,6 @@ def wrapped_angles(g, s, d, tau):
     tau[:] = (10.0 * g.e + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def quintic(g, s, d, tau):
-    r = min(max(g.t, 0.0), 1.0)
-    tau[0] = r**3 * (10.0 - 15.0 * r + 6.0 * r**2)
-    tau[1] = 30.0 * r**2 * (1.0 - r) ** 2
-
-
 def spline(g, s, d, tau):
     knots = np.array([0.0, 0.5, 1.0, 2.0])
     values = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 2.0], [1.5, -1.0, 0.0], [0.0, 0.0, 0.0]])
@@ -509,12 +294,6 @@ def spline(g, s, d, tau):
             k = i
     r = (t - knots[k]) / (knots[k + 1] - knots[k])
     tau[:3] = (1.0 - r) * values[k] + r * values[k + 1]
-
-
-def weighted_allocation(g, s, d, tau):
-    B = g.M
-    W = np.diag(1.0 / (1.0 + np.abs(g.nu)))
-    tau[:] = W @ B.T @ np.linalg.solve(B @ W @ B.T + 0.5 * np.eye(6), g.e)
 
 
 def clipped_to_norm(x, most):
@@ -581,22 +360,6 @@ def riccati(g, s, d, tau):
     tau[:2] = (-K @ g.e[:2].reshape(2, 1)).sum() * np.ones(2)
 
 
-def matrix_exponential(g, s, d, tau):
-    A = 0.1 * g.M
-    total = np.eye(6)
-    term = np.eye(6)
-    for k in range(1, 12):
-        term = term @ A / k
-        total += term
-    tau[:] = total @ g.e
-
-
-def complementary_filter(g, s, d, tau):
-    roll = math.atan2(g.f[1], g.f[2])
-    s.z[0] = 0.98 * (s.z[0] + g.nu[3] * 0.01) + 0.02 * roll
-    tau[3] = s.z[0]
-
-
 def outlier_gate(g, s, d, tau):
     for i in range(6):
         innovation = g.e[i] - s.z[i]
@@ -606,30 +369,11 @@ def outlier_gate(g, s, d, tau):
         tau[i] = s.z[i]
 
 
-def voting(g, s, d, tau):
-    votes = 0
-    for value in (g.e[0], g.e[1], g.e[2]):
-        votes += value > 0.0
-    tau[0] = 1.0 if votes >= 2 else -1.0
-
-
 def running_extremes(g, s, d, tau):
     s.z[0] = max(s.z[0], g.e.max())
     s.z[1] = min(s.z[1], g.e.min())
     tau[0] = s.z[0] - s.z[1]
     tau[1] = g.e.argmax() + 10 * np.argmin(g.nu)
-
-
-def relay_tuning(g, s, d, tau):
-    crossing = s.z[0] * g.e[0] < 0.0
-    s.n[0] += crossing
-    s.z[0] = g.e[0]
-    tau[0] = 2.0 if g.e[0] >= 0.0 else -2.0
-
-
-def thruster_curve(g, s, d, tau):
-    u = np.clip(g.e, -1.0, 1.0)
-    tau[:] = np.where(u >= 0.0, 40.0 * u**2, -30.0 * u * u)
 
 
 def named_arguments(g, s, d, tau):
@@ -644,20 +388,14 @@ def mixed(x, rate=None, *, stiffness=1.0, damping=0.0):
 
 
 EXACT = [
-    pd_control, pid_with_clamping, super_twisting, adaptive_super_twisting, boundary_layer, command_filter, luenberger,
-    high_gain_observer, sliding_differentiator, thrust_table, thrust_table_by_hand, bilinear_table, state_machine,
-    debounce, hysteresis, schmitt_for_each, delay_line, moving_average, median_of_three, insertion_sorted_median,
-    rate_limit, dead_zone, low_pass_second_order, notch_bank, admittance, projection_operator, spline, gain_schedule,
-    newton_root, outlier_gate, voting, running_extremes, relay_tuning, thruster_curve, named_arguments, wrapped_angles,
+    pid_with_clamping, adaptive_super_twisting, thrust_table, bilinear_table, state_machine, hysteresis,
+    schmitt_for_each, delay_line, moving_average, insertion_sorted_median, notch_bank, spline, gain_schedule,
+    newton_root, outlier_gate, running_extremes, named_arguments, wrapped_angles,
 ]  # fmt: skip
 ROUNDED = [
-    impedance, computed_torque, hyperbolic_switching, prescribed_performance, backstepping, projected_gradient,
-    accelerated_gradient, kalman_filter, information_filter, kalman_of_six, disturbance_observer, friction_observer,
-    friction_compensation, neural_policy, rectified_policy, radial_basis, attitude_error, rotated_force,
-    rigid_coriolis, euler_angles, integrate_quaternion, hybrid_force_position, damped_pseudoinverse, null_space,
-    cholesky_solution, determinant, recursive_least_squares, gradient_adaptation, energy_shaping, line_of_sight,
-    quintic, weighted_allocation, norm_limited, runge_kutta, horizon, riccati, matrix_exponential,
-    complementary_filter,
+    accelerated_gradient, information_filter, kalman_of_six, neural_policy, radial_basis, attitude_error, rotated_force,
+    rigid_coriolis, integrate_quaternion, hybrid_force_position, cholesky_solution, recursive_least_squares,
+    gradient_adaptation, energy_shaping, line_of_sight, norm_limited, runge_kutta, horizon, riccati,
 ]  # fmt: skip
 
 

@@ -1,6 +1,9 @@
 """Functions of the language as machine code, to compare with plain Python."""
 
 import ctypes
+import hashlib
+import linecache
+import textwrap
 import types
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -46,6 +49,20 @@ class Compiled:
         return place(code, self.unit.files)
 
 
+def defined(source: str, names: dict[str, Any]) -> types.FunctionType:
+    """The last function of a source, with these global names; its file is known by its text alone."""
+    file = f"<{hashlib.sha256(source.encode()).hexdigest()[:12]}>"
+    linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
+    names = {"__name__": "tested"} | names
+    exec(compile(source, file, "exec"), names)
+    return [each for each in names.values() if isinstance(each, types.FunctionType)][-1]
+
+
+def function_of(arguments: str, body: str, names: dict[str, Any]) -> types.FunctionType:
+    """A function with this body."""
+    return defined(f"def tested({arguments}):\n{textwrap.indent(body, '    ')}\n", names)
+
+
 def arguments(kinds: Sequence[Any], random: np.random.Generator, scale: float = 1.0) -> list[np.ndarray]:
     """Memory for each argument, with random numbers."""
     found = []
@@ -88,17 +105,17 @@ def compare(
             assert_equal(a, b, exact)
 
 
-def assert_equal(a: np.ndarray, b: np.ndarray, exact: bool) -> None:
+def assert_equal(a: np.ndarray, b: np.ndarray, exact: bool, name: str = "") -> None:
     if a.dtype.names:
         for name in a.dtype.names:
-            assert_equal(a[name], b[name], exact)
+            assert_equal(a[name], b[name], exact, name)
     elif exact:
-        np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(a, b, err_msg=name)
         if a.dtype == np.float64:
             assert (np.signbit(a) == np.signbit(b))[~np.isnan(a)].all()
     else:
         largest = np.abs(b[np.isfinite(b)]).max(initial=1.0)
-        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * largest)
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * largest, err_msg=name)
 
 
-__all__ = ["Compiled", "arguments", "as_python", "compare"]
+__all__ = ["Compiled", "arguments", "as_python", "compare", "defined", "function_of"]
