@@ -85,6 +85,7 @@ def slicing(g, o):
     o.A[..., 5] = g.x
     o.s[12:15] = g.B[:, 1:2][:, 0]
     o.s[15:18] = (g.v[:, None] * g.v[None, :])[1]
+    o.s[20:23] = (g.B[:, 1:2] * g.v)[1]
     o.s[18] = g.A[g.n % 6, -1]
     o.s[19] = g.x[g.n]
     o.whole[:2] = g.B.shape
@@ -236,6 +237,16 @@ def before_and_after(g, o):
     for _ in range(2):
         y = g.A[:3, :3] @ y * 0.0 + y + 1.0
     o.s[15:18] = y
+
+
+def three_in_turn(g, o):
+    """Three names stand for three arrays while a turn makes a fourth."""
+    p, q, r = g.v * 1.0, g.v * 2.0, g.v * 3.0
+    for _ in range(5):
+        p, q, r = q, r, p + q
+    o.s[:3] = p
+    o.s[3:6] = q
+    o.s[6:9] = r
 
 
 def tuples(g, o):
@@ -456,6 +467,7 @@ def stored_in(x):
         deciding,
         looping,
         before_and_after,
+        three_in_turn,
         tuples,
         records,
         helpers,

@@ -31,6 +31,12 @@ def two_shapes(x, k):
     return x[:3]
 
 
+def larger(x, y):
+    if x[0] > y[0]:
+        return x
+    return y * 1.0
+
+
 def recursive(n):
     return n if n <= 0 else recursive(n - 1)
 
@@ -110,6 +116,8 @@ def test_what_a_helper_does_wrong_is_in_the_helpers_line(body, reason, words):
         ("x = [1.0, 2.0]\nout[0] = x[0]", "a list is not an array; write np.array([...])"),
         ("out[0] = len(NAMES)", "a list is not a number"),
         ("SHARED[0] = 1.0", "keep what changes in a state or a memory"),
+        ("x = larger(out, s.x)\nx[0] = 1.0", "it may be a copy here"),
+        ("x = out if g.k > 0.0 else out + 1.0\nx[0] = 1.0", "it may be a copy here"),
         ("x = np.zeros((1000, 1000))", "more than 256 kB"),
         ("f = lambda x: x\nout[0] = f(1.0)", "the language has no lambda; write a function with def"),
         ("out[0] = np.sum(s.x, where=s.x)", "the language has no argument where here"),

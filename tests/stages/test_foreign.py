@@ -128,8 +128,9 @@ def test_a_stage_of_the_template_in_c_is_the_template_in_python(tmp_path, monkey
 @pytest.mark.parametrize("table", [table for table in STAGES if table != "wrist"])
 def test_a_c_compiler_gives_the_records_the_sizes_and_places_that_the_loop_gives_them(tmp_path, table):
     description = f'stage = "{table}"\nsettings = {{a = {{default = true}}, b = {{default = [1.0, 2.0]}}}}\n'
-    description += "states = {x = {size = 3}, queue = {size = 5, advanced = false}}\n"
+    description += "states = {x = {size = 3, start = [1, 2.5, 3]}, queue = {size = 5, advanced = false, start = 0.5}}\n"
     kind = STAGES[table].stage_class(written(tmp_path, "sized", "", description))
+    assert [each.tolist() for each in kind.start_record()[0]] == [[1.0, 2.5, 3.0], [0.5] * 5]
     records = Records.of(kind(), 7)
     structs = {"settings": records.settings, "state": records.state}
     structs |= {"signals" if table == "controller" else "given": records.given}
@@ -241,6 +242,9 @@ REFUSED = [
     ("pd.c", PD, f"{LAW}settings.double = {{default = 1.0}}\n", "'double' is no name of a field in C"),
     ("pd.c", PD, f"{LAW}settings.period = {{default = 1e-3}}\n", "settings.period: is a key of every controller"),
     ("pd.c", PD, f"{PD_TOML}settings.k = {{default = 1.0, at_most = 0.5}}\n", "controller.k: 1.0 must be at most 0.5"),
+    ("pd.c", PD, f"{PD_TOML}settings.k = {{default = 1.0, below = 1.0}}\n", "controller.k: 1.0 must be less than 1"),
+    ("pd.c", PD, PD_TOML.replace("= 200.0", "= 0.0"), "controller.k_p: 0.0 must be greater than 0"),
+    ("pd.c", PD, PD_TOML.replace("= 150.0", "= [1, -1]"), "controller.k_d[1]: -1.0 must be at least 0"),
     ("pd.c", PD, f"{LAW}states.x = {{size = 0}}\n", "states.x.size: 0 must be a whole number"),
     ("pd.c", PD, f"{LAW}states.nu = {{size = 6}}\n", "'nu' is the name of a signal"),
     ("pd.c", PD, f"{LAW}stage", "not a description in TOML"),
