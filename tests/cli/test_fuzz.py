@@ -1,8 +1,11 @@
 """A short fuzzing campaign: no traceback, wrong status, hang or unbounded memory. scripts/fuzz.py runs a long one."""
 
+import pytest
+
 from fuzzer import campaign, told
 
 
+@pytest.mark.processes
 def test_mutated_inputs_are_refused_in_one_message_or_run_as_they_say():
     failures, kinds = campaign(range(90_000, 90_120), workers=1)
     assert not failures, told(failures)

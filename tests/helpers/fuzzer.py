@@ -1,32 +1,29 @@
 """Fuzzer for ``uvms-mj``: runs mutated inputs in processes with limits, and checks what must hold for any input.
 
-:func:`campaign` distributes seeds to workers. A worker, ``python fuzzer.py FIRST STEP LAST``, prints one line before
-and one line after each input. The parent kills a worker that prints nothing for too long and starts another one at the
-next seed.
+The workers are those of a study: one that ends, or hangs for too long, loses its own input only.
 """
 
 import contextlib
 import faulthandler
+import functools
 import io
 import json
 import os
 import resource
 import signal
-import subprocess
 import sys
 import tempfile
-import threading
-import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 SOFT_S, HARD_S = 8.0, 90.0
-"""Processor time after which an input is interrupted as by Ctrl-C, and wall time after which its process is killed
-[s]."""
+"""Processor time after which an input is interrupted as by Ctrl-C, and wall time after which its process ends [s]."""
 MEMORY = 3 << 30
 """Memory that a worker may allocate beyond its memory at the start [B]."""
 
@@ -135,34 +132,34 @@ def _wrong_log(case: Any, folder: Path) -> str:
     return "" if same and there.scenario == was.scenario else "damage that was not found"
 
 
-def work(first: int, step: int, last: int) -> None:
-    """Run the seeds first, first + step, ... below last. Prints a line of JSON before and after each."""
-    from mutations import SHORT, case
+@functools.cache
+def _limited() -> None:
+    """Import and compile everything, and then limit this process, once."""
+    from mutations import SHORT
     from uvms_mj import Scenario, simulate
     from uvms_mj.control import BUILT_IN
 
-    for name in BUILT_IN:  # import and compile everything before time and memory are limited
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in BUILT_IN:
         simulate(Scenario.load("push_wall", SHORT, name))
-
-    used = (
-        int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
-    )
-    if used:
+    if sys.platform == "linux":
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, resource.RLIM_INFINITY))
     with contextlib.suppress(OSError):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for seed in range(first, last, step):
-        print(json.dumps({"seed": seed}), flush=True)
-        faulthandler.dump_traceback_later(0.8 * HARD_S)  # shows where it hangs
-        one = case(seed)
-        start = time.monotonic()
+
+
+def work(seed: int) -> str:
+    """Run the input of a seed in a worker. Returns a description of the failure, or an empty string."""
+    from mutations import case
+
+    _limited()
+    faulthandler.dump_traceback_later(HARD_S, exit=True)  # shows where it hangs
+    try:
         with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-            what = verdict(one, Path(folder))
+            return verdict(case(seed), Path(folder))
+    finally:
         faulthandler.cancel_dump_traceback_later()
-        seconds = time.monotonic() - start
-        arguments = repr(one.arguments)[:300]
-        result = {"seed": seed, "kind": one.kind, "arguments": arguments, "what": what, "seconds": seconds}
-        print(json.dumps(result), flush=True)
 
 
 # --------------------------------------------------------------------------------------------------- in the parent
@@ -175,74 +172,25 @@ def campaign(
 
     ``progress`` is called with the number of finished inputs and the failure of the last one, or None.
     """
-    failures: list[Failure] = []
-    kinds: dict[str, int] = {}
-    lock = threading.Lock()
-
-    def take(result: dict[str, Any]) -> None:
-        with lock:
-            kinds[result["kind"]] = kinds.get(result["kind"], 0) + 1
-            failure = Failure(*(result[key] for key in ("seed", "kind", "arguments", "what")))
-            failures.extend([failure] if failure.what else [])
-            progress(sum(kinds.values()), failure if failure.what else None)
-
-    threads = [
-        threading.Thread(target=_lane, args=(range(seeds.start + i, seeds.stop, workers), take)) for i in range(workers)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return sorted(failures, key=lambda failure: failure.seed), kinds
-
-
-def _lane(seeds: range, take: Callable[[dict[str, Any]], None]) -> None:
-    """Run seeds in one worker at a time. A worker that dies or hangs is replaced, starting at the next seed."""
     from mutations import case
+    from uvms_mj.studies.pool.executors import WorkerLost, executor_of
 
-    following = seeds.start
-    while following in seeds:
-        command = [sys.executable, __file__, str(following), str(seeds.step), str(seeds.stop)]
-        with (
-            tempfile.TemporaryFile("w+") as err,
-            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err) as worker,
-        ):
-            at: int | None = following
-            for line in _lines(worker):
-                if "what" in line:
-                    take(line)
-                    at = None
-                else:
-                    at = line["seed"]
-                following = line["seed"] + seeds.step if at is None else line["seed"]
-            status = worker.wait()
-            if at is not None:
-                err.seek(0)
-                what = f"its process ended, or was killed after {HARD_S:g} s: status {status}\n{err.read()[-2000:]}"
-                one = case(at)
-                take({"seed": at, "kind": one.kind, "arguments": repr(one.arguments)[:300], "what": what})
-                following = at + seeds.step
-
-
-def _lines(worker: "subprocess.Popen[bytes]") -> Iterator[dict[str, Any]]:
-    """Parsed lines of a worker, until it ends. A worker that prints nothing for too long is killed."""
-    assert worker.stdout is not None
-    while True:
-        timer = threading.Timer(HARD_S, worker.kill)
-        timer.start()
-        try:
-            line = worker.stdout.readline()
-        finally:
-            timer.cancel()
-        if not line:
-            return
-        yield json.loads(line)
+    failures, kinds = list[Failure](), Counter[str]()
+    with executor_of(None, workers) as pool:
+        calls = {pool.submit(work, seed): seed for seed in seeds}
+        for call in as_completed(calls):
+            one = case(calls[call])
+            try:
+                what = call.result()
+            except WorkerLost as lost:
+                what = f"its process ended, or hung for {HARD_S:g} s, see above: {lost}"
+            failure = Failure(calls[call], one.kind, repr(one.arguments)[:300], what) if what else None
+            kinds[one.kind] += 1
+            failures += [failure] if failure else []
+            progress(kinds.total(), failure)
+    return sorted(failures, key=lambda failure: failure.seed), dict(kinds)
 
 
 def told(failures: Iterable[Failure]) -> str:
     """Readable text of failures, with the seed and arguments that reproduce each."""
     return "\n\n".join(f"seed {f.seed} ({f.kind}): {f.arguments}\n{f.what.rstrip()}" for f in failures)
-
-
-if __name__ == "__main__":
-    work(*map(int, sys.argv[1:4]))
