@@ -220,16 +220,32 @@ class Emission:
 
     def turns(self, n: ir.Value, body: Callable[[ir.Value], None]) -> None:
         """A loop of n turns, written as a loop."""
+        self.loop(WORD(0), n, 1, lambda i, advance, end: body(i))
+
+    def loop(
+        self,
+        start: ir.Value,
+        stop: ir.Value,
+        step: int,
+        body: Callable[[ir.Value, ir.Block, ir.Block], None],
+        then: Callable[[], None] = lambda: None,
+    ) -> None:
+        """A loop over integers, whose body may leave a turn for the blocks with which it goes on and ends; ``then``
+        writes what each turn ends with."""
         counter = self.entry.alloca(WORD)
-        self.at.store(WORD(0), counter)
-        test, inside, end = (self.at.append_basic_block() for _ in range(3))
+        self.at.store(start, counter)
+        test, inside, advance, end = (self.at.append_basic_block() for _ in range(4))
         self.at.branch(test)
         self.at.position_at_end(test)
         count = self.at.load(counter, typ=WORD)
-        self.at.cbranch(self.at.icmp_signed("<", count, n), inside, end)
+        self.at.cbranch(self.at.icmp_signed("<" if step > 0 else ">", count, stop), inside, end)
         self.at.position_at_end(inside)
-        body(count)
-        self.at.store(self.at.add(count, WORD(1)), counter)
+        body(count, advance, end)
+        if not self.at.block.is_terminated:
+            self.at.branch(advance)
+        self.at.position_at_end(advance)
+        then()
+        self.at.store(self.at.add(self.at.load(counter, typ=WORD), WORD(step)), counter)
         self.at.branch(test)
         self.at.position_at_end(end)
 
@@ -268,17 +284,9 @@ class Emission:
 
     def demand(self, condition: ir.Value, why: int) -> None:
         """End the function unless a condition holds. Shipped kernels are trusted."""
-        if not self.unit.checked or isinstance(condition, ir.Constant):
-            if isinstance(condition, ir.Constant) and not condition.constant and self.unit.checked:
-                self._end(WORD(self.code(why)))
-            return
-        with self.at.if_then(self.at.not_(condition), likely=False):
-            self.at.ret(WORD(self.code(why)))
-
-    def _end(self, code: ir.Value) -> None:
-        """End the function; code that follows is never reached."""
-        self.at.ret(code)
-        self.at.position_at_end(self.at.append_basic_block())
+        if self.unit.checked:
+            with self.at.if_then(self.at.not_(condition), likely=False):
+                self.at.ret(WORD(self.code(why)))
 
     def look_for_interrupt(self) -> None:
         """At the end of a turn of a user's loop: every so many turns, look whether somebody wants the run to end."""

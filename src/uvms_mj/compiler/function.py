@@ -14,6 +14,7 @@ from .refusals import RAISED
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
 
+_LACKS = "lacks: "
 MOST_TURNS = 256
 """A loop of up to so many turns may be written out, and is not looked at for an interrupt."""
 
@@ -320,31 +321,21 @@ class Function(Lifetimes):
         n = None
         if isinstance(start, ir.Constant) and isinstance(stop, ir.Constant):
             n = len(range(start.constant, stop.constant, step))
-        counter = self.entry.alloca(WORD)
-        self.at.store(start, counter)
-        head, inside, advance, end = (self.at.append_basic_block() for _ in range(4))
-        self.at.branch(head)
-        self.at.position_at_end(head)
-        count = self.at.load(counter, typ=WORD)
-        self.at.cbranch(self.at.icmp_signed("<" if step > 0 else ">", count, stop), inside, end)
-        self.at.position_at_end(inside)
-        before = set(self.assigned)
-        loop = Loop(advance, end, (node.lineno, node.col_offset) if n is not None and n <= MOST_TURNS else None)
-        self.assign(node.target, item(count))
-        self._turn(loop, node.body)
-        ways = loop.at_break if n else [*loop.at_break, before]
-        if not self.at.block.is_terminated:
-            self.at.branch(advance)
-            loop.at_continue.append(self.assigned)
-        if n and loop.at_continue:
-            ways = [*ways, set.intersection(*loop.at_continue)]
+        few = n is not None and n <= MOST_TURNS
+        before, ways = set(self.assigned), list[set[str]]()
+
+        def body(i: ir.Value, advance: ir.Block, end: ir.Block) -> None:
+            loop = Loop(advance, end, (node.lineno, node.col_offset) if few else None)
+            self.assign(node.target, item(i))
+            self._turn(loop, node.body)
+            if not self.at.block.is_terminated:
+                loop.at_continue.append(self.assigned)
+            ways.extend([*loop.at_break, *([] if n else [before])])
+            if n and loop.at_continue:
+                ways.append(set.intersection(*loop.at_continue))
+
+        self.loop(start, stop, step, body, (lambda: None) if few else self.look_for_interrupt)
         self.assigned = set.intersection(*ways) if ways else before
-        self.at.position_at_end(advance)
-        if n is None or n > MOST_TURNS:
-            self.look_for_interrupt()
-        self.at.store(self.at.add(self.at.load(counter, typ=WORD), WORD(step)), counter)
-        self.at.branch(head)
-        self.at.position_at_end(end)
 
     def _write_out(self, node: ast.For, turns: Iteration) -> None:
         """A loop whose turns are written out, so that its variable is known in each."""
@@ -443,6 +434,3 @@ class Function(Lifetimes):
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
         return self.read(replace(array, kind=part, llvm=(place,)))
-
-
-_LACKS = "lacks: "

@@ -2,7 +2,8 @@
 
 import ast
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -15,13 +16,10 @@ from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
 COMPARISONS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}
 _KNOWN = {"Add": operator.add, "Sub": operator.sub, "Mult": operator.mul}
-_COMPARED = dict(
-    zip(
-        COMPARISONS.values(),
-        (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne),
-        strict=True,
-    )
-)
+_COMPARED: dict[str, Callable[[Any, Any], bool]] = {
+    **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
+    **{"==": operator.eq, "!=": operator.ne},
+}
 _INSTRUCTIONS = ("sqrt", "floor", "ceil", "trunc", "rint", "fabs")
 """Functions of the C library that processors have instructions for."""
 _INTRINSICS = (*_INSTRUCTIONS, "exp", "log", "sin", "cos")
