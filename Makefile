@@ -36,8 +36,8 @@ $(VENV)/.installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --disable-pip-version-check --quiet --editable '.[dev]'
-	$(BIN)/python -m compileall -q src # a quick start, also where Python is told to keep no byte code
+	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --editable '.[dev]'
+	$(BIN)/python -m compileall -q -j 0 $(VENV)/lib src >/dev/null || true # on all cores; also where Python is told to keep no byte code
 	touch $@
 
 clean:
