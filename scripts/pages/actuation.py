@@ -9,8 +9,8 @@ import numpy as np
 
 from page_look import written
 from uvms_mj import Scenario, simulate
-from uvms_mj.actuation.lag import discrete
-from uvms_mj.actuation.t200 import VOLTAGES, thrust_curve
+from uvms_mj.actuation.propeller import VOLTAGES, thrust_curve
+from uvms_mj.actuation.thrusters import discrete
 from uvms_mj.views.figures.style import BLACK, COLOURS, GREY, PAGE_IN, styled
 
 PERIOD = 1e-3

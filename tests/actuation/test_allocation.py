@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.actuation import Constrained, Weighted
-from uvms_mj.actuation.constrained import quadratic
+from uvms_mj.actuation.allocation import quadratic
 
 FREE = {"engine": "free_body"}
 HEAVY = [  # place and direction of the thrusters of the BlueROV2 Heavy, x forward, y left, z up

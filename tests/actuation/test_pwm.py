@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
-from uvms_mj.actuation.t200 import PULSE_WIDTHS_US, thrust_curve
+from uvms_mj.actuation.propeller import PULSE_WIDTHS_US, thrust_curve
 
 BY_HAND = {
     "controller.name": "external",

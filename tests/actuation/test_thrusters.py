@@ -11,8 +11,8 @@ from scipy.signal import residue
 from page_numbers import page as page_of
 from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.actuation import T200, General, IdealThrusters
-from uvms_mj.actuation.lag import THIRD_ORDER
-from uvms_mj.actuation.t200 import STANDARD_GRAVITY, VOLTAGES, thrust_curve
+from uvms_mj.actuation.propeller import STANDARD_GRAVITY, VOLTAGES, thrust_curve
+from uvms_mj.actuation.thrusters import THIRD_ORDER
 
 FREE = {"engine": "free_body"}
 BY_HAND = {

@@ -8,8 +8,8 @@ from scipy.stats import chi2
 import ekf_twin as twin
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.navigation import Ekf
-from uvms_mj.navigation.error_state import advance, normalised_square
-from uvms_mj.navigation.error_state import transition as blocks
+from uvms_mj.navigation.ekf import advance, normalised_square
+from uvms_mj.navigation.ekf import transition as blocks
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.setup.base import set_up

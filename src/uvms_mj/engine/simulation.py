@@ -11,8 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..actuation.autopilot import Autopilot
-from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US, Pwm
+from ..actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US, Autopilot, Pwm
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of

@@ -24,7 +24,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..quantities import Coordinate, NonNegative, Positive, Time
 from ..stages.base import setting
 from .path import MOST_POSES, motion
-from .segments import Followed
+from .spline import Followed
 
 _MOMENT = 1e-6
 """Dwell at a point at which the path only stops [s]."""
@@ -68,7 +68,7 @@ class AlongWall(Followed):
         return self.push * (float(n @ (give * n)) + 1.0 / k_c) + float(n @ (give * F_d))
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of :func:`.segments.follow`."""
+        """The constants of :func:`.spline.follow`."""
         scenario = setup.scenario
         initial, x_d = setup.initial, scenario.wall.position + self.depth(scenario)
         positions = [initial.position, (x_d, *initial.position[1:]), *((x_d, *point) for point in self.points)]

@@ -21,7 +21,7 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..quantities import STRICT, Angles, Position, Positive, Time
 from ..stages.base import setting
-from .segments import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
+from .spline import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -55,7 +55,7 @@ def motion(
     timing: tuple[float, ...],
     keys: Any,
 ) -> dict[str, np.ndarray]:
-    """The constants of :func:`.segments.follow` for a path through positions with attitudes [deg], the first of which
+    """The constants of :func:`.spline.follow` for a path through positions with attitudes [deg], the first of which
     is the start; with the dwell at each [s]. ``timing`` has the time at which the start is left, the speed V and the
     acceleration a; ``keys`` are those of the poses after the start, for messages."""
     numbers = pose_numbers(positions, attitudes, keys)
@@ -142,7 +142,7 @@ class Path(Followed):
     _inner_keys: ClassVar = {"reference.poses": ("position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of :func:`.segments.follow`."""
+        """The constants of :func:`.spline.follow`."""
         initial = setup.initial
         positions = (self.start or initial.position, *(pose.position for pose in self.poses))
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))

@@ -6,10 +6,8 @@ from .ekf import Ekf
 from .encoder import ENCODERS as ENCODERS
 from .encoder import Encoder as Encoder
 from .encoder import PerfectEncoder as PerfectEncoder
-from .momentum import MomentumObserver
-from .observer import NoObserver, Observer
-from .presets import PRESETS
-from .sensors import Sensors
+from .observer import MomentumObserver, NoObserver, Observer
+from .sensors import PRESETS, Sensors
 from .wrist import WRISTS as WRISTS
 from .wrist import NoWrist as NoWrist
 from .wrist import Wrist as Wrist

@@ -1,12 +1,44 @@
-"""The contract of an observer, which estimates the contact force of a vehicle without a force sensor."""
+r"""Observers, which estimate the contact force of a vehicle without a force sensor: their contract, and the observer of
+the generalised momentum.
+
+With the momentum :math:`\hat M \nu` in B, the paper's eq. (10) gives the wrench that the controller's model does not
+explain,
+
+.. math::
+
+    w = \hat M \dot\nu - \hat\tau + \hat C \nu + \hat D \nu + \hat g, \qquad
+    r = \frac{1}{T} \left( \hat M \nu - \hat M \nu(0) - \int (w_r + r)\, dt \right), \qquad
+    w_r = \hat\tau - \hat C \nu - \hat D \nu - \hat g,
+
+where r is De Luca's residual (De Luca and Mattone, "Actuator failure detection and isolation using generalized
+momenta", ICRA 2003; De Luca, Albu-Schaeffer, Haddadin and Hirzinger, IROS 2006). Their term with the transposed
+Coriolis matrix is the rate of an inertia that depends on the configuration. M_hat is constant in B, so that C_hat nu
+stands in its place. Differentiated, r has no acceleration in it:
+
+.. math::
+
+    T \dot r + r = w = \tau_c + d,
+
+a first-order lag of the contact wrench and of everything else that the model does not contain: the current's drag,
+the disturbance, errors of the estimates and of the thrusters. Over an interval with the mean of w, r goes on by
+1 - exp(-h/T) of the difference, which is exact if w is constant in the interval. At rest r = tau_c + d exactly.
+"""
 
 from __future__ import annotations  # so that help(Observer) shows short type names
 
 import dataclasses
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..stages.base import Room, Stage
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..physics.fossen import matvec
+from ..physics.frames import to_world
+from ..quantities import NonNegative, Positive, Time
+from ..stages.base import Room, Stage, setting
 from ..stages.signals import CLOCK, MEASURED, OBSERVER_GIVEN
 from .base import Measurement
 
@@ -63,3 +95,60 @@ class MotionOnly(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         out.p_WB[:], out.quat_WB[:], out.R_WB[:], out.nu[:] = given.p_WB, given.quat_WB, given.R_WB, given.nu
+
+
+@dataclasses.dataclass(frozen=True)
+class MomentumObserver(Observer):
+    """Generalised-momentum observer: the contact force from motion and commanded thrust."""
+
+    time_constant: Positive = setting(0.02, "s", "T of the first-order lag of the estimated wrench")
+    threshold: NonNegative = setting(
+        1.0, "N", "force above which there is a contact; it ends below half of this; 0: always"
+    )
+    calibrate_from: Time = setting(0.0, "s", "begin of the time in which the residual is averaged as the bias")
+    calibrate_until: Time = setting(0.0, "s", "end of this time, before the contact; 0: the bias is zero")
+
+    name = "momentum_observer"
+    states: ClassVar[Mapping[str, int]] = {"residual": 6, "residual_bias": 6, "in_contact": 1}
+    units: ClassVar[Mapping[str, str]] = {"residual": "N, N m", "residual_bias": "N, N m", "in_contact": "1"}
+    memory: ClassVar[Mapping[str, int]] = {"momentum": 6, "explained": 6, "averaged": 1}
+
+    def check_settings(self) -> None:
+        super().check_settings()
+        if self.calibrate_until and self.calibrate_until <= self.calibrate_from:
+            wrong = f"{self.calibrate_until!r} must be 0 or above calibrate_from, {self.calibrate_from!r}"
+            raise InputError([Fault("observer.calibrate_until", wrong)], f"the settings of {self.label()}")
+
+    @property
+    def force_timing(self) -> tuple[float | None, float]:
+        return None, self.time_constant
+
+    def out_of_range(self, measured: Measurement) -> str:
+        if self.calibrate_until:
+            return "the bias of the observer depends on the motion in the time of its average"
+        if np.linalg.norm(measured.tau_c[:3]) < self.threshold:
+            return "at rest, the observed force is below observer.threshold"
+        return ""
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        residual, bias, wrench = state.residual, state.residual_bias, out.tau_contact_m_B
+        h, part = given.period, 1.0 - math.exp(-given.period / settings.time_constant)
+        momentum, explained = np.zeros(6), given.C_hat_nu + given.D_hat_nu + given.g_hat
+        matvec(given.M_hat, given.nu, momentum)
+        if given.instant > 0:
+            # motion and commanded thrust of the interval that ends now
+            w = (momentum - state.momentum) / h - given.tau_hat + 0.5 * (explained + state.explained)
+            residual += part * (w - residual)
+        state.momentum[:], state.explained[:] = momentum, explained
+        calibrating = given.t < settings.calibrate_until
+        if calibrating and given.t >= settings.calibrate_from:
+            state.averaged[0] += 1.0
+            bias += (residual - bias) / state.averaged[0]
+        wrench[:] = residual - bias
+        force = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
+        limit = 0.5 * settings.threshold if state.in_contact[0] > 0.0 else settings.threshold
+        state.in_contact[0] = 0.0 if calibrating or force < limit else 1.0
+        if state.in_contact[0] == 0.0:
+            wrench[:] = 0.0
+        to_world(given.R_WB, wrench, out.f_contact_m_W)

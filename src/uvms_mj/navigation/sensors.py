@@ -14,14 +14,19 @@ measures -f_s, the force of the tool on the vehicle, and drifts with the depth b
 
 The tool's weight in water is taken as zero. The acceleration is that of the last time step, because that of the present
 one depends on the thrust that the measurement decides.
+
+Presets of the sensors from ``presets.toml``, which has their sources: classes with other defaults.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import operator
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -230,3 +235,22 @@ def felt_wrench(settings, given, start, wrench):
         wrench[:3] += f
         wrench[3:] += np.cross(r, f)
     wrench[:3] -= settings.depth_drift * (given.p_WB[2] - start[0])
+
+
+def preset(name: str, about: str, source: str, **defaults: Any) -> type[Sensors]:
+    """Sensors with other defaults, under a name of their own."""
+    fields = {field.name: field for field in dataclasses.fields(Sensors)}
+    changed = []
+    for key, value in defaults.items():
+        default = tuple(value) if isinstance(value, list) else value
+        changed.append((key, fields[key].type, dataclasses.field(default=default, metadata=fields[key].metadata)))
+    doc = f"{about}\n\n{inspect.cleandoc(source)}"
+    class_name = "".join(word.capitalize() for word in name.split("_"))
+    namespace = {"name": name, "__doc__": doc, "__module__": __name__}
+    return dataclasses.make_dataclass(class_name, changed, bases=(Sensors,), namespace=namespace, frozen=True)
+
+
+_TABLES = tomllib.loads(Path(__file__).with_name("presets.toml").read_text(encoding="utf-8"))
+PRESETS: tuple[type[Sensors], ...] = tuple(preset(name, **table) for name, table in _TABLES.items())
+"""All presets."""
+globals().update({cls.__name__: cls for cls in PRESETS})  # where pickle looks for them

@@ -19,18 +19,153 @@ The model has no term (``none``), the weight in water (``weight``), or also iner
 (``dynamic``) with the differences of the measured velocities over one period as accelerations.
 """
 
-from __future__ import annotations  # so that help(Wrist) shows short type names
+from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+
 from ..errors import Fault, InputError
+from ..physics.frames import add_wrench_from, compose_poses, to_body, to_world, wrench_at
+from ..physics.kernels import kernel
+from ..physics.tree import (
+    coriolis_wrench,
+    damping_wrench,
+    hand_down,
+    measured_frames,
+    move,
+    move_frame,
+    restoring_wrench,
+)
 from ..quantities import Lowercase
 from ..stages.base import Room, Stage, setting
-from ..stages.signals import WRIST_READING, wrist_given
+from ..stages.signals import CLOCK, MEASURED, TRUE, WRIST_READING, WRIST_TRUE, wrist_given
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
+
+
+@kernel
+def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part):
+    """Set F of the link ``first`` to the wrench that keeps it and all that it carries in their motion, or at rest if
+    ``moving`` is 0, without contacts. Frames, gravity, and V and A of the base are set; ``part`` is (6,) scratch."""
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        move(link, frame.S, links[frame.parent], q_dot[k - 1])
+        link.A += frame.S * q_ddot[k - 1]
+        move_frame(link, frame)
+    for k in range(first, links.shape[0]):
+        link, frame = links[k], frames[k]
+        restoring_wrench(link, frame, gravity_B, link.F)
+        if moving != 0:
+            coriolis_wrench(link, part)
+            add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
+            damping_wrench(link, part)
+            add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
+    for k in range(links.shape[0] - 1, first, -1):
+        hand_down(links[k], links[frames[k].parent])
+
+
+@kernel
+def place_sensor(sensor, frame):
+    """Set the pose of the sensor in B from that of the link behind it."""
+    compose_poses(frame.R_BL, frame.p_BL, sensor.R_LT, sensor.p_LT, sensor.R_BT, sensor.p_BT)
+
+
+@kernel
+def felt_wrench(run, true, out):
+    """Set out (6,) to the true wrench of the parent on the links behind the sensor, in S."""
+    wrist, water, frames, q_dot, q_ddot = run.wrist, run.plant.water, run.plant.frames, run.encoder.q_dot, run.q_ddot
+    rigid, wet, nu, nu_dot, first = wrist.rigid[0], wrist.wet[0], true.nu, true.nu_dot, wrist.sensor.link
+    v_c, v_c_dot = np.zeros(3), np.zeros(3)
+    to_body(true.R_WB, true.v_c_W, v_c)
+    to_body(true.R_WB, water.v_c_dot_W, v_c_dot)
+    rigid.V[:], rigid.A[:] = nu, nu_dot
+    wet.V[:3], wet.V[3:], wet.A[3:] = nu[:3] - v_c, nu[3:], nu_dot[3:]
+    p, q_B, r = nu[3], nu[4], nu[5]  # v_r_dot = v_dot + omega x v_c - R^T v_c_dot
+    wet.A[0] = nu_dot[0] + q_B * v_c[2] - r * v_c[1] - v_c_dot[0]
+    wet.A[1] = nu_dot[1] + r * v_c[0] - p * v_c[2] - v_c_dot[1]
+    wet.A[2] = nu_dot[2] + p * v_c[1] - q_B * v_c[0] - v_c_dot[2]
+    to_body(true.R_WB, wrist.gravity_W, wrist.rigid_gravity_B)
+    to_body(true.R_WB, wrist.gravity_W - water.a_c_W, wrist.wet_gravity_B)  # of the displaced water
+    carried_wrench(wrist.rigid, frames, wrist.rigid_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
+    carried_wrench(wrist.wet, frames, wrist.wet_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
+    solid, around = wrist.rigid[first], wrist.wet[first]
+    solid.F += around.F
+    if run.carriers.shape[0] != 0:
+        release(run, solid)
+    place_sensor(wrist.sensor, frames[first])
+    wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, solid.F, out)
+
+
+@kernel
+def release(run, first):
+    """Subtract the contact forces on the links behind the sensor from F of the first of them."""
+    frames, wrist, tau_B = run.plant.frames, run.wrist, np.zeros(6)
+    for k in range(run.carriers.shape[0]):
+        carrier = run.carriers[k]
+        above = carrier.link
+        for _ in range(frames[carrier.link].depth):
+            if above == wrist.sensor.link:
+                add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, tau_B)
+            above = frames[above].parent
+    first.F -= tau_B
+
+
+@kernel
+def modelled_wrench(run, instant, period, R_WB, nu):
+    """Set ``modelled`` (6,) to the wrench without contacts by the model, from the measured state."""
+    wrist, q_dot = run.wrist, run.joints.q_dot_m
+    base, first, before, q_ddot = wrist.model[0], wrist.sensor.link, wrist.nu_before, wrist.q_ddot
+    base.V[:], base.A[:], q_ddot[:] = nu, 0.0, 0.0
+    if instant > 0:
+        base.A[:], q_ddot[:] = (nu - before) / period, (q_dot - wrist.q_dot_before) / period
+    before[:], wrist.q_dot_before[:] = nu, q_dot
+    to_body(R_WB, wrist.gravity_W, wrist.gravity_B)
+    frames = measured_frames(run, wrist.frames)
+    carried_wrench(wrist.model, frames, wrist.gravity_B, first, wrist.dynamic, q_dot, q_ddot, wrist.work)
+    place_sensor(wrist.sensor, frames[first])
+    wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, wrist.model[first].F, wrist.modelled)
+
+
+@kernel
+def contact_behind(wrist, R_WB, out):
+    """Set the measured contact force in W and the wrench at B of ``out`` to what the model leaves of the reading."""
+    contact, tau = np.zeros(6), out.tau_contact_m_B  # contact: in S
+    if wrist.weighs != 0:
+        contact[:] = wrist.modelled
+    contact -= wrist.reading
+    tau[:] = 0.0
+    add_wrench_from(wrist.sensor.R_BT, wrist.sensor.p_BT, contact, tau)
+    to_world(R_WB, tau, out.f_contact_m_W)
+
+
+@dataclass(frozen=True)
+class WristLoad(Stage):
+    """The wrench that the wrist sensor is exposed to. ``state`` is the record of the run."""
+
+    name = "felt"
+    room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        felt_wrench(state, given, out)
+
+
+@dataclass(frozen=True)
+class WristCompensation(Stage):
+    """The contact force and wrench that are derived from the reading. ``state`` is the record of the run."""
+
+    name = "derived"
+    room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + MEASURED[:4], MEASURED[4:])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        modelled_wrench(state, given.instant, given.period, given.R_WB, given.nu)
+        contact_behind(state.wrist, given.R_WB, out)
+
 
 QUANTITIES = ("force", "moment")
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US
+from ...actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US
 from ...errors import InputError
 from ...physics.frames import rotation_matrix, to_body, to_world
 

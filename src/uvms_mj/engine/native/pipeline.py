@@ -26,7 +26,7 @@ from ...control.task_frame import (
 )
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
-from ...navigation.wrist_load import WristCompensation, WristLoad
+from ...navigation.wrist import WristCompensation, WristLoad
 from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
 from ...setup.base import Setup

@@ -1,4 +1,13 @@
-r"""Allocation to the nearest wrench that the thrusters reach within their limits.
+r"""Allocations that know costs, weights and limits of the thrusters.
+
+Allocation by a weighted pseudoinverse: less thrust from a thruster that is costly or weak.
+
+Of all thrusts with :math:`B u = \tau_{cmd}` it takes those with the least :math:`u^\top W u`, a generalised inverse
+(Fossen 2021, sec. 11.2):
+
+.. math:: u = W^{-1} B^\top (B W^{-1} B^\top)^{-1} \tau_{cmd}
+
+Allocation to the nearest wrench that the thrusters reach within their limits.
 
 .. math:: \min_u \; |W (B u - \tau_{cmd})|^2 + \epsilon |u|^2, \qquad u_{min} \le u \le u_{max}
 
@@ -9,7 +18,7 @@ its limits is held at them, and one whose limit costs most is freed. The problem
 ends at the solution.
 """
 
-from __future__ import annotations  # so that help(Constrained) shows short type names
+from __future__ import annotations  # so that help(Weighted) shows short type names
 
 import dataclasses
 import math
@@ -23,7 +32,47 @@ from ..physics.kernels import kernel
 from ..quantities import Number, of_length, within
 from ..stages.base import setting
 from .base import Actuation
-from .weighted import allocate
+
+_Weight = Annotated[Number, within(1e-3, 1e3, "")]
+
+
+@kernel
+def allocate(inverse, tau_cmd, u_min, u_max, u) -> bool:
+    """Set u to inverse tau_cmd within the thrusters' limits, and return whether a limit binds."""
+    binds = False
+    for k in range(u.shape[0]):
+        total = 0.0
+        for i in range(6):
+            total += inverse[k, i] * tau_cmd[i]
+        u[k] = min(u_max[k], max(u_min[k], total))
+        if u[k] != total:
+            binds = True
+    return binds
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighted(Actuation):
+    """The weighted pseudoinverse within the thrusters' limits."""
+
+    weights: tuple[_Weight, ...] = setting((), "1", "weight of each thruster, its cost; default: 1 each")
+
+    name = "weighted"
+    records_loss: ClassVar[bool] = True
+
+    def inverse(self, B: np.ndarray) -> np.ndarray:
+        if self.weights and len(self.weights) != B.shape[1]:
+            wrong = f"has {len(self.weights)} values; the vehicle has {B.shape[1]} thrusters"
+            raise InputError([Fault("actuation.weights", wrong)], "scenario")
+        root = np.sqrt(np.array(self.weights or (1.0,) * B.shape[1]))
+        return np.linalg.pinv(B / root) / root[:, None]
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {"inverse": self.inverse(setup.nominal.B)}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        allocate(settings.inverse, given.tau_cmd, given.u_min, given.u_max, u)
+
 
 MOST_THRUSTERS = 16
 """The solver's memory is of this size."""
