@@ -9,7 +9,7 @@ from uvms_mj import Scenario
 from uvms_mj.control import Gsta
 from uvms_mj.guidance import FilteredSteps
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.posture import FREEDOM
+from uvms_mj.physics.operational import FREEDOM
 from uvms_mj.setup.base import set_up
 
 
@@ -107,7 +107,7 @@ class NumpyArmLoop(NumpyLoop):
         return J.T @ self.F + self.tau_posture
 
     def posture(self, R, q, zeta, h, J_dot_zeta):
-        """The torques (N,) of the posture, in the motion that the task leaves free (:mod:`uvms_mj.physics.posture`)."""
+        """The torques (N,) of the posture, in the motion that the task leaves free (:func:`.operational.posture`)."""
         M_inv, wanted = np.linalg.inv(self.M), self.levels
         P = M_inv - self.MJ_T @ self.Lambda @ self.MJ_T.T
         P_qq, a = P[6:, 6:], -self.MJ_T @ (self.Lambda @ J_dot_zeta)

@@ -12,7 +12,7 @@ from scipy.signal import detrend, find_peaks
 
 from page_look import written
 from uvms_mj.engine.native.attachment import immerse
-from uvms_mj.plant.body import skew
+from uvms_mj.plant.arm import skew
 from uvms_mj.reproduce.validate import figures
 from uvms_mj.reproduce.validate.data import records
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED

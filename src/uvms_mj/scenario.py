@@ -23,8 +23,18 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
-from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
+from .plant.settings import (
+    OF_VEHICLE,
+    OF_WALLS,
+    Bumper,
+    Initial,
+    Stepping,
+    Surface,
+    VehicleChoice,
+    Wall,
+    overridden_in_vain,
+    override_walls,
+)
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage

@@ -4,8 +4,8 @@ import numpy as np
 
 from uvms_mj import Scenario
 from uvms_mj.control.theory.contacts import ContactSprings
+from uvms_mj.physics.contacts import pair_force
 from uvms_mj.physics.frames import rotation_matrix
-from uvms_mj.physics.pairs import pair_force
 from uvms_mj.setup.base import set_up
 
 ROUND = [

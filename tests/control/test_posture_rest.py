@@ -7,7 +7,7 @@ import pytest
 
 from uvms_mj.control.theory.free_motion import PostureAtRest
 from uvms_mj.physics.frames import rotation_matrix
-from uvms_mj.physics.posture import posture, work_dtype
+from uvms_mj.physics.operational import posture, work_dtype
 from uvms_mj.physics.tree import MOST_JOINTS
 
 N, JOINTS = 11, 5

@@ -11,8 +11,7 @@ import pytest
 
 from uvms_mj import Scenario, Simulation
 from uvms_mj.plant import looks
-from uvms_mj.plant.geometry import Geometry
-from uvms_mj.plant.solids import solids
+from uvms_mj.plant.geometry import Geometry, solids
 
 ONLY_LOOKS = ("skin", "tex", "cam", "name", "path", "vis", "stat")
 """Beginnings of the names of the arrays of a model that looks may change."""

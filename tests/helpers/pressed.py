@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_mj.physics.pairs import PAIR
+from uvms_mj.physics.contacts import PAIR
 from uvms_mj.physics.surfaces import SURFACE
 
 M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57])

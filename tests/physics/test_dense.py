@@ -5,7 +5,7 @@ import pytest
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.engine.native.memory import floats
-from uvms_mj.physics import dense
+from uvms_mj.physics import linear_algebra
 
 SIZES = [1, 2, 6, 7, 11, 36]
 
@@ -21,12 +21,12 @@ def spd(N: int, condition: float = 1e4) -> np.ndarray:
 @pytest.mark.parametrize("N", SIZES)
 def test_the_factor_is_that_of_numpy_with_reciprocals_on_its_diagonal(N):
     M, L = spd(N), np.zeros((N, N))
-    dense.cholesky(M.ravel(), N, L.ravel())
+    linear_algebra.cholesky(M.ravel(), N, L.ravel())
     expected = np.linalg.cholesky(M)
     np.testing.assert_allclose(1.0 / np.diag(L), np.diag(expected), rtol=1e-12)
     np.testing.assert_allclose(np.tril(L, -1), np.tril(expected, -1), rtol=0, atol=1e-13)
     in_place = M.copy()
-    dense.cholesky(in_place.ravel(), N, in_place.ravel())
+    linear_algebra.cholesky(in_place.ravel(), N, in_place.ravel())
     np.testing.assert_array_equal(np.tril(in_place), np.tril(L))
 
 
@@ -34,11 +34,11 @@ def test_the_factor_is_that_of_numpy_with_reciprocals_on_its_diagonal(N):
 @pytest.mark.parametrize("N", SIZES)
 def test_both_substitutions_solve_a_system_for_several_right_hand_sides(N, columns):
     M, B, L = spd(N), np.random.default_rng(1).normal(size=(N, columns)), np.zeros(N * N)
-    dense.cholesky(M.ravel(), N, L)
+    linear_algebra.cholesky(M.ravel(), N, L)
     Y = B.copy()
-    dense.forward(L, N, Y.ravel(), columns)
+    linear_algebra.forward(L, N, Y.ravel(), columns)
     np.testing.assert_allclose(np.linalg.cholesky(M) @ Y, B, rtol=0, atol=1e-12)
-    dense.backward(L, N, Y.ravel(), columns)
+    linear_algebra.backward(L, N, Y.ravel(), columns)
     X = np.linalg.solve(M, B)
     assert np.abs(Y - X).max() <= 1e-11 * np.abs(X).max()  # the matrix has the condition 1e4
 
@@ -46,8 +46,8 @@ def test_both_substitutions_solve_a_system_for_several_right_hand_sides(N, colum
 @pytest.mark.parametrize("N", SIZES)
 def test_the_inverse_is_that_of_numpy_and_exactly_symmetric(N):
     M, L, A = spd(N), np.zeros(N * N), np.zeros((N, N))
-    dense.cholesky(M.ravel(), N, L)
-    dense.inverse(L, N, A.ravel())
+    linear_algebra.cholesky(M.ravel(), N, L)
+    linear_algebra.inverse(L, N, A.ravel())
     assert np.abs(A - np.linalg.inv(M)).max() <= 1e-11 * np.abs(A).max()
     np.testing.assert_array_equal(A, A.T)
 
@@ -56,9 +56,9 @@ def test_products_are_those_of_numpy():
     rng = np.random.default_rng(2)
     A, B, Y, x = rng.normal(size=(6, 11)), rng.normal(size=(11, 4)), rng.normal(size=(11, 6)), rng.normal(size=6)
     out, square, turned = np.ones((6, 4)), np.ones((6, 6)), np.ones(11)
-    dense.product(A.ravel(), 6, 11, B.ravel(), 4, out.ravel())
-    dense.gram(Y.ravel(), 11, 6, square.ravel())
-    dense.transposed_product(A.ravel(), 6, 11, x, turned)
+    linear_algebra.product(A.ravel(), 6, 11, B.ravel(), 4, out.ravel())
+    linear_algebra.gram(Y.ravel(), 11, 6, square.ravel())
+    linear_algebra.transposed_product(A.ravel(), 6, 11, x, turned)
     np.testing.assert_allclose(out, A @ B, rtol=0, atol=1e-14)
     np.testing.assert_allclose(square, Y.T @ Y, rtol=0, atol=1e-14)
     np.testing.assert_allclose(turned, A.T @ x, rtol=0, atol=1e-14)
@@ -66,15 +66,15 @@ def test_products_are_those_of_numpy():
 
 def test_a_matrix_that_is_not_positive_definite_gives_nan():
     M, L = np.diag([1.0, -1.0, 1.0]), np.zeros(9)
-    dense.cholesky(M.ravel(), 3, L)
+    linear_algebra.cholesky(M.ravel(), 3, L)
     assert np.isnan(L[4])
 
 
 def solve(M_at, N, L_at, B_at, columns):
     M, L, B = floats(M_at, N * N), floats(L_at, N * N), floats(B_at, N * columns)
-    dense.cholesky(M, N, L)
-    dense.forward(L, N, B, columns)
-    dense.backward(L, N, B, columns)
+    linear_algebra.cholesky(M, N, L)
+    linear_algebra.forward(L, N, B, columns)
+    linear_algebra.backward(L, N, B, columns)
 
 
 @pytest.mark.parametrize("N", SIZES)

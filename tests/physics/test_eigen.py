@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uvms_mj.engine.native.compilation import native_function
-from uvms_mj.physics.eigen import symmetric_eigen
+from uvms_mj.physics.linear_algebra import symmetric_eigen
 
 FLAT = np.dtype(("f8", (36 * 36,)))
 _native = native_function(symmetric_eigen, [FLAT, "i8", FLAT]).ctypes

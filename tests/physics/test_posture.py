@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION, posture, work_dtype
+from uvms_mj.physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION, posture, work_dtype
 
 LEVELS = (ATTITUDE, STATION, JOINTS)
 

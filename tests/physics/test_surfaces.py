@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
+from uvms_mj.physics.contacts import PAIR, pair_force, series_force
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.pairs import PAIR, pair_force, series_force
 from uvms_mj.physics.surfaces import SHAPES, SURFACE, move, nearest_on_segment, signed_distance
 
 

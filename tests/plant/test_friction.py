@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pressed import K_C, PUSH, M, pressed
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Controller, Scenario, Trace, gain, simulate
-from uvms_mj.physics.pairs import pair_force
+from uvms_mj.physics.contacts import pair_force
 from uvms_mj.setup.checks import SamplingWarning
 
 

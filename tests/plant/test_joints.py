@@ -5,7 +5,7 @@ import math
 import mujoco
 import pytest
 
-from uvms_mj.plant.joints import STOP_TIME, set_constraints
+from uvms_mj.plant.arm import STOP_TIME, set_constraints
 
 INERTIA = 0.01
 PENDULUM = f"""

@@ -11,7 +11,7 @@ import pytest
 
 from edited_vehicles import CUBE, INERTIAL, SHIPPED, edited, mjcf, plant, with_end
 from uvms_mj import InputError
-from uvms_mj.plant import mjcf_files
+from uvms_mj.plant import mjcf as mjcf_module
 from uvms_mj.plant.mjcf import Mjcf
 
 ROOT = Path(__file__).parents[2]
@@ -187,11 +187,11 @@ def test_all_files_together_have_a_sane_size(tmp_path, monkeypatch):
         (tmp_path / f"m{i}.obj").write_bytes(CUBE + b"#" * 30_000)
     text = edited("</asset>", f"{meshes}</asset>")
     assert len(reading(tmp_path, text).files) == 5
-    monkeypatch.setattr(mjcf_files, "LARGEST_MODEL", 100_000)
+    monkeypatch.setattr(mjcf_module, "LARGEST_MODEL", 100_000)
     (tmp_path / "m0.obj").write_bytes(CUBE + b"#" * 30_001)  # otherwise nothing is read again
     with pytest.raises(InputError, match="are together larger"):
         reading(tmp_path, text)
-    monkeypatch.setattr(mjcf_files, "LARGEST_XML", 10_000)
+    monkeypatch.setattr(mjcf_module, "LARGEST_XML", 10_000)
     with pytest.raises(InputError, match="too large for an XML file"):
         mjcf(SHIPPED).spec()
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from uvms_mj import Scenario, simulate
-from uvms_mj.plant.mujoco_warnings import MujocoWarning, mujoco_warnings
+from uvms_mj.plant.mjcf import MujocoWarning, mujoco_warnings
 
 SHORT = {"simulation.duration": 0.005}
 

@@ -12,8 +12,7 @@ from uvms_mj.cli import main
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.plant.own_vehicle import unreachable
-from uvms_mj.plant.thruster_table import read_thrusters
+from uvms_mj.plant.own_vehicle import read_thrusters, unreachable
 
 ROOT = Path(__file__).parents[2]
 HEAD = "name,x_m,y_m,z_m,dx,dy,dz,min_N,max_N\n"

@@ -8,7 +8,7 @@ import pytest
 
 from pressed import K_C, M, pressed
 from uvms_mj import Controller, Scenario, simulate
-from uvms_mj.physics.pairs import pair_force
+from uvms_mj.physics.contacts import pair_force
 
 
 def test_the_push_after_the_impact_does_not_depend_on_the_step():

@@ -13,7 +13,7 @@ from forked import done as forked
 from traces import TASK, without
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.physics.frames import quat_from_euler_deg
-from uvms_mj.plant.solids import solids
+from uvms_mj.plant.geometry import solids
 from uvms_mj.records import scene
 from uvms_mj.stages.signals import BAND
 from uvms_mj.views import colours

@@ -8,9 +8,8 @@ from uvms_mj import Scenario, simulate
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant import looks
-from uvms_mj.plant.geometry import Geometry
+from uvms_mj.plant.geometry import Geometry, solids
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.plant.solids import solids
 from uvms_mj.records import scene
 
 

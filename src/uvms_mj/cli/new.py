@@ -177,8 +177,7 @@ def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dic
     from ..errors import InputError
     from ..files import shipped
     from ..plant.mjcf import Mjcf
-    from ..plant.own_vehicle import copied, unreachable
-    from ..plant.thruster_table import read_thrusters
+    from ..plant.own_vehicle import copied, read_thrusters, unreachable
 
     thrusters = read_thrusters(Path(table)) if table else []
     with tempfile.TemporaryDirectory() as folder:

@@ -21,9 +21,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.dense import cholesky, forward
-from ..physics.eigen import symmetric_eigen
 from ..physics.kernels import kernel
+from ..physics.linear_algebra import cholesky, forward, symmetric_eigen
 from ..stages.base import Room, Stage
 from ..stages.signals import IMPEDANCE, TASK_GIVEN
 

@@ -1,7 +1,7 @@
 """The posture of a vehicle with joints: what is done with the motion that the task leaves free.
 
-The kernel is :func:`uvms_mj.physics.posture.posture`. Gains are natural frequencies, so that the torques scale with the
-inertia that a level has.
+The kernel is :func:`uvms_mj.physics.operational.posture`. Gains are natural frequencies, so that the
+torques scale with the inertia that a level has.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from pydantic import BeforeValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
-from ..physics.dense import cholesky, inverse, product
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import fused, kernel
-from ..physics.posture import FREEDOM, free_of_base, free_of_tool, posture
+from ..physics.linear_algebra import cholesky, inverse, product
+from ..physics.operational import FREEDOM, free_of_base, free_of_tool, posture
 from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
 from ..quantities import STRICT, Angles, Number, Position, Step, doc, refusing, within
@@ -64,7 +64,7 @@ class Posture:
 
 
 def posture_constants(setup: Any) -> dict[str, Any]:
-    """The settings of the kernel :func:`uvms_mj.physics.posture.posture`, from the run's Setup."""
+    """The settings of the kernel :func:`uvms_mj.physics.operational.posture`, from the run's Setup."""
     given, initial = setup.scenario.posture, setup.scenario.initial
     frequency = np.array([getattr(given, f"{level}_frequency") for level in LEVELS])
     levels = [LEVELS.index(level) for level in given.order]

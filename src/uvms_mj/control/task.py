@@ -27,10 +27,10 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
 from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
+from ..physics.linear_algebra import backward, cholesky, forward
 from ..quantities import Step, refusing
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN

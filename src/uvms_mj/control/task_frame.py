@@ -14,10 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.dense import product, transposed_product
 from ..physics.fossen import matvec
 from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.kernels import fused, kernel
+from ..physics.linear_algebra import product, transposed_product
 from ..physics.operational import base_rows, resolve, task_inertia
 from ..physics.tree import (
     along_joint,

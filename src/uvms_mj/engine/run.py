@@ -15,8 +15,7 @@ from ..control import Controller
 from ..control.laws.udp import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
-from ..plant.mjcf import Mjcf
-from ..plant.mujoco_warnings import mujoco_warnings
+from ..plant.mjcf import Mjcf, mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing

@@ -1,5 +1,42 @@
-"""All contacts of a vehicle: the sphere about the origin of the task's frame in front of ``[wall]``, and every contact
-body in front of every wall. Their springs give the force at an instant (:mod:`.pairs`).
+r"""All contacts of a vehicle: the force between one surface and one contact body, and the pairs of a run.
+
+Force between one surface and one contact body of the vehicle, from the state of the same instant.
+
+A contact body is a sphere, or a capsule: all points within a radius of a segment. It is fixed to a frame C, which is B
+for a rigid vehicle. The depth is
+:math:`\delta = r - d`, with the distance d of the sphere's centre, or of the nearest point of the segment, from the
+surface (:mod:`.surfaces`). The contact point is halfway between the two surfaces, and its velocity v is relative to the
+wall, which may move. The wall yields by w, and the bumper of the contact body, in series with it, by x:
+
+.. math::
+
+    \delta = w + x, \qquad F_n = \max(0, F_c(w) + b_c \dot w) = \max(0, k_b x + b_b \dot x), \qquad
+    F_c(w) = \begin{cases} k_c w & w \le w_1 \\ k_c w_1 + k_1 (w - w_1) & w > w_1 \end{cases}
+
+A wall of one layer has :math:`w_1 = \infty`. A body without a bumper has x = 0. Otherwise x is a state. It follows from
+the balance of both forces by one step of implicit Euler, which is stable for any step, exact without dampers and for a
+motion of constant speed:
+
+.. math::
+
+    \frac{b_b + b_c}{h} (x_k - x_{k-1}) + k_b x_k = F_c(\delta_k - x_k) + b_c \dot\delta_k
+
+Without contact the bumper returns by itself, :math:`k_b x + b_b \dot x = 0`, and the wall at once.
+
+**Friction** is Coulomb's law with a tangential spring and damper (Cundall and Strack, 1979, *Geotechnique* 29, 47-65).
+The stretch :math:`\xi` follows the contact point's motion along the face. The spring force can't exceed the Coulomb
+limit, so the stretch is reduced while the contact slips:
+
+.. math::
+
+    \xi \leftarrow \xi \min\left(1, \frac{\mu F_n}{k_t |\xi|}\right), \qquad
+    F_t = -(k_t \xi + b_t v_t) \min\left(1, \frac{\mu F_n}{|k_t \xi + b_t v_t|}\right)
+
+While the contact slips, F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
+not creep. Spring, damper and slider together never return more energy than they were given.
+
+All contacts of a vehicle: the sphere about the origin of the task's frame in front of ``[wall]``, and every contact
+body in front of every wall. Their springs give the force at an instant.
 
 A record of a run has the surfaces, the pairs of a body and a surface, and the frames that the bodies are fixed to. The
 normal force of a pair that is marked ``solved`` is applied by the engine, MuJoCo's contact solver or its closed form;
@@ -9,12 +46,197 @@ A contact is computed in the frame C that its body is fixed to, as that of a rig
 of a link, or that of a site.
 """
 
+import math
+
 import numpy as np
 
-from .frames import add_wrench_from, compose_poses, motion_at
+from .frames import add_wrench_from, compose_poses, motion_at, to_body, to_world
 from .kernels import kernel
-from .pairs import pair_force, wrench_at_origin
-from .surfaces import move
+from .surfaces import move, nearest_on_segment, signed_distance
+
+CONTACT = np.dtype(
+    [
+        ("stiffness", "f8"),  # k_c [N/m]
+        ("damping", "f8"),  # b_c [N s/m]
+        ("friction", "f8"),  # mu [1]
+        ("tangential_stiffness", "f8"),  # k_t [N/m]
+        ("tangential_damping", "f8"),  # b_t [N s/m]
+        ("touching", "i8"),  # whether the point is in the wall
+        ("normal_W", "f8", (3,)),  # out of the wall
+        ("arm_W", "f8", (3,)),  # from B's origin to the contact point [m]
+        ("stretch_W", "f8", (3,)),  # of the tangential spring [m]
+        ("f_tangential_W", "f8", (3,)),  # friction force on the vehicle [N]
+        ("f_W", "f8", (3,)),  # total force of the wall on the vehicle [N]
+        ("tau_B", "f8", (6,)),  # f_W as a wrench at B's origin, in B [N, N m]
+    ],
+    align=True,
+)
+"""One contact point: settings of the wall, stretch of the spring, and force of the latest instant."""
+
+
+PAIR = np.dtype(
+    [
+        ("contact", CONTACT),
+        ("surface", "i8"),  # index of the SURFACE
+        ("capsule", "i8"),  # whether the body has two ends
+        ("carrier", "i8"),  # index of the frame C that the body is fixed to
+        ("solved", "i8"),  # whether the engine's contact solver applies the normal force
+        ("ends_C", "f8", (2, 3)),  # of the segment, or the centre, in C [m]
+        ("radius", "f8"),  # [m]
+        ("layer_depth", "f8"),  # w_1 [m]
+        ("layer_stiffness", "f8"),  # k_1 [N/m]
+        ("bumper_stiffness", "f8"),  # k_b [N/m], or 0 without a bumper
+        ("bumper_damping", "f8"),  # b_b [N s/m]
+        ("compression", "f8"),  # x, of the bumper [m]
+        ("depth", "f8"),  # delta, or 0 [m]
+        ("f_n", "f8"),  # normal force [N]
+        ("centre_W", "f8", (3,)),
+    ],
+    align=True,
+)
+"""One contact body in front of one surface: settings, state, and force of the latest instant."""
+
+
+@kernel
+def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
+    """Set the force of a contact body at this instant, and advance the states of the contact. Call it once per step.
+
+    Args:
+        pair: a PAIR record.
+        surface: its SURFACE record, at this instant.
+        p_WC: (3,) position of C's origin [m].
+        R_WC: (3, 3) attitude of C.
+        nu: (6,) velocity of C, in C [m/s, rad/s].
+        timestep: [s].
+    """
+    contact, c = pair.contact, pair.centre_W
+    n, arm, v = contact.normal_W, contact.arm_W, np.zeros(3)
+    to_world(R_WC, pair.ends_C[0], c)
+    c += p_WC
+    if pair.capsule != 0:
+        nearest_of_capsule(pair, surface, p_WC, R_WC)
+    distance = signed_distance(surface, c, n) - pair.radius
+    pair.depth = max(0.0, -distance)
+    pair.f_n = 0.0
+    if distance >= 0.0 or -distance <= recovered(pair, timestep):
+        pair.compression = recovered(pair, timestep)
+        release(contact)
+        return
+    arm[:] = c - p_WC - (pair.radius + 0.5 * distance) * n
+    point_velocity(R_WC, nu, arm, v)
+    v -= surface.v_W
+    v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+    pair.f_n = series_force(pair, -distance, -v_n, timestep)
+    press(contact, pair.f_n, v - v_n * n, R_WC, timestep)
+
+
+@kernel
+def nearest_of_capsule(pair, surface, p_WC, R_WC):
+    """Move the centre from the first end to the point of the segment that is nearest to the surface."""
+    c, end = pair.centre_W, np.zeros(3)
+    to_world(R_WC, pair.ends_C[1], end)
+    end += p_WC
+    c += nearest_on_segment(surface, c, end) * (end - c)
+
+
+@kernel
+def recovered(pair, timestep) -> float:
+    """The bumper's compression after one more step without contact [m]."""
+    if pair.bumper_damping == 0.0:
+        return 0.0
+    return pair.compression / (1.0 + timestep * pair.bumper_stiffness / pair.bumper_damping)
+
+
+@kernel
+def series_force(pair, depth, rate, timestep) -> float:
+    """The normal force [N] of wall and bumper at a depth [m] that grows with a rate [m/s]; advances the bumper."""
+    k, b, f_0 = pair.contact.stiffness, pair.contact.damping, 0.0
+    k_b, b_b, x_0 = pair.bumper_stiffness, pair.bumper_damping, pair.compression
+    if k_b == 0.0:
+        if depth > pair.layer_depth:
+            f_0 = (k - pair.layer_stiffness) * pair.layer_depth
+            k = pair.layer_stiffness
+        return max(0.0, f_0 + k * depth + b * rate)
+    held = (b + b_b) / timestep
+    x = (held * x_0 + k * depth + b * rate) / (held + k_b + k)
+    if depth - x > pair.layer_depth:
+        f_0 = (k - pair.layer_stiffness) * pair.layer_depth
+        k = pair.layer_stiffness
+        x = (held * x_0 + f_0 + k * depth + b * rate) / (held + k_b + k)
+    f_n = k_b * x + b_b * (x - x_0) / timestep
+    if f_n <= 0.0:
+        pair.compression = recovered(pair, timestep)
+        return 0.0
+    pair.compression = x
+    return f_n
+
+
+@kernel
+def release(contact):
+    """Set the force of a contact point that is not in the wall."""
+    if contact.touching != 0:
+        contact.touching = 0
+        contact.stretch_W[:], contact.f_tangential_W[:] = 0.0, 0.0
+        contact.f_W[:], contact.tau_B[:] = 0.0, 0.0
+
+
+@kernel
+def point_velocity(R_WB, nu, arm_W, v_W):
+    """Set v_W (3,), the velocity in W of the point of the vehicle at arm_W (3,) from B's origin [m/s]."""
+    arm, v = np.zeros(3), np.zeros(3)
+    to_body(R_WB, arm_W, arm)
+    v[0] = nu[0] + nu[4] * arm[2] - nu[5] * arm[1]  # v + omega x arm
+    v[1] = nu[1] + nu[5] * arm[0] - nu[3] * arm[2]
+    v[2] = nu[2] + nu[3] * arm[1] - nu[4] * arm[0]
+    to_world(R_WB, v, v_W)
+
+
+@kernel
+def press(contact, f_n, v_t, R_WB, timestep):
+    """Set the force of a contact point in the wall, and advance the stretch of its spring.
+
+    Args:
+        contact: a CONTACT record; normal_W and arm_W are set.
+        f_n: normal force [N].
+        v_t: (3,) velocity along the wall, relative to it, in W [m/s].
+        R_WB: (3, 3) attitude.
+        timestep: [s].
+    """
+    contact.f_W[:] = f_n * contact.normal_W
+    if contact.friction > 0.0:
+        friction(contact, f_n, v_t, timestep)
+        contact.f_W += contact.f_tangential_W
+    else:  # also where it was switched off during the contact
+        contact.stretch_W[:], contact.f_tangential_W[:] = 0.0, 0.0
+    contact.touching = 1
+    wrench_at_origin(R_WB, contact.arm_W, contact.f_W, contact.tau_B)
+
+
+@kernel
+def friction(contact, f_n, v_t, timestep):
+    """Set stretch_W and f_tangential_W from the normal force [N] and the slip velocity (3,) in W [m/s]."""
+    xi, f, n = contact.stretch_W, contact.f_tangential_W, contact.normal_W
+    limit = contact.friction * f_n
+    if contact.touching != 0:
+        xi += timestep * v_t
+        xi -= (n[0] * xi[0] + n[1] * xi[1] + n[2] * xi[2]) * n  # the face may have turned
+    held = contact.tangential_stiffness * math.sqrt(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    if held > limit:
+        xi *= limit / held
+    f[:] = -contact.tangential_stiffness * xi - contact.tangential_damping * v_t
+    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    if size > limit:
+        f *= limit / size
+
+
+@kernel
+def wrench_at_origin(R_WB, arm_W, f_W, tau):
+    """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,)."""
+    arm = np.zeros(3)
+    to_body(R_WB, arm_W, arm)
+    to_body(R_WB, f_W, tau)
+    tau[3:] = np.cross(arm, tau[:3])
+
 
 CARRIER = np.dtype(
     [

@@ -1,9 +1,23 @@
-"""The arm of a vehicle: its links, joints and sites, read from the MJCF.
+"""The arm of a vehicle: its links, joints and sites, read from the MJCF, and what a link and the base have in common.
 
 A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
 body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
 link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
-origin of the link's body frame and in its axes (:mod:`.link_water`).
+origin of the link's body frame and in its axes (:mod:`.strip`).
+
+MuJoCo's constraints of a joint: Coulomb friction of the gear with stick, and the stops of the range.
+
+Both are rows of MuJoCo's constraint solver, which is implicit: they need no smaller time step, whatever the inertia.
+With the inverse inertia w of the joint (``dof_invweight0``), the time step h, the impedance d and the time constant T
+of solref:
+
+- Friction: a joint that slips is given exactly the friction torque. A joint that sticks under the load tau creeps with
+  the velocity ``(1 - d) T / 2 w tau``, because MuJoCo's friction is a stiff damper below its limit. T = 2 h is the
+  least that MuJoCo allows, and d = 0.9999 the greatest. A joint that stops does so in one step. Added mass changes
+  neither. Rotors of unknown inertia are often left out, and the inertia about a forearm's own axis is then so small
+  that w tau is large. The constraints are therefore computed with a hundredth of w, and the velocity is
+  1e-6 h w tau. With a ten-thousandth MuJoCo's solver does not always converge.
+- Stops: a stop is a critically damped spring of the stiffness ``1 / (T^2 (1 - d) 0.01 w)``, whose time constant is T.
 """
 
 import functools
@@ -16,9 +30,50 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.tree import MOST_JOINTS
-from .body import Body, skew
 from .coefficients import numeric
-from .link_water import water_of
+from .strip import water_of
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Coefficients of a body about the origin of its frame, in its axes, as read-only arrays."""
+
+    M_RB: np.ndarray
+    """(6, 6) rigid-body inertia [kg, kg m, kg m^2]."""
+    M_A: np.ndarray
+    """(6, 6) added mass [kg, kg m, kg m^2]."""
+    D_linear: np.ndarray
+    """(6, 6) linear damping; D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]."""
+    D_quadratic: np.ndarray
+    """(6, 6) quadratic damping: D_quadratic[i, j] multiplies abs(nu_j) nu_j [N s^2/m^2, N s^2/m, N s^2, N m s^2]."""
+    displaced_mass: float
+    """[kg]"""
+    r_b: np.ndarray
+    """(3,) centre of buoyancy [m]."""
+
+    @functools.cached_property
+    def M(self) -> np.ndarray:
+        """(6, 6) M = M_RB + M_A."""
+        M = self.M_RB + self.M_A
+        M.setflags(write=False)
+        return M
+
+    @property
+    def mass(self) -> float:
+        """Rigid mass [kg]."""
+        return float(self.M_RB[0, 0])
+
+    @property
+    def r_g(self) -> np.ndarray:
+        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
+        return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / (self.mass or 1.0)
+
+
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a) (3, 3): S(a) b = a x b."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
@@ -241,3 +296,24 @@ def _motor(model: mujoco.MjModel, joint: int, faults: list[Fault]) -> tuple[int,
         elif limited:
             effort = min(effort, unit * float(limits[1]))
     return i, torque, effort
+
+
+FRICTION_IMPEDANCE = 0.9999
+"""MuJoCo's greatest impedance, mjMAXIMP."""
+STOP_IMPEDANCE = 0.99
+STOP_TIME = 2e-3
+"""Time constant of the stops [s], or two time steps, which is MuJoCo's least, if they are longer."""
+
+
+HARDER = 0.01
+"""Inverse inertia of a joint for its constraints, over that of its inertia."""
+
+
+def set_constraints(model: mujoco.MjModel) -> None:
+    """Set the solver's constants of friction and stops for all joints of a compiled model. Call it once."""
+    h = model.opt.timestep
+    model.dof_invweight0[:] *= HARDER
+    model.dof_solref[:] = 2.0 * h, 1.0
+    model.dof_solimp[:, :2] = FRICTION_IMPEDANCE
+    model.jnt_solref[:] = max(STOP_TIME, 2.0 * h), 1.0
+    model.jnt_solimp[:, :2] = STOP_IMPEDANCE

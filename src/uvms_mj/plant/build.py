@@ -10,7 +10,7 @@ The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's co
 is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
 ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, where w is the compiled ``body_invweight0`` of the vehicle's body. The
 remaining softness of MuJoCo acts as an inerter of d times the rigid mass. The contact pair is frictionless (condim 1),
-because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.pairs`
+because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.contacts`
 computes friction from the distance of the shapes at the instant. Friction and the law therefore use the contact of the
 same instant.
 
@@ -32,14 +32,12 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
-from .body import Body, skew
+from .arm import Body, set_constraints, skew
 from .contacts import Contacts, Probe, contacts_of, surfaces_of
 from .geometry import Geometry
-from .joints import set_constraints
 from .looks import PREFIX, add_surroundings
 from .mjcf import Mjcf
-from .settings import Initial, Payload, VehicleChoice, Wall
-from .surfaces import Surface
+from .settings import Initial, Payload, Surface, VehicleChoice, Wall
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 
 _Body = TypeVar("_Body", bound=Body)

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, suggestion
+from ..physics.contacts import PAIR
 from ..physics.frames import BODY
-from ..physics.pairs import PAIR
 from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
-from .settings import contact_settings
-from .surfaces import ContactBody, Surface, in_series
+from .settings import ContactBody, Surface, contact_settings, in_series
 
 OUT_OF_REACH = 1e9
 """A distance beyond the bounds of a run [m]."""

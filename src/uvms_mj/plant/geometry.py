@@ -1,18 +1,120 @@
-"""Geometry of a vehicle as plain data, for drawing: the shapes of its body and of its links."""
+"""Geometry of a vehicle as plain data, for drawing: the shapes of its body and of its links, and their triangles."""
 
+import base64
+import dataclasses
 import math
-from typing import get_args
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, get_args
 
 import mujoco
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ..errors import InputError, faults_of
-from ..quantities import STRICT, Positive
+from ..physics.frames import quat_product, rotation_matrix
+from ..quantities import STRICT, NonNegative, Positive, Real, Vector3, of_length
 from .arm import Link
-from .link_geometry import LinkGeometry
-from .shapes import Kind, Mesh, Shape
+
+Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
+
+
+def _rows_of(kind: str) -> PlainValidator:
+    """Validator of rows of three numbers, given as an array or as base64 of little-endian numbers."""
+
+    def read(value: Any) -> np.ndarray:
+        if not isinstance(value, np.ndarray | str):
+            raise ValueError("is not base64")
+        array = value if isinstance(value, np.ndarray) else np.frombuffer(base64.b64decode(value, validate=True), kind)
+        array = np.array(array, kind).reshape(-1, 3)
+        array.setflags(write=False)
+        return array
+
+    return PlainValidator(read)
+
+
+_BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode(), when_used="json")
+
+
+@dataclass(frozen=True, eq=False, config=STRICT)
+class Mesh:
+    """A triangle mesh: vertices (n, 3) [m], and triangles (m, 3) as indices of vertices, counter-clockwise seen from
+    outside."""
+
+    vertices: Annotated[np.ndarray, _rows_of("<f4"), _BASE64]
+    triangles: Annotated[np.ndarray, _rows_of("<u4"), _BASE64]
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
+            raise ValueError("vertices must be finite, and triangles must refer to existing vertices")
+
+    def corners(self) -> np.ndarray:
+        """Corners (3 m, 3) of the triangles, one triangle after the other [m]."""
+        return self.vertices[self.triangles.reshape(-1)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Shape:
+    """One geom, in the body frame B.
+
+    Attributes:
+        kind: type of the geom.
+        size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
+            half edges (box).
+        position, quat: of its centre in B [m], w x y z.
+        rgba: colour and opacity, 0 to 1.
+        mesh: name of the mesh, if the geom is one.
+    """
+
+    kind: Kind
+    size: tuple[NonNegative, NonNegative, NonNegative]
+    position: Annotated[
+        tuple[Real, ...], of_length(3)
+    ]  # what is drawn at the greatest coordinate of an input may lie beyond it
+    quat: tuple[Real, Real, Real, Real]
+    rgba: tuple[NonNegative, NonNegative, NonNegative, NonNegative]
+    mesh: str | None = None
+
+
+@dataclass(frozen=True, config=STRICT)
+class LinkGeometry:
+    """A link with its joint, and the shapes of its body and of the bodies fixed to it, in the link's frame.
+
+    Attributes:
+        name, joint: names of the link's body and of its joint.
+        parent: index of the parent among the links, which precedes the link; -1 is the base.
+        slide: whether the joint slides; otherwise it is a hinge.
+        position, quat: of the link's frame in its parent's frame at q = 0 [m], w x y z.
+        axis, anchor: of the joint in the link's frame: unit vector, and a point on it [m].
+        range: limits of the joint's position [rad, or m if it slides]; None without limits.
+        effort: greatest torque of the motor [N m, or N if it slides]; 0 without a motor, None without a limit.
+    """
+
+    name: str
+    joint: str
+    parent: Annotated[int, Field(ge=-1)]
+    slide: bool
+    position: Vector3
+    quat: tuple[Real, Real, Real, Real]
+    axis: Vector3
+    anchor: Vector3
+    range: tuple[Real, Real] | None
+    effort: NonNegative | None
+    shapes: tuple[Shape, ...]
+
+    def pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (n, 3) [m] and attitudes (n, 4) of the link's frame in its parent's frame, at joint positions q
+        (n,) [rad or m].
+
+        A hinge turns the frame about the axis through the anchor, a slide moves it along the axis.
+        """
+        axis, anchor, quat_0 = (np.array(each) for each in (self.axis, self.anchor, self.quat))
+        R_0 = rotation_matrix(quat_0)
+        if self.slide:
+            return self.position + q[:, None] * (R_0 @ axis), np.tile(quat_0, (len(q), 1))
+        turn = np.concatenate([np.cos(0.5 * q)[:, None], np.sin(0.5 * q)[:, None] * axis], axis=1)
+        return self.position + (anchor - rotation_matrix(turn) @ anchor) @ R_0.T, quat_product(quat_0, turn)
+
 
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
@@ -163,3 +265,105 @@ def _forward_reach(shapes: list[Shape], meshes: dict[str, Mesh]) -> float:
 
 
 _ADAPTER = TypeAdapter(Geometry)
+
+
+_AROUND, _ALONG = 28, 12
+"""Faces around and along round shapes."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solid:
+    """Triangles of one colour: vertices (n, 3) in B [m] with outward unit normals (n, 3), triangles (m, 3) as indices
+    of vertices, and rgba from 0 to 1."""
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    triangles: np.ndarray
+    rgba: tuple[float, float, float, float]
+
+
+_Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Vertices (n, 3), normals (n, 3), triangles (m, 3)."""
+
+
+def solids(geometry: Geometry) -> Iterator[Solid]:
+    """One solid for each colour of a geometry, in order of appearance."""
+    smooth = {name: _smooth(mesh) for name, mesh in geometry.meshes.items()}
+    for rgba in dict.fromkeys(shape.rgba for shape in geometry.shapes):
+        vertices, normals, triangles, count = [], [], [], 0
+        for shape in geometry.shapes:
+            if shape.rgba == rgba:
+                v, n, t = _in_body(shape, smooth)
+                vertices.append(v)
+                normals.append(n)
+                triangles.append(t + count)
+                count += len(v)
+        yield Solid(
+            np.concatenate(vertices).astype("f4"),
+            np.concatenate(normals).astype("f4"),
+            np.concatenate(triangles).astype("u4"),
+            rgba,
+        )
+
+
+def _in_body(shape: Shape, smooth: Mapping[str, _Triangles]) -> _Triangles:
+    a, b, c = shape.size
+    if shape.kind == "mesh":
+        vertices, normals, triangles = smooth[str(shape.mesh)]
+    elif shape.kind == "box":
+        vertices, normals, triangles = _box(a, b, c)
+    elif shape.kind == "cylinder":
+        # each rim twice, because the normal is discontinuous there
+        vertices, normals, triangles = _revolved(
+            radius=np.array([0, a, a, a, a, 0]),
+            height=np.array([-b, -b, -b, b, b, b]),
+            outwards=np.array([0, 0, 1, 1, 0, 0]),
+            up=np.array([-1, -1, 0, 0, 1, 1]),
+        )
+    else:
+        angle = np.linspace(-np.pi / 2, np.pi / 2, 2 * _ALONG)
+        stretch = np.where(angle > 0, b, -b) if shape.kind == "capsule" else 0.0
+        vertices, normals, triangles = _revolved(
+            np.cos(angle), np.sin(angle) + stretch / max(a, 1e-12), np.cos(angle), np.sin(angle)
+        )
+        axes = np.array((a, b, c) if shape.kind == "ellipsoid" else (a, a, a))
+        vertices = vertices * axes
+        normals = normals / np.maximum(axes, 1e-12)
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    R = rotation_matrix(np.array(shape.quat))
+    return vertices @ R.T + shape.position, normals @ R.T, triangles
+
+
+def _revolved(radius: np.ndarray, height: np.ndarray, outwards: np.ndarray, up: np.ndarray) -> _Triangles:
+    """Surface of revolution of a profile (k,) about z, with the components of its normals."""
+    turn = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn), np.ones(_AROUND)], axis=1)
+    vertices = ring * np.stack([radius, radius, height], axis=1)[:, None]
+    normals = ring * np.stack([outwards, outwards, up], axis=1)[:, None]
+    low, i = np.arange(len(radius) - 1)[:, None] * _AROUND, np.arange(_AROUND)
+    a, b = low + i, low + (i + 1) % _AROUND
+    triangles = np.stack([a, b, b + _AROUND, a, b + _AROUND, a + _AROUND], axis=-1)
+    return vertices.reshape(-1, 3), normals.reshape(-1, 3), triangles.reshape(-1, 3)
+
+
+def _box(a: float, b: float, c: float) -> _Triangles:
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    vertices, normals = np.zeros((6, 4, 3)), np.zeros((6, 4, 3))
+    for face in range(6):
+        axis, side = face // 2, 2 * (face % 2) - 1
+        vertices[face, :, axis] = normals[face, :, axis] = side
+        vertices[face][:, [(axis + 1) % 3, (axis + 2) % 3]] = corners[::side]
+    triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    return vertices.reshape(-1, 3) * (a, b, c), normals.reshape(-1, 3), triangles.reshape(-1, 3)
+
+
+def _smooth(mesh: Mesh) -> _Triangles:
+    """A mesh with vertex normals: the area-weighted means of the normals of adjacent triangles."""
+    vertices, triangles = mesh.vertices.astype(float), mesh.triangles
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    area = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(normals, triangles[:, i], area)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return vertices, normals / np.maximum(length, 1e-30), triangles

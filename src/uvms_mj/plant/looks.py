@@ -11,10 +11,8 @@ import mujoco
 import numpy as np
 
 from ..physics.frames import quat_from_euler_deg
-from .geometry import Geometry
-from .shapes import Shape
-from .solids import solids
-from .surfaces import ContactBody, Surface
+from .geometry import Geometry, Shape, solids
+from .settings import ContactBody, Surface
 
 WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
 """Size of the drawn part of a wall [m]."""

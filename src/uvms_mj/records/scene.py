@@ -12,9 +12,8 @@ import numpy as np
 
 from ..physics.frames import rotation_matrix
 from ..plant.contacts import surfaces_of
-from ..plant.geometry import Geometry
+from ..plant.geometry import Geometry, Shape
 from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall
-from ..plant.shapes import Shape
 from .header import Header
 
 Colour = tuple[int, int, int]

@@ -16,8 +16,7 @@ from ..control.theory.contacts import ContactSprings
 from ..errors import Fault
 from ..physics.frames import BODY
 from ..plant.contacts import impossible
-from ..plant.settings import Wall, contact_settings, without_effect
-from ..plant.surfaces import Surface, in_series_fast
+from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from .base import Setup
 
 RESOLVED = 0.3

@@ -1,6 +1,6 @@
 """The static force of the list of contacts at many poses at once, for the balance of a vehicle at rest.
 
-It is that of the kernel :func:`uvms_mj.physics.pairs.pair_force` without velocity, dampers and friction.
+It is that of the kernel :func:`uvms_mj.physics.contacts.pair_force` without velocity, dampers and friction.
 """
 
 from typing import Any

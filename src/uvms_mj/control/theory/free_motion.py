@@ -26,7 +26,7 @@ import numpy as np
 
 from ...physics.flow import add_tether
 from ...physics.frames import attitude, quat_error
-from ...physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION
+from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
 from ..posture import posture_constants
 from .approach import approach, decays
@@ -189,8 +189,7 @@ class FreeMotion:
 class PostureAtRest:
     """The acceleration that the posture demands of a vehicle at rest, in the motion that the task leaves free.
 
-    It is that of the kernel :func:`uvms_mj.physics.posture.posture`, with the same levels in strict priority, at zero
-    velocity."""
+    It is that of the kernel :func:`.operational.posture`, with the same levels in strict priority, at zero velocity."""
 
     def __init__(self, setup: Any) -> None:
         self.settings, self.n = posture_constants(setup), len(setup.nominal.arm.links)

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import Fault, InputError
-from ...physics.contacts import CARRIER
+from ...physics.contacts import CARRIER, CONTACT, PAIR
 from ...physics.flow import ROWS, varying
 from ...physics.hydrodynamics import WATER
-from ...physics.operational import TOOL
-from ...physics.pairs import CONTACT, PAIR
-from ...physics.posture import work_dtype
+from ...physics.operational import TOOL, work_dtype
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
 from ...stages.signals import (

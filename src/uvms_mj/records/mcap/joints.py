@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...plant.link_geometry import LinkGeometry
+from ...plant.geometry import LinkGeometry
 from ..header import Header
 from .ros2 import Message
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...physics.frames import rotation_matrix
-from ...plant.shapes import Shape
+from ...plant.geometry import Shape
 from ..header import Header
 from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene
 from . import ros2

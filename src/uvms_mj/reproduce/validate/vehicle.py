@@ -21,8 +21,7 @@ import numpy as np
 from ...engine.native.attachment import immerse
 from ...files import shipped
 from ...physics.frames import quat_from_euler_deg
-from ...plant.arm import Link
-from ...plant.body import skew
+from ...plant.arm import Link, skew
 from ...plant.vehicle import Vehicle
 from .data import Attitude, Motion
 

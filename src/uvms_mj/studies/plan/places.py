@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from ...errors import suggestion
-from ...plant.surfaces import Surface
+from ...plant.settings import Surface
 from ...quantities import refusing
 from ...scenario import Scenario
 from ...stages.signals import OWN_UNIT

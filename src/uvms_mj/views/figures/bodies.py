@@ -10,9 +10,8 @@ from matplotlib.collections import PolyCollection
 from ...physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ...plant import looks
 from ...plant.contacts import Probe, surfaces_of
-from ...plant.geometry import Geometry
+from ...plant.geometry import Geometry, solids
 from ...plant.mjcf import Mjcf
-from ...plant.solids import solids
 from ...records.scene import BLUE
 from ...scenario import Scenario
 from .style import SMALL, Figure, styled

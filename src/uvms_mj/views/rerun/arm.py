@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import rerun as rr
 
-from ...plant.geometry import Geometry
-from ...plant.solids import Solid, solids
+from ...plant.geometry import Geometry, Solid, solids
 from ...records.header import Header
 from ...records.scene import BLUE, GREEN, VERMILLION, Colour
 from ..colours import mixed

@@ -16,9 +16,7 @@ import rerun as rr
 
 from ...control.base import SteadyState
 from ...physics.frames import quat_from_euler_deg
-from ...plant.geometry import Geometry
-from ...plant.shapes import Shape
-from ...plant.solids import Solid, solids
+from ...plant.geometry import Geometry, Shape, Solid, solids
 from ...records.header import Header
 from ...records.scene import (
     BLUE,

@@ -14,7 +14,7 @@ import rerun as rr
 
 from ...errors import InputError
 from ...files import atomic_write
-from ...plant.solids import solids
+from ...plant.geometry import solids
 from ...records.header import Header, Outcome
 from ...records.scene import force_scale
 from ...records.trace import Trace

@@ -13,10 +13,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...plant.contacts import surfaces_of
-from ...plant.geometry import Geometry
+from ...plant.geometry import Geometry, Shape
 from ...plant.looks import add_water, drawn_vehicle, drawn_wall
 from ...plant.mjcf import Mjcf
-from ...plant.shapes import Shape
 from ...plant.vehicle import free_body_id, free_joint_addresses
 from ...records.header import Header
 
