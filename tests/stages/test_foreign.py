@@ -197,16 +197,17 @@ def test_a_study_varies_a_gain_in_c_as_one_in_python(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.processes
-def test_a_crash_in_c_loses_its_own_run(tmp_path):
+def test_a_crash_in_c_loses_its_own_run(tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_mj.studies.pool.executors.ATTEMPTS", 1)
     crash = PD.replace("return 0;", "return gains->k_p > 200.0 ? *(volatile int *)8 : 0;")
     tables = {
         "laws": [written(tmp_path, "crash", crash)],
         "base": {"scenario": "push_wall", "simulation": {"duration": 0.5}},
         "run": {"engine": "free_body"},
-        "vary": [{"key": "controller.k_p", "values": [100.0, 150.0, 250.0, 180.0]}],
+        "vary": [{"key": "controller.k_p", "values": [100.0, 250.0, 180.0]}],
     }
     frame = Study.from_dict(tables).run(tmp_path / "out", workers=1).frame
-    assert list(frame["status"] == "completed") == [True, True, False, True]
+    assert list(frame["status"] == "completed") == [True, False, True]
 
 
 @pytest.mark.parametrize("plain", ["", "1"])
