@@ -30,7 +30,7 @@ import numpy as np
 
 from uvms_mj import Scenario, Simulation
 from uvms_mj.compiler.targets import WASM
-from uvms_mj.control.natural import natural_damping
+from uvms_mj.control.task import natural_damping
 from uvms_mj.engine.native.intrinsics import kernel_module
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
 from uvms_mj.engine.native.record import Shape, run_dtype, with_numbers

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from page_look import written
 from uvms_mj import Scenario, Simulation, Trace, simulate
-from uvms_mj.control.theory.latency import ForceAge
+from uvms_mj.control.theory.loop import ForceAge
 from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from page_look import DOCS
 from uvms_mj import Scenario, simulate
-from uvms_mj.control.theory.latency import ForceAge
+from uvms_mj.control.theory.loop import ForceAge
 from uvms_mj.setup.base import set_up
 
 EXAMPLE = DOCS.parent / "examples" / "biased_force.py"

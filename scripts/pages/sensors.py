@@ -12,7 +12,7 @@ from scipy.signal import welch
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.noise import Deviations, deviations
+from uvms_mj.setup.linear_loop import Deviations, deviations
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 
 INK, BLUE, RED = BLACK, COLOURS["x"], COLOURS["force"]

@@ -7,7 +7,7 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
-from uvms_mj.control.theory.latency import ForceAge
+from uvms_mj.control.theory.loop import ForceAge
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 

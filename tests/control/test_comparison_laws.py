@@ -11,7 +11,7 @@ from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import SteadyState
-from uvms_mj.control.theory.latency import ForceLatency
+from uvms_mj.control.theory.loop import ForceLatency
 from uvms_mj.control.theory.predictions import stage_notes, steady_state
 from uvms_mj.control.theory.stability import Stability
 from uvms_mj.setup.base import set_up

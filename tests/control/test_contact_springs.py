@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_mj import Scenario
-from uvms_mj.control.theory.contacts import ContactSprings
+from uvms_mj.control.theory.terms import ContactSprings
 from uvms_mj.physics.contacts import pair_force
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.setup.base import set_up

@@ -7,7 +7,7 @@ from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.control.theory.free_motion import FreeMotion
 from uvms_mj.control.theory.terms import ThrustMap
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.free_motion import _still, free_motion_notes
+from uvms_mj.setup.checks import _still, free_motion_notes
 
 COARSE = {"simulation.timestep": 4e-4}
 ALPHA = {"vehicle.model": "bluerov2_alpha5", "vehicle.coulomb_friction": 0.0, "initial.joints": [0.0, 1.0, 1.961, 0.0]}

@@ -9,7 +9,7 @@ from armed import armed_xml
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.control.design import ott_damping
-from uvms_mj.control.natural import natural_damping
+from uvms_mj.control.task import natural_damping
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.errors import InputError
 from uvms_mj.setup.base import set_up

@@ -12,8 +12,7 @@ from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.summary import summary
 from uvms_mj.navigation import Perfect
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.linear_loop import RestingVehicle
-from uvms_mj.setup.noise import Deviations, deviations
+from uvms_mj.setup.linear_loop import Deviations, RestingVehicle, deviations
 
 PUSHING = {
     "navigation.name": "sensors",

@@ -8,8 +8,7 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.checks import checked, no_overflow
-from uvms_mj.setup.wall import wall_faults
+from uvms_mj.setup.checks import checked, no_overflow, wall_faults
 
 SHORT = {"simulation.duration": 0.005}
 

@@ -9,8 +9,7 @@ from scipy.optimize import brentq
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control.base import NoClosedForm, SteadyState
-from uvms_mj.control.theory.latency import ForceAge, ForceLatency
-from uvms_mj.control.theory.loop import Loop
+from uvms_mj.control.theory.loop import ForceAge, ForceLatency, Loop
 from uvms_mj.control.theory.stability import Stability
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning

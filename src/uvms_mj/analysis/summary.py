@@ -66,7 +66,7 @@ def _deviations(header: "Header") -> Any:
     if not noisy(header.scenario):
         return None
     from ..setup.base import set_up
-    from ..setup.noise import deviations
+    from ..setup.linear_loop import deviations
 
     return deviations(set_up(header.scenario, header.mjcf))
 

@@ -27,7 +27,7 @@ from ..quantities import (
     doc,
     within,
 )
-from .schedule import Change, in_order
+from .task import Change, in_order
 
 
 @table(frozen=True, config=STRICT)

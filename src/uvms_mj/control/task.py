@@ -1,4 +1,6 @@
-r"""The stages before the law: tracking errors, and the impedance task, which most laws share.
+r"""The impedance task, and what changes its matrices on the way: a schedule, and the natural inertia.
+
+The stages before the law: tracking errors, and the impedance task, which most laws share.
 
 The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
 
@@ -16,24 +18,48 @@ eq. (21), eq. (15) becomes
 
 where :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices. The nominal control (23) becomes
 :math:`\hat M (\dot\nu_d - w) - \tau_c + \hat C \nu + \hat D \nu + \hat g`.
+
+A hybrid of force and motion over time: K_f and F_d of the generalised impedance, eq. (7), by a schedule.
+
+From the time of an entry on, K_f and F_d go to its values within its ramp, along :math:`10 x^3 - 15 x^4 + 6 x^5`, so
+that their first two derivatives are continuous. Without a schedule they are constants, and this stage does not exist.
+
+The natural inertia as the desired one, ``impedance.M_d = "natural"``: classical impedance control without a force.
+
+With M_d = M_hat the contact force cancels in the nominal control (23), as in the paper's eq. (4) with Lambda_des =
+Lambda:
+
+.. math:: \tau_{nom} = \hat M \dot\nu_d + \hat C \nu + \hat D \nu + \hat g - K_d \tilde\eta - D_d \tilde\nu
+    + (K_f - I) \tau_c - K_f F_d.
+
+M_hat of a tool, Lambda_hat, changes with the posture of the arm, so the damping has to change with it. Ott (2008), sec.
+3.3: with M_d = L L^T and the eigenvectors V of :math:`L^{-1} K_d L^{-T} = V \operatorname{diag}(k) V^\top`,
+
+.. math:: D_d = 2 \zeta\, (L V) \operatorname{diag}(\sqrt{k})\, (L V)^\top,
+
+gives every mode of the frozen system the damping ratio zeta. It is 2 zeta times the geometric mean of M_d and K_d.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
 from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
-from ..physics.linear_algebra import backward, cholesky, forward
-from ..quantities import Step, refusing
+from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
+from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
-from ..stages.signals import TASK, TASK_GIVEN
+from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
 from .base import Diagonal
 
 _NonzeroDiagonal = Annotated[Diagonal, refusing(lambda x: 0.0 in x, "must not have a zero: F_2 has to be invertible")]
@@ -140,3 +166,114 @@ def desired(R_WB, omega, x_dot_W, x_ddot_W, x_dot, x_ddot):
     to_body(R_WB, x_dot_W, x_dot)
     to_body(R_WB, x_ddot_W, x_ddot)
     x_ddot -= np.cross(omega, x_dot)
+
+
+MOST_ENTRIES = 100
+
+
+@table(frozen=True, config=STRICT)
+class Change:
+    """An entry of the schedule. A value that is not given stays as it is before."""
+
+    time: Time
+    K_f: Factors | None = None
+    F_d: Wrench | None = None
+    ramp: Time = 0.0
+
+
+def in_order(changes: tuple[Change, ...]) -> tuple[Change, ...]:
+    """Check that each entry begins after the one before it has ended. Raises ValueError."""
+    if len(changes) > MOST_ENTRIES:
+        raise ValueError(f"has {len(changes)} entries; at most {MOST_ENTRIES} are allowed")
+    for before, change in itertools.pairwise(changes):
+        ends = before.time + before.ramp
+        early = change.time < ends and not math.isclose(change.time, ends)  # 0.1 + 0.2 is above 0.3
+        if early or change.time <= before.time:
+            raise ValueError(
+                f"has an entry at {change.time:g} s, but the one before it begins at {before.time:g} s and "
+                f"ends at {ends:g} s"
+            )
+    return changes
+
+
+@dataclass(frozen=True)
+class Schedule(Stage):
+    """K_f and F_d over time."""
+
+    name = "schedule"
+    room: ClassVar[Room] = Room("control", "impedance", lambda thrusters: CLOCK, SCHEDULED)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Times (n,), infinite for entries that are not given, and ramps (n,) [s]; values (n + 1, 12) of K_f and F_d
+        before the first entry and after each."""
+        impedance = setup.scenario.impedance
+        times, ramps = np.full(MOST_ENTRIES, np.inf), np.zeros(MOST_ENTRIES)
+        values = np.zeros((MOST_ENTRIES + 1, 12))
+        values[0] = *impedance.K_f, *impedance.F_d
+        for n, change in enumerate(impedance.schedule):
+            times[n], ramps[n], values[n + 1] = change.time, change.ramp, values[n]
+            if change.K_f is not None:
+                values[n + 1, :6] = change.K_f
+            if change.F_d is not None:
+                values[n + 1, 6:] = change.F_d
+        return {"times": times, "ramps": ramps, "values": values}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        times, ramps, values = settings.times, settings.ramps, settings.values
+        n = 0
+        for k in range(times.shape[0]):
+            if given.t < times[k]:
+                break
+            n = k + 1
+        x = 1.0
+        if n > 0 and given.t < times[n - 1] + ramps[n - 1]:
+            x = (given.t - times[n - 1]) / ramps[n - 1]
+        blend = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+        out.K_f[:], out.F_d[:] = values[n, :6], values[n, 6:]
+        if x < 1.0:
+            out.K_f[:] = values[n - 1, :6] + blend * (values[n, :6] - values[n - 1, :6])
+            out.F_d[:] = values[n - 1, 6:] + blend * (values[n, 6:] - values[n - 1, 6:])
+
+
+@dataclass(frozen=True)
+class NaturalInertia(Stage):
+    """M_d = M_hat of every control instant, with D_d of Ott's design unless it is given."""
+
+    name = "natural_inertia"
+    room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Damping ratio; number of control instants from one D_d to the next, or 0 if D_d is given."""
+        scenario = setup.scenario
+        impedance = scenario.impedance
+        every = max(1, round(impedance.damping_period / scenario.control_period)) if impedance.D_d is None else 0
+        return {"damping_ratio": impedance.damping_ratio, "every": every}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        every = int(settings.every)
+        out.M_d[:] = given.M_hat
+        if every > 0 and given.instant % every == 0:
+            natural_damping(given.M_hat, given.K_d, settings.damping_ratio, out.D_d)
+
+
+@kernel
+def natural_damping(M, K_d, damping_ratio, D_d):
+    """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does."""
+    L, Y, A, V = M.flatten(), np.diag(np.sqrt(K_d)).flatten(), np.zeros(36), np.zeros(36)
+    cholesky(L, 6, L)
+    forward(L, 6, Y, 6)  # Y Y^T = L^-1 K_d L^-T
+    for i in range(6):
+        for j in range(i, 6):
+            for k in range(i + 1):  # Y is a lower triangle
+                A[6 * i + j] += Y[6 * i + k] * Y[6 * j + k]
+    symmetric_eigen(A, 6, V)
+    D_d[:] = 0.0
+    for k in range(6):
+        mode = np.zeros(6)  # L V
+        for i in range(6):
+            mode[i] = V[6 * k + i] / L[7 * i]  # L has the reciprocals of its diagonal
+            for j in range(i):
+                mode[i] += L[6 * i + j] * V[6 * k + j]
+        D_d += np.outer(2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0)) * mode, mode)

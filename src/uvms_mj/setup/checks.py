@@ -1,32 +1,256 @@
-"""Checks of a run before its first step: the setup of a scenario, or of the scenario of a run with overrides, that was
-checked whole; and warnings of a sampled loop that chatters or limit-cycles."""
+"""What a run is refused for, and what it is warned of, before it begins.
+
+**The wall.** Symplectic Euler with a step h is stable for a mass m on a spring k and a damper b if h^2 k/m + 2 h b/m <
+4. Well below this limit the forces are accurate. With w = sqrt(k/m), the relative error of peak force and rebound is
+about (h w)^2/10.
+"""
 
 import contextlib
 import dataclasses
+import functools
 import itertools
+import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..control.delay import delay_faults
-from ..control.design import Design
+from ..control.base import delay_faults
+from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
+from ..control.theory.approach import Track
+from ..control.theory.free_motion import FreeMotion
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
+from ..control.theory.terms import ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
+from ..guidance.base import samples
 from ..physics.flow import FINEST
+from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..plant.build import check_fit, task_inertias
-from ..plant.contacts import contacts_of
+from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
+from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance
 from ..quantities import leaves, radians_notes
 from ..scenario import STAGES, Scenario
+from ..stages.base import is_shipped
 from .base import Setup, set_up
-from .free_motion import free_motion_notes
 from .task_frame import task_faults, task_notes
-from .wall import wall_faults, wall_notes
+
+RESOLVED = 0.3
+"""Largest h w for which the error of an impact stays below about 1 %."""
+
+
+class _Direction(NamedTuple):
+    """Spring [N/m], damper [N s/m] and mass at the contact [kg] of a wall along its normal, or along its face if
+    ``prefix`` is "tangential_"; ``table`` is the wall's in the scenario. ``contacts`` is how many contacts of the list
+    press on the wall together; 0 for MuJoCo's pair."""
+
+    table: str
+    wall: Wall | Surface
+    prefix: str
+    k: float
+    b: float
+    m: float
+    contacts: int = 0
+
+    def source(self, word: str, default: str) -> str:
+        """Where the number comes from, if it is not that of the key."""
+        given = self.prefix == "" or getattr(self.wall, self.prefix + word) is not None
+        together = " with all contacts and bumpers" if self.contacts else ""
+        return f"{together}{'' if given else f' (by default {default})'}"
+
+
+def wall_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for springs and dampers of the walls, normal or tangential, with which the time step is unstable, and for
+    contacts that are not computed."""
+    yield from impossible(setup.scenario, setup.nominal)
+    h = setup.scenario.simulation.timestep
+    for each in _directions(setup):
+        k, b, m = each.k, each.b, each.m
+        if h * h * k / m >= 4.0:
+            stiffest = 4.0 * m / (h * h)
+            yield Fault(
+                f"{each.table}.{each.prefix}stiffness",
+                f"{k:g} N/m{each.source('stiffness', f'{each.table}.stiffness')} is too stiff for a time step of {h:g} "
+                f"s and {m:.4g} kg at the contact: choose less "
+                f"than {stiffest:.4g} N/m, or a time step below {math.sqrt(4.0 * m / k):.4g} s",
+            )
+        elif h * h * k / m + 2.0 * h * b / m >= 4.0:
+            most = 2.0 * m / h - 0.5 * h * k
+            shortest = (math.sqrt(b * b + 4.0 * k * m) - b) / k
+            yield Fault(
+                f"{each.table}.{each.prefix}damping",
+                f"{b:g} N s/m{each.source('damping', f'critical damping for {k:g} N/m')} is too much for a time step "
+                f"of {h:g} s and {m:.4g} kg at the contact: "
+                f"choose less than {most:.4g} N s/m, or a time step below {shortest:.4g} s",
+            )
+
+
+def wall_notes(setup: Setup) -> Iterator[str]:
+    """Warnings for a wall that the time step resolves badly, and for a start inside a wall."""
+    h, wall = setup.scenario.simulation.timestep, setup.scenario.wall
+    for each in _directions(setup):
+        w = math.sqrt(each.k / each.m)
+        if h * w > RESOLVED:
+            what = "sticking friction" if each.prefix else "an impact"
+            yield (
+                f"{what} is badly resolved: at {each.table}.{each.prefix}stiffness = {each.k:g} N/m and {each.m:.4g} "
+                f"kg the contact vibrates "
+                f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps per period; with a "
+                f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
+            )
+    yield from without_effect(setup.scenario)
+    walls: list[tuple[str, Wall | Surface]] = [("wall", wall)] if wall.present else []
+    walls += [(f"walls[{i}]", other) for i, other in enumerate(setup.scenario.walls)]
+    for table, one in walls:
+        given = one.tangential_stiffness is not None or one.tangential_damping is not None
+        if one.friction == 0.0 and given:
+            yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
+    frame = setup.scenario.task.frame
+    start = setup.scenario.initial.position[0] if frame == BODY else float(setup.initial_poses()[0][0][0])
+    depth = start - wall.position if setup.contacts.paper else 0.0
+    if depth > 0.0 and wall.stiffness * depth > START_FORCE:
+        what, where = ("the vehicle", "initial.position[0]") if frame == BODY else (f"the {frame}", f"x of the {frame}")
+        yield (
+            f"{what} starts {depth:.4g} m inside the wall, which pushes it out with "
+            f"{wall.stiffness * depth:.4g} N at once: {where} is {start:g} m, "
+            f"wall.position {wall.position:g} m"
+        )
+    yield from _starts_inside(setup)
+
+
+START_FORCE = 100.0
+"""Force [N] below which a start inside the wall counts as a start in contact."""
+
+
+def _starts_inside(setup: Setup) -> Iterator[str]:
+    """Warnings for contacts of the list that start deep inside their wall."""
+    pairs, springs = setup.contacts.pairs, ContactSprings(setup)
+    if not pairs:
+        return
+    poses = setup.initial_poses()
+    p, R = (np.array([poses[pair.carrier][k] for pair in pairs]) for k in (0, 1))
+    _, normal, depths = springs.wrenches(p, R)
+    for pair, force, depth in zip(pairs, normal, depths, strict=True):
+        if force > START_FORCE:
+            yield (
+                f"{pair.body_key} starts {depth:.4g} m inside {pair.wall_key}, which pushes it out with {force:.4g} N "
+                "at once: change initial.position or the wall's position"
+            )
+
+
+def _directions(setup: Setup) -> Iterator[_Direction]:
+    """Each direction in use, of all contacts of a wall together."""
+    wall = setup.scenario.wall
+    if setup.contacts.paper:
+        settings = contact_settings(wall, setup.mass_along_face)
+        yield _Direction("wall", wall, "", settings["stiffness"], settings["damping"], setup.mass_along_normal())
+        if settings["friction"] > 0.0:
+            k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
+            yield _Direction("wall", wall, "tangential_", k_t, b_t, setup.mass_along_face())
+    for index, (table, each) in enumerate(setup.contacts.surfaces):
+        pairs = [pair for pair in setup.contacts.pairs if pair.surface == index]
+        stiffest = max(each.stiffness, each.layer_stiffness or 0.0)
+        fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
+        m, n = min(map(setup.lightest, pairs)), len(pairs)
+        yield _Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
+        if each.friction > 0.0:
+            along = [contact_settings(each, functools.partial(setup.lightest, pair)) for pair in pairs]
+            k_t, b_t = (sum(one[f"tangential_{word}"] for one in along) for word in ("stiffness", "damping"))
+            yield _Direction(table, each, "tangential_", k_t, b_t, m, n)
+
+
+_FAR = 0.1
+"""Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""
+_NEAR = 0.7
+"""Share of its speed limit from which a joint is near it: the estimate is that of small motions."""
+_SAMPLES, _SAMPLED_S = 100, 0.1
+"""Number of velocities of the reference for this estimate, and the time between them [s]."""
+
+
+def free_motion_notes(setup: Any) -> Iterator[str]:
+    """Warnings for a vehicle whose base and joints come to no rest while the law holds the frame of the task, or whose
+    joints are too slow for it."""
+    scenario, links = setup.scenario, setup.vehicle.arm.links
+    if not links or not type(setup.interface).torque_controlled or isinstance(thrust_map := ThrustMap.of(setup), str):
+        return
+    position, attitude_deg = setup.rest_pose
+    push = demanded_force(scenario) if setup.contacts.paper else 0.0
+    tau_c = -setup.design.normal * (push if math.isfinite(push) else 0.0)
+    motion = FreeMotion(setup, thrust_map, _still(position or setup.initial.position, attitude_deg, tau_c))
+    yield from _restless(setup, motion)
+    if any(math.isfinite(link.speed_limit) for link in links):
+        yield from _slow_motors(setup, thrust_map)
+
+
+def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
+    """The track of a frame that stays at a pose (3,), (3,) [m, deg] with a contact wrench (6,) [N, N m]."""
+    quat = quat_from_euler_deg(*attitude_deg)
+    return Track([0.0], [Pose(np.array(position), quat, rotation_matrix(quat), tau_c)])
+
+
+def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
+    """A warning if the slow motion from the initial posture comes to no rest, or to one that the motors or thrusters
+    can't hold, or moves far where no level holds it."""
+    scenario, q = setup.scenario, motion.rest()
+    order, frame = scenario.posture.order, scenario.task.frame
+    pushed = any(scenario.current.velocity_W) or scenario.disturbance.at_last.any()
+    if isinstance(q, str):
+        moves, weak = q, ""
+    else:
+        moves = _moves(setup, q) if pushed and "joints" not in order else ""
+        weak = motion.infeasible(motion.push(q).tau)
+    if moves and "joints" not in order:
+        yield (
+            f"nothing holds the motion that posture.order = {json.dumps(order)} leaves free while the law holds "
+            f'{frame}: {moves}; add "joints" to it'
+        )
+    elif moves:
+        yield (
+            f"the posture gives way while the law holds {frame}: {moves}; choose other initial.joints, a larger "
+            "posture.joints_frequency or a weaker current"
+        )
+    elif weak:
+        yield f"the vehicle can't hold its rest behind {frame}: {weak}; choose other initial.joints or a weaker current"
+
+
+def _moves(setup: Any, q: np.ndarray) -> str:
+    """Which joint is farthest from its start at q (n,); empty if none is far."""
+    start = setup.start.q
+    k = int(np.abs(q - start).argmax())
+    link = setup.vehicle.arm.links[k]
+    if abs(q[k] - start[k]) < _FAR:
+        return ""
+    angles = (f"{x:.3g} m" if link.slide else f"{math.degrees(x):.3g} deg" for x in (start[k], q[k]))
+    return f"{link.joint} moves from {' to '.join(angles)}"
+
+
+def _slow_motors(setup: Any, thrust_map: ThrustMap) -> Iterator[str]:
+    """A warning for joints that come near their speed limits, where a motor gives no torque."""
+    scenario, initial = setup.scenario, setup.initial
+    motion = FreeMotion(setup, thrust_map, _still(initial.position, initial.attitude_deg, np.zeros(6)))
+    every = max(1, round(_SAMPLED_S / scenario.control_period))
+    reference = scenario.reference
+    velocities = np.zeros((_SAMPLES, 3))
+    if not reference.states and not reference.memory and is_shipped(reference):
+        velocities = samples(reference, setup, range(0, every * _SAMPLES, every))["p_d_dot"]
+    speeds = motion.speeds(velocities, every * scenario.control_period)
+    near = [
+        f"{link.joint} about {speed:.2g} of {link.speed_limit:.3g} {'m/s' if link.slide else 'rad/s'}"
+        for link, speed in zip(setup.vehicle.arm.links, speeds, strict=True)
+        if speed > _NEAR * link.speed_limit
+    ]
+    if near:
+        yield (
+            "the joints come near their speed limits, at which a motor has no torque left and the law may lose "
+            f"{scenario.task.frame}: {', '.join(near)}; choose a slower reference, a larger posture.joints_frequency "
+            "or a weaker current"
+        )
+
 
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""

@@ -9,11 +9,24 @@ with the force F, which is zero at rest, and the path y_d of the reference. It i
 steps grow as the motion ends (pseudo-transient continuation: Kelley and Keyes, SIAM J. Numerical Analysis 35, 1998), so
 that an impact is plastic and a rest is a root of F. Newton's method then takes the root to rounding. It counts if
 :math:`(I + C) \dot y = \partial F / \partial y \; y` does not grow.
+
+The motion of the frame of the task under a law, as :func:`approach` follows it to a rest: the desired impedance,
+eq. (7), with the residual of the law's balance in place of its stiffness.
 """
 
+import bisect
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
+
+from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ..task import Schedule
+from .terms import Balance, Integral, Pose, ThrustMap
 
 _STEPS = 2000
 _FIRST, _SHORTEST, LAST = 0.02, 1e-7, 1e3
@@ -147,3 +160,240 @@ def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
     inverses = np.linalg.eigvals(np.linalg.solve(J - inertia, inertia))  # of the rates minus one
     rates = 1.0 + 1.0 / inverses[np.abs(inverses) > 1.0 / _FASTEST]
     return bool(rates.real.max(initial=-np.inf) < _GROWS)
+
+
+_SMALL = 1e-6
+"""Change of a coordinate for a derivative [m, rad]."""
+_STILL = 1e-4
+"""A reference that is nearer to its end is at its end [m, rad]."""
+_WRONG, _ROUNDING = 0.02, 1e-6
+"""Error of a predicted change of the force, relative to this change and absolute [N, N m], after which the law's
+derivatives are computed again."""
+_NEAR = 1e-3
+"""A frame that is nearer to its end may go there in one step [m, rad]."""
+_TURNED = 2.0
+"""Rotation vector of a reference beside its way over its displacement [rad/m]."""
+_SAMPLES = 0.05
+"""Time between two samples of the reference [s]."""
+_MOST_SAMPLES = 1200
+_REACH, _ANY = 0.05, 0.5
+"""Largest step of the motion, and in a convex room [m, rad]."""
+
+
+Way = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""The way of a reference: times (n,) [s], positions (n, 3) [m] and attitudes (n, 4)."""
+
+
+def way_of(setup: Any) -> Way | str:
+    """The way of the reference of a run, or the reason why it is not known."""
+    duration = setup.scenario.simulation.duration
+    times = np.linspace(0.0, duration, 1 + min(_MOST_SAMPLES, math.ceil(duration / _SAMPLES)))
+    found = setup.scenario.reference.way(setup, times)
+    return found if isinstance(found, str) else (times, *found)
+
+
+@dataclass
+class Track:
+    """Poses of a motion at increasing times [s]."""
+
+    times: list[float] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+
+    @property
+    def end(self) -> Pose:
+        """The last pose."""
+        return self.poses[-1]
+
+    @property
+    def ends(self) -> float:
+        """When the motion is near its end [s]."""
+        away = [
+            t for t, pose in zip(self.times, self.poses, strict=True) if np.abs(between(pose, self.end)).max() > _NEAR
+        ]
+        return away[-1] if away else 0.0
+
+    def at(self, t: float) -> Pose:
+        """The pose at a time, without its contacts between two of them."""
+        k = bisect.bisect_right(self.times, t)
+        if not 0 < k < len(self.times):
+            return self.poses[min(k, len(self.times) - 1)]
+        a, b = self.poses[k - 1 : k + 1]
+        part = (t - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
+        quat = quat_turned(a.quat, part * between(a, b)[3:])
+        return Pose(a.position + part * (b.position - a.position), quat, rotation_matrix(quat), np.zeros(6))
+
+
+class TaskMotion:
+    """The motion of a frame of mass M_d and damping D_d; a :class:`.approach.Motion` of poses.
+
+    Args:
+        balance: the terms of the static balance.
+        residual: of the law, from the balance and a pose (6,) [N, N m].
+        integral: in the residual.
+        thrust_map: of a rigid vehicle, with the limits of its thrusters.
+    """
+
+    def __init__(
+        self,
+        balance: Balance,
+        residual: Callable[[Balance, Pose], np.ndarray],
+        integral: Integral | None = None,
+        thrust_map: ThrustMap | None = None,
+    ) -> None:
+        self.balance, self.residual, self.integral, self.thrust_map = balance, residual, integral, thrust_map
+        design = balance.setup.design
+        self.inertia, self.damping = design.M_d, design.D_d
+        self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
+        self.sharp, self.ends = 1e-7, 0.0
+        self._end = balance.p_d, balance.quat_d
+        self._law: tuple[Pose, np.ndarray, np.ndarray] | None = None
+        self._way: Way | None = None
+        self._schedule: SimpleNamespace | None = None
+        self.begin()
+
+    def __call__(self, pose: Pose, /) -> np.ndarray:
+        return self._lacking - self.residual(self.balance, pose)
+
+    def moved(self, pose: Pose, change: np.ndarray) -> Pose:
+        return self.balance.moved(pose, change)
+
+    def begin(self, beside: np.ndarray | None = None, led: bool = True, limits: bool = False) -> None:
+        """Begin a motion: with the reference beside its way (3,) [m, W] and turned, back on it at its end; without the
+        reference's velocity in the law; or with the limits of the thrusters."""
+        self.beside, self.led, self.limits = np.zeros(3) if beside is None else beside, led, limits
+        self.track, self._law, self._lacking, self.limited_s = Track(), None, np.zeros(6), 0.0
+        if self.integral is not None:
+            self.integral.begin()
+
+    def passed(self, t: float, pose: Pose) -> str:
+        if self.integral is not None:
+            self(pose)
+            self.integral.advance()
+        self.track.times.append(t)
+        self.track.poses.append(pose)
+        if self.limits and self.thrust_map is not None and len(self.track.times) > 2:
+            design = self.balance.setup.design
+            tau = self._thrust(-1) - design.M @ design.M_d_inv @ self._lacking
+            self.limited_s += self._lacking.any() * (t - self.track.times[-2])
+            self._lacking = design.M_d @ np.linalg.solve(design.M, self.thrust_map.missing(tau))
+        return ""
+
+    @property
+    def saturates(self) -> bool:
+        """Whether the thrusters would come to their limits on the track."""
+        found = (self._thrust(k) for k in range(2, len(self.track.times)))
+        return self.thrust_map is not None and any(self.thrust_map.missing(tau).any() for tau in found)
+
+    def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it."""
+        steps = range(1, len(self.track.times))
+        found = [self.balance.unmodelled_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
+        return np.array(self.track.times[1:]), np.array(found)
+
+    def _velocity(self, k: int) -> np.ndarray:
+        """nu (6,) in step k of the track."""
+        times, poses = self.track.times, self.track.poses
+        return between(poses[k - 1], poses[k]) / (times[k] - times[k - 1])
+
+    def _thrust(self, k: int) -> np.ndarray:
+        """tau (6,) of a rigid vehicle in step k of the track."""
+        nu_before, nu = self._velocity(k - 1), self._velocity(k)
+        acceleration: np.ndarray = (nu - nu_before) / (self.track.times[k] - self.track.times[k - 1])
+        return self.balance.thrust(self.track.poses[k], nu) + self.balance.setup.design.M @ acceleration
+
+    def stable(self, pose: Pose) -> bool:
+        """Whether the motion stays at a root, also while the integral keeps its value."""
+        stays = decays(self.jacobian(pose), self.inertia + self.damping)
+        if self.integral is not None:
+            self.integral.step, self._law = 0.0, None
+            stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
+        return stays
+
+    def jacobian(self, pose: Pose) -> np.ndarray:
+        """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed
+        again where they do not predict the force any more."""
+        force = self(pose)
+        if self._law is not None:
+            there, by_pose, by_wrench = self._law
+            before = self(there)  # with the reference of now
+            predicted = by_pose @ between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
+            if np.abs(force - before - predicted).max() > _WRONG * np.abs(force - before).max() + _ROUNDING:
+                self._law = None
+        if self._law is None:
+            self._law = pose, *self._derivatives(pose, force)
+        return self._law[1] + self._law[2] @ self._stiffness(pose)
+
+    def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def at(y: np.ndarray) -> np.ndarray:
+            quat = quat_turned(pose.quat, y[3:6])
+            return self(Pose(pose.position + pose.R_WB @ y[:3], quat, rotation_matrix(quat), pose.tau_c + y[6:]))
+
+        small = np.concatenate([np.full(6, _SMALL), np.full(6, 1e-3)])
+        J = np.array([(at(e) - force) / e.max() for e in np.diag(small)]).T
+        return J[:, :6], J[:, 6:]
+
+    def _stiffness(self, pose: Pose) -> np.ndarray:
+        """The derivative (6, 6) of the contact wrench by the coordinates from a pose."""
+        changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
+        R = pose.R_WB @ rotation_matrix(_turns())
+        wrenches, _ = self.balance.contacts(pose.position + changes[:, :3] @ pose.R_WB.T, R)
+        return (wrenches[:6] - wrenches[6:]).T / (2.0 * _SMALL)
+
+    def follow(self, way: "Way") -> None:
+        """Let the reference take its way, and K_f and F_d follow their schedule."""
+        times, positions, quats = way
+        left = np.abs(positions - self._end[0]).max(axis=1)
+        turned = np.sqrt(np.maximum(0.0, 1.0 - (quats @ self._end[1]) ** 2))
+        moving = np.flatnonzero(np.maximum(left, turned) > _STILL)
+        self.ends = float(times[moving[-1]] + _SAMPLES) if len(moving) else 0.0
+        self._way = way
+        impedance = self.balance.setup.scenario.impedance
+        if impedance.schedule:
+            self._schedule = SimpleNamespace(**Schedule().constants(self.balance.setup))
+            self.ends = max(self.ends, impedance.schedule[-1].time + impedance.schedule[-1].ramp)
+
+    def velocity(self) -> np.ndarray:
+        """The velocity (6,) at the start, relative to the reference."""
+        setup = self.balance.setup
+        return np.zeros(6) if setup.not_rigid else np.array(setup.scenario.initial.velocity)
+
+    def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
+        balance = self.balance
+        if self.integral is not None and self.integral.step != step:
+            self.integral.step, self._law = step if step <= LAST else math.inf, None
+        if step > LAST:  # the root needs the derivatives where it is
+            self._law = None
+        p_d, quat_d = self.reference(t)
+        balance.p_d, balance.quat_d = self.reference(t + step)
+        if self._schedule is not None:
+            Schedule.step(self._schedule, None, SimpleNamespace(t=t + step), None, balance)
+        moved, quat_e = pose.R_WB.T @ (balance.p_d - p_d), np.empty(4)
+        quat_error(quat_d, balance.quat_d, quat_e)
+        turned = rotation_matrix(quat_d) @ (2.0 * quat_e[1:])
+        return np.concatenate([moved, pose.R_WB.T @ turned]) if self.led else np.zeros(6)
+
+    def reference(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) and attitude (4,) of the reference."""
+        if self._way is None or t >= self.ends:
+            return self._end
+        times, positions, quats = self._way
+        k = min(int(np.searchsorted(times, t, side="right")), len(times) - 1)
+        part = min(1.0, (t - times[k - 1]) / (times[k] - times[k - 1])) if k else 1.0
+        quat = quats[k - 1] + part * (quats[k] * np.sign(quats[k] @ quats[k - 1]) - quats[k - 1])
+        position = positions[k - 1] + part * (positions[k] - positions[k - 1])
+        beside = (1.0 - (t / self.ends) ** 2) * self.beside
+        return position + beside, quat_turned(quat / np.linalg.norm(quat), _TURNED * beside)
+
+
+@functools.cache
+def _turns() -> np.ndarray:
+    """The attitudes (12, 4) after the changes of :meth:`TaskMotion._stiffness`."""
+    changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
+    return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
+
+
+def between(a: Pose, b: Pose) -> np.ndarray:
+    """Displacement (3,) and rotation vector (3,) from a pose to another one, in the axes of the first."""
+    quat_e = np.empty(4)
+    quat_error(a.quat, b.quat, quat_e)
+    return np.concatenate([a.R_WB.T @ (b.position - a.position), 2.0 * quat_e[1:]])

@@ -19,7 +19,7 @@ for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dis
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
 the drag of a tether in it.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
-force of its springs with its moment (:mod:`.contacts`). For GSTA with the attitude reference
+force of its springs with its moment (:class:`.terms.ContactSprings`). For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
 
@@ -54,10 +54,9 @@ from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
 from ...stages.base import is_shipped
 from ..base import SteadyState
-from .approach import approach
-from .task_motion import TaskMotion, way_of
+from .approach import TaskMotion, approach, way_of
+from .free_motion import tool_rest
 from .terms import Balance, Integral, Pose, ThrustMap
-from .tool_balance import tool_rest
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
 """How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
@@ -222,7 +221,7 @@ def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
 
 def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
-    (:mod:`.tool_balance`)."""
+    (:mod:`.free_motion`)."""
     if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
         return "with errors of navigation, the rest of the tool depends on the posture"
     if setup.scenario.wrist.runs:

@@ -7,7 +7,7 @@ grows again at still larger S bounces on after a hard impact.
 
 Super-twisting is infinitely steep at s = 0, so that it always chatters by a little. A describing function knows one
 motion at a time: where slow measurements make the chatter large, it does not see that an old force undamps the wall
-behind it. There the closed form decides (:class:`.latency.ForceAge`), which is the limit of the loop for S = 0 and a
+behind it. There the closed form decides (:class:`.loop.ForceAge`), which is the limit of the loop for S = 0 and a
 short period:
 
 .. math:: T < (D_d / K_f + b_c) / k_c.
@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..base import SteadyState
-from .latency import ForceAge
-from .loop import About, Loop
+from .loop import About, ForceAge, Loop
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""

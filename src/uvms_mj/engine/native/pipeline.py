@@ -9,12 +9,10 @@ import numpy as np
 
 from ...actuation.thrusters import Inflow
 from ...compiler.refusals import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
-from ...control.base import Controller
-from ...control.delay import Delay
+from ...control.base import Controller, Delay
 from ...control.model import Truth
-from ...control.natural import NaturalInertia
 from ...control.posture import PostureBelowTool, PostureBesideBase
-from ...control.schedule import Schedule
+from ...control.task import NaturalInertia, Schedule
 from ...control.task_frame import (
     UP_TO_ESTIMATES,
     ModelAtBody,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...analysis.hold import HOLD_S
 from ...analysis.summary import COURSES, PARTS
-from ...control.schedule import Schedule
+from ...control.task import Schedule
 from ...studies.pages import Picture
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .results import broken

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ...control.theory.latency import ForceAge
+from ...control.theory.loop import ForceAge
 from ...setup.base import set_up
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, successes
