@@ -206,6 +206,12 @@ def looping(g, o):
     o.whole[1] = k
     for kp, kd in GAINS:
         o.s[4] += kp * g.k + kd
+    for i, a in zip(range(abs(g.n) % 4), g.x):
+        o.s[16 + i] = a
+    for i, k in enumerate(range(1, abs(g.n) % 7 + 2, 2)):
+        o.s[20 + i] = k
+    for i, k in enumerate(range(abs(g.n) % 7, 0, -3)):
+        o.s[30 + i] = k
     for name in (g.k, g.v[0], 3.0):
         o.s[5] += name
     for i in range(2):

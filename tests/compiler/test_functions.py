@@ -53,7 +53,8 @@ CASES = {
     ("x", "F(g.x > g.y, g.x, g.y)"): [np.where],
     ("x", "F(g.x, -0.5, 0.5)"): [np.clip],
     ("x", "F(g.x, np.array([-1.0, 0.0, 2.0]), np.array([1.0, 3.0, -2.0]))"): [np.interp],
-    ("twelve", "F(g.A[:2], 12)"): [np.reshape],
+    ("twelve", "F(g.A[:2], 12) + F(g.A[:2].T, 12)"): [np.reshape],
+    ("twelve", "F(g.A[:, :2])"): [np.ravel],
     ("x", "F(g.x, np.int64)"): [np.astype] if hasattr(np, "astype") else [],
 }
 """A result's shape and an expression with a function F: the functions."""

@@ -37,6 +37,10 @@ def larger(x, y):
     return y * 1.0
 
 
+def picked(x, y):
+    return x if x[0] > y[0] else y
+
+
 def recursive(n):
     return n if n <= 0 else recursive(n - 1)
 
@@ -118,6 +122,8 @@ def test_what_a_helper_does_wrong_is_in_the_helpers_line(body, reason, words):
         ("SHARED[0] = 1.0", "keep what changes in a state or a memory"),
         ("x = larger(out, s.x)\nx[0] = 1.0", "it may be a copy here"),
         ("x = out if g.k > 0.0 else out + 1.0\nx[0] = 1.0", "it may be a copy here"),
+        ("x = out[:3]\nif g.k > 0.0:\n    x = out[::2]\nx[0] = 1.0", "it may be a copy here"),
+        ("x = picked(out, s.x + 1.0)\nx[0] = 1.0", "it may be a copy here"),
         ("x = np.zeros((1000, 1000))", "more than 256 kB"),
         ("f = lambda x: x\nout[0] = f(1.0)", "the language has no lambda; write a function with def"),
         ("out[0] = np.sum(s.x, where=s.x)", "the language has no argument where here"),
@@ -142,6 +148,7 @@ def test_what_the_language_lacks_is_said_with_what_to_write(body, reason):
         ("if s.n == 6:\n    raise ValueError(f'too large: {s.n}')", RAISED),
         ("assert s.n != 6, 'six'", RAISED),
         ("out[:] = np.linalg.solve(s.A * 0.0, s.x)", RAISED),
+        ("out[:1] = np.linalg.cholesky(s.A[:1, :1] - 1.0)[0]", RAISED),
     ],
 )
 def test_a_failed_check_ends_the_function_with_its_place_and_writes_nowhere_else(body, why):

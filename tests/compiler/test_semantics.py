@@ -68,6 +68,17 @@ def test_extremes_give_what_numpy_gives_whatever_the_sign_of_zero():
         assert_equal(mine + 0.0, theirs + 0.0, True, text)
 
 
+def test_a_sum_along_an_axis_is_numpys_bit_for_bit():
+    def totals(x, out):
+        out[:3] = x.sum(axis=0)
+        out[3:] = x.T.copy().sum(axis=1)
+
+    x, mine, theirs = np.random.default_rng(4).normal(size=(20, 3)) * 1e3, np.zeros(6), np.zeros(6)
+    assert Compiled(totals, [("f8", (20, 3)), ("f8", (6,))])(x, mine) == 0
+    totals(x, theirs)
+    np.testing.assert_array_equal(mine, theirs)
+
+
 def test_a_sum_is_numpys_bit_for_bit_whatever_its_length():
     def total(x, out):
         out[0] = x.sum()

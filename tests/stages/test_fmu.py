@@ -251,6 +251,16 @@ def test_what_is_no_fmu_for_this_machine_is_refused(tmp_path, monkeypatch, files
     assert words in str(raised.value)
 
 
+def test_a_link_in_an_archive_is_not_unpacked(tmp_path):
+    path = archive(tmp_path / "unit.fmu", whole())
+    with zipfile.ZipFile(path, "a") as made:
+        link = zipfile.ZipInfo("resources/link")
+        link.external_attr = 0o120777 << 16
+        made.writestr(link, "/etc")
+    with pytest.raises(InputError, match="would unpack 'resources/link' outside of its folder"):
+        Scenario.load("push_wall", {"controller.name": path})
+
+
 def test_a_file_of_text_is_no_fmu(tmp_path):
     (tmp_path / "unit.fmu").write_text("text")
     with pytest.raises(InputError, match="is not an FMU, which is a zip archive"):

@@ -150,6 +150,16 @@ def test_a_c_compiler_gives_the_records_the_sizes_and_places_that_the_loop_gives
     assert [tuple(map(int, line.split())) for line in printed] == places
 
 
+def test_a_header_says_units_and_meanings_and_frames(tmp_path):
+    description = PD_TOML.replace('"stiffness"', '"stiff */ ness"')
+    kind = STAGES["controller"].stage_class(written(tmp_path, "pd", PD, description))
+    text = " ".join(header(kind, Records.of(kind(), 6)).split())
+    assert "double k_p; /* [N/m, N m] stiff * / ness */" in text
+    assert "double t; /* [s] time of the instant */" in text
+    assert "double p_WB[3]; /* [m] position of B's origin, in W */" in text
+    assert "double M_hat[6][6]; /* [kg, kg m, kg m^2]" in text
+
+
 def test_each_run_has_static_data_of_its_own(tmp_path):
     counting = PD.replace(
         "{\n    for", "{\n    static double calls;\n    calls += 1.0;\n    state->count[0] = calls;\n    for", 1
@@ -231,6 +241,7 @@ LAW = 'stage = "controller"\n'
 REFUSED = [
     ("no_file.c", None, None, "no file 'no_file.c'"),
     ("pd.c", PD, None, "no file pd.toml in"),
+    ("pd-1.c", PD, PD_TOML, "'pd-1' is not the name of a C function"),
     ("pd.c", "int NAME(", PD_TOML, "pd.c does not compile with"),
     ("pd.c", PD.replace("int NAME", "int other"), PD_TOML, "has no function pd"),
     ("pd.c", PD.replace("k_d", "k_v"), PD_TOML, "k_v"),

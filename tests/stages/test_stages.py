@@ -167,6 +167,20 @@ def test_wrong_declarations_are_named(tmp_path, table, members, said):
         Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, own(table, members=members))})
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("../own.py", "must be a path below the folder"),
+        ("none.txt", "files: no file 'none.txt' in"),
+        ("own.py", "MB in all; at most 1e-05 MB are allowed"),
+    ],
+)
+def test_files_of_a_class_are_below_its_folder_and_small(tmp_path, monkeypatch, name, said):
+    monkeypatch.setattr("uvms_mj.stages.base._MOST_BYTES", 10)
+    with pytest.raises(InputError, match=said):
+        Scenario.load("push_wall", controller=file_with(tmp_path, own("controller", members=f"files = ['{name}']")))
+
+
 @pytest.mark.parametrize("table", STAGES)
 def test_a_wrong_name_is_answered_with_the_right_ones(tmp_path, table):
     choice = STAGES[table]
