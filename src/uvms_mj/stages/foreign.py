@@ -307,28 +307,23 @@ def header(kind: type[Stage], records: Records) -> str:
     name, room = kind.__name__, kind.room
     given = "signals" if "signals" in room.arguments else "given"
     settings = {field.name: (unit_of(field), field.metadata.get("meaning", "")) for field in kind.setting_fields()}
-    states = {
-        key: (kind.units.get(key, ""), "a state" if key in kind.states else "kept")
-        for key in kind.state_record(1).dtype.names or ()
+    states = {name: (kind.units.get(name, ""), "a state") for name in kind.states}
+    structs = {
+        "settings": (records.settings, settings),
+        "state": (records.state, states | dict.fromkeys(kind.memory, ("", "kept"))),
+        given: (records.given, _notes(kind.given(1))),
     }
-    notes = {
-        "settings": settings,
-        "state": states,
-        given: _notes(kind.given(1)),
-        "out": _notes(room.out),
-    }
-    structs = {"settings": records.settings, "state": records.state, given: records.given}
     called = dict(zip(("settings", "state", given, "state_dot", "out"), room.arguments, strict=True))
-    output = f"double *{called['out']}"
+    sizes = [f"sizeof(struct {key})" if structs[key][0].itemsize else "0" for key in ("settings", "state")]
     if records.out.names:
-        structs["out"] = records.out
-        output = f"struct out *{called['out']}"
-    text = "\n".join(_struct(key, dtype, notes[key]) for key, dtype in structs.items())
+        structs["out"] = records.out, _notes(room.out)
+        output, number = f"struct out *{called['out']}", f"all of {', '.join(records.out.names)}"
+        sizes.append("sizeof(struct out)")
+    else:
+        output, number = f"double *{called['out']}", f"all {records.out.itemsize // 8} numbers of its output"
+        sizes.append(str(records.out.itemsize))
+    text = "\n".join(_struct(key, *each) for key, each in structs.items())
     constants = "".join(f"#define {key} {value}\n" for key, value in records.counted.items())
-    has = [structs.get(key, np.dtype("f8")).itemsize for key in ("settings", "state")]
-    sizes = [f"sizeof(struct {key})" if size else "0" for key, size in zip(("settings", "state"), has, strict=True)]
-    sizes.append("sizeof(struct out)" if records.out.names else str(records.out.itemsize))
-    number = _numbers_of_out(records.out)
     return f"""/* The records of the {room.noun} {name}, in SI units, for a stage of uvms-mj.
 
    uvms-mj writes this file from {name}.toml: `uvms-mj new header {name}.toml` writes it anew. A run compiles {name}.c
@@ -366,12 +361,7 @@ const uint64_t {name}_records[4] = {{
 
 
 def _notes(signals: tuple[Signal, ...]) -> dict[str, tuple[str, str]]:
-    frame = {signal.name: f", in {signal.frame}" if signal.frame != "-" else "" for signal in signals}
-    return {signal.name: (signal.unit, f"{signal.meaning}{frame[signal.name]}") for signal in signals}
-
-
-def _numbers_of_out(out: np.dtype) -> str:
-    return f"all of {', '.join(out.names)}" if out.names else f"all {out.itemsize // 8} numbers of its output"
+    return {s.name: (s.unit, s.meaning if s.frame == "-" else f"{s.meaning}, in {s.frame}") for s in signals}
 
 
 def _struct(name: str, dtype: np.dtype, notes: Mapping[str, tuple[str, str]]) -> str:
