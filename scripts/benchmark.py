@@ -46,7 +46,7 @@ from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Simulation, Trace, attach, simulate
 from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
-from uvms_mj.engine.native.timers import timers_stopped
+from uvms_mj.engine.native.callback import timers_stopped
 from uvms_mj.engine.simulation import ENGINES
 from uvms_mj.setup.base import set_up
 

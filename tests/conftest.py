@@ -16,7 +16,7 @@ from hypothesis import settings
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.engine import simulation
-from uvms_mj.engine.free_engine import refusals
+from uvms_mj.engine.engines import refusals
 
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")

@@ -9,7 +9,7 @@ import pytest
 
 from compare_engines import differences, drawn
 from uvms_mj import Diverged, InputError, Scenario, Simulation, simulate
-from uvms_mj.engine.free_engine import refusals
+from uvms_mj.engine.engines import refusals
 from uvms_mj.physics.contacts import pair_force
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.free_body import free_acceleration, symplectic_step

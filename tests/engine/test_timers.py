@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Simulation
-from uvms_mj.engine.native.timers import timers_stopped
+from uvms_mj.engine.native.callback import timers_stopped
 
 STEP = mujoco.mjtTimer.mjTIMER_STEP
 

@@ -28,7 +28,7 @@ STORM = """if True:
     import random, signal
     import numpy as np
     from uvms_mj import Scenario, Status, simulate
-    from uvms_mj.engine.mujoco_engine import MujocoEngine
+    from uvms_mj.engine.engines import MujocoEngine
     from test_writing import Kept
 
     MujocoEngine.chunk_steps = 1  # rows are passed on at every step, so that interrupts often come at that moment

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import Fault, InputError
-from .native.many_runs import many_runs
+from .native.loop import many_runs
 from .native.run_memory import RunMemory
 from .simulation import Diverged, Simulation
 

@@ -19,14 +19,12 @@ from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
 from ..stages.signals import Signal, no_signal, record_dtype
-from .base import Engine
-from .free_engine import FreeEngine
-from .mujoco_engine import MujocoEngine
+from .engines import Engine, FreeEngine, MujocoEngine
+from .native.loop import Diverged, stop_reason
 from .native.run_memory import RunMemory
-from .native.stop_reason import Diverged, stop_reason
 
 ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (MujocoEngine, FreeEngine)}
-"""The engines by name: ``mujoco`` runs every scenario, ``free_body`` where :func:`.free_engine.refusals` has none."""
+"""The engines by name: ``mujoco`` runs every scenario, ``free_body`` where :func:`.engines.refusals` has none."""
 
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
@@ -51,7 +49,7 @@ class Simulation:
     Args:
         scenario: the scenario; default: the paper's.
         engine: "mujoco", or "free_body", which steps one free vehicle without MuJoCo, several times as fast
-            (:mod:`.free_engine`).
+            (:mod:`.engines`).
         mjcf: the vehicle's model, in place of the file of ``scenario.vehicle.model``.
         looks: whether ``model`` has the looks of the vehicle and the walls, water behind them, light, and the camera
             "overview". They change no number and cost a step nothing; without them, a Simulation is made sooner.

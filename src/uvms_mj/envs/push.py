@@ -35,13 +35,13 @@ import numpy as np
 
 from ..control.design import demanded_force
 from ..engine.batch import Batch
-from ..engine.free_engine import refusals
+from ..engine.engines import refusals
 from ..engine.simulation import ENGINES, Diverged, Simulation
 from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import set_up
-from . import checks
+from . import domain
 from .domain import Domain, domain_of
 from .seen import Observe, Reward, Seen
 
@@ -108,7 +108,7 @@ class Pushes:
         **unknown: Any,
     ) -> None:
         faults = [Fault(name, f"no such argument; {suggestion(name, ARGUMENTS)}") for name in unknown]
-        checked = functools.partial(checks.checked, faults)
+        checked = functools.partial(domain.checked, faults)
         base, variations = checked(domain_of, randomise) or (None, {})
         chosen = _scenario(scenario, base, overrides)
         self.action, self.scenario = action, chosen.updated(_REPLACED.get(action, {}))
@@ -118,20 +118,20 @@ class Pushes:
             faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'"))
         wanted = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
         demanded = _demanded(self.scenario) if force_d is None else force_d
-        number = checked(checks.positive, "force_d", demanded, ((), (1,)), wanted)
+        number = checked(domain.positive, "force_d", demanded, ((), (1,)), wanted)
         self._force_d = None if force_d is None or number is None else number.item()
         self.wrench_scale = checked(
-            checks.positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]"
+            domain.positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]"
         )
-        self.thrust_scale = checked(checks.positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
-        weight = checked(checks.positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
+        self.thrust_scale = checked(domain.positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
+        weight = checked(domain.positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
         self.effort_weight = weight
-        self.reward_diverged = checked(checks.finite, "reward_diverged", reward_diverged)
-        self._base = checked(checks.base_gains, self.scenario, gains) if action == "gains" else {}
-        self.steps_each = checked(checks.steps_each, self.scenario.simulation.timestep, control_rate)
-        self.rngs = checked(checks.generators, seed, n)
-        self._observed = observe if callable(observe) else tuple(checked(checks.names, "observe", observe) or ())
-        self._reward = checked(checks.function, "reward", reward)
+        self.reward_diverged = checked(domain.finite, "reward_diverged", reward_diverged)
+        self._base = checked(domain.base_gains, self.scenario, gains) if action == "gains" else {}
+        self.steps_each = checked(domain.steps_each, self.scenario.simulation.timestep, control_rate)
+        self.rngs = checked(domain.generators, seed, n)
+        self._observed = observe if callable(observe) else tuple(checked(domain.names, "observe", observe) or ())
+        self._reward = checked(domain.function, "reward", reward)
         if faults:
             raise InputError(faults, "push")
         self.domain = Domain(variations, self.scenario)
@@ -173,7 +173,7 @@ class Pushes:
         Raises:
             InputError: no run can begin with these values. The run is as it was.
         """
-        rng = self.rngs[i] if seed is None else checks.generator(seed)
+        rng = self.rngs[i] if seed is None else domain.generator(seed)
         drawn = self.domain.draw(rng)
         number = int(rng.integers(2**31))
         self._restart(i, {**self._base, **drawn, **overrides_of(overrides)}, number)
@@ -215,7 +215,7 @@ class Pushes:
         Raises:
             InputError: the actions have another shape, or a number that is not finite.
         """
-        numbers = checks.numbers(actions)
+        numbers = domain.numbers(actions)
         if numbers.shape != (self.n, self.size) or not np.isfinite(numbers[which]).all():
             shape = f"{self.n} x {self.size}" if self.n > 1 else f"{self.size}"
             raise InputError([Fault("action", f"{actions!r}: must be {shape} finite numbers")])
@@ -329,7 +329,7 @@ class Push:
         Raises:
             InputError: the action has another shape, or a number that is not finite.
         """
-        numbers = checks.numbers(action)
+        numbers = domain.numbers(action)
         if numbers.shape != (self.size,) or not np.isfinite(numbers).all():
             raise InputError([Fault("action", f"{action!r}: must be {self.size} finite numbers")])
         self._runs.apply(numbers[None], _FIRST)

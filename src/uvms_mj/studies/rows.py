@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import OF_WHOLE_RUN, ending, numbers
-from ..engine.free_engine import refusals
+from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
 from ..engine.simulation import Simulation
 from ..errors import InputError, error_text

@@ -16,10 +16,10 @@ from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import Current, Disturbance, Tether
 from ...setup.checks import water_faults
+from .bodies import Water
 from .callback import evaluation, mjcb_control
 from .memory import CAPACITY, registry
 from .record import Image, alone_dtype, water_rooms
-from .water import Water
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}

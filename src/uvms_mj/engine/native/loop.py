@@ -1,4 +1,5 @@
-"""One step of the closed loop: observation, stages, thrusters, running signals, rows and bounds.
+"""One step of the closed loop: observation, stages, thrusters, running signals, rows and bounds; why it stopped; the
+loop around one free rigid body without MuJoCo; and many runs in one call.
 
 The functions work on the record of a run alone. Stages are called by their addresses, so that this code is the same for
 every stage, and for both engines. Row k has the state at t_k, the stages' outputs for it, and the contact force at t_k.
@@ -6,17 +7,68 @@ MuJoCo computes this force during step k, so the row is completed at the start o
 read.
 """
 
+import functools
 import math
 import sys
+from typing import Any
 
 import numpy as np
 
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
+from ...physics.free_body import free_acceleration, soft_contact, symplectic_step
+from ...physics.hydrodynamics import water_wrench
 from ...physics.kernels import kernel
-from .memory import call_code
-from .record import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
+from .compilation import NativeFunction, native_functions
+from .memory import call_code, floats
+from .record import (
+    JOINT_BOUND,
+    NUMBERS,
+    STOP_COMMAND,
+    STOP_JOINT,
+    STOP_NONE,
+    STOP_STAGE,
+    STOP_STATE,
+    STOP_THRUST,
+    STOP_WAITING,
+)
+
+SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
+"""Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
+POSITION_BOUND = 1e4
+"""A larger distance from the start along any axis means that the simulation has diverged [m]."""
+TAU_BOUND = 1e7
+"""A larger entry of tau_cmd, or thrust, means that the simulation has diverged [N, N m]."""
+
+_AXES = ["u", "v", "w", "p", "q", "r"]
+
+
+class Diverged(RuntimeError):
+    """The state, tau_cmd or u left its bounds. The message names the time, the variable and the bound."""
+
+
+def stop_reason(run: np.void) -> str:
+    """The first variable of the record of a run to leave its bound, as text; empty if there is none."""
+    i, value = int(run["stop_index"]), float(run["stop_value"])
+    if run["stop"] == STOP_STATE and i < 3:
+        return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"
+    if run["stop"] == STOP_STATE:
+        unit = "m/s" if i < 6 else "rad/s"
+        return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
+    if run["stop"] == STOP_COMMAND:
+        unit = "N" if i < 3 else "N m"
+        what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
+        return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
+    if run["stop"] == STOP_THRUST:
+        return f"u[{i}] = {value:.6g} N, {f'beyond {TAU_BOUND:g} N' if np.isfinite(value) else 'not a finite number'}"
+    if run["stop"] == STOP_JOINT:
+        n = len(run["tau_q"])
+        what = f"position of joint {i + 1}" if i < n else f"velocity of joint {i - n + 1}"
+        return f"{what} = {value:.6g}, beyond {JOINT_BOUND:g}"
+    assert run["stop"] != STOP_WAITING, "a stage in plain Python was not called"
+    return ""
+
 
 _LARGEST = sys.float_info.max
 
@@ -285,3 +337,61 @@ def copy_numbers(numbers, source, n, target):
     """Copy n numbers from a place to another one."""
     for i in range(n):
         numbers[target + i] = numbers[source + i]
+
+
+def free_steps(run, n, moving) -> int:
+    """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
+    taken before the run stopped."""
+    plant, body, true, solved = run.plant, run.body, run.true, run.plant.solved
+    for k in range(n):
+        if not begin_step(run):
+            return k
+        water_wrench(plant, true.R_WB, true.nu, plant.wrench)
+        tau = plant.wrench + true.tau
+        if run.pairs.shape[0] != 0:
+            tau += plant.tau_applied_B
+        free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
+        if run.pairs.shape[0] != 0:
+            pair, contact = run.pairs[0], run.pairs[0].contact
+            solved[0] = 0.0
+            if pair.solved != 0 and contact.touching != 0:
+                f_n = soft_contact(body, contact, pair.depth, true.R_WB, plant.qvel, plant.qacc)
+                solved[0], solved[1:] = 1.0, f_n * contact.normal_W
+        if moving != 0:
+            symplectic_step(plant.qpos, plant.qvel, plant.qacc, run.timestep)
+    return n
+
+
+_PLACES, _TABLE = np.dtype(("i8", (NUMBERS,))), np.dtype(("f8", (NUMBERS,)))
+
+
+def take_steps(runs, first, last, n, step, advance, control):
+    """Take n time steps in each of the runs ``first`` to ``last``, by the addresses of their records, and prepare the
+    next one: its stages up to index ``control``. ``step`` and ``advance`` are addresses of machine code."""
+    for i in range(first, last):
+        call_code(step, runs[i], n, 1)
+        call_code(advance, runs[i], control)
+
+
+def gather(runs, n, places, count, table):
+    """Copy ``count`` numbers of each of n runs to the rows of a table, by their places in the record."""
+    for i in range(n):
+        numbers = floats(runs[i], NUMBERS)
+        for k in range(count):
+            table[i * count + k] = numbers[places[k]]
+
+
+def scatter(runs, n, places, count, table):
+    """Copy the rows of a table to the records, the reverse of :func:`gather`."""
+    for i in range(n):
+        numbers = floats(runs[i], NUMBERS)
+        for k in range(count):
+            numbers[places[k]] = table[i * count + k]
+
+
+@functools.cache
+def many_runs() -> dict[str, NativeFunction]:
+    """The machine code of this module, by name."""
+    copy: list[np.dtype | str] = [_PLACES, "i8", _PLACES, "i8", _TABLE]
+    parts: dict[Any, list[np.dtype | str]] = {take_steps: [_PLACES, *["i8"] * 6], gather: copy, scatter: copy}
+    return {each.__name__: code for each, code in zip(parts, native_functions(parts), strict=True)}

@@ -37,7 +37,7 @@ stopped = np.zeros(1, dtype=np.int64)
 """Set by the machine code of a stage in whose loop a signal handler raised, as it does at Ctrl-C."""
 
 clock = np.zeros(1)
-"""What MuJoCo's clock shows while it is stopped (:mod:`.timers`)."""
+"""What MuJoCo's clock shows while it is stopped (:func:`.callback.stopped_clock`)."""
 
 llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
 llvm.add_symbol("uvms_mj_clock", clock.ctypes.data)

@@ -8,14 +8,14 @@ import llvmlite.binding as llvm
 from ...compiler.targets import Target
 from ...compiler.values import INT
 from .callback import evaluate_alone
-from .free_body import free_steps
 from .intrinsics import kernel_module, stage_module
+from .loop import free_steps
 from .pipeline import CompiledStage
 from .record import Shape, alone_dtype, run_dtype, with_numbers
 from .user_stage import between_copies
 
 STEPS = "uvms_mj_free_steps"
-"""The symbol of :func:`.free_body.free_steps`: a function of three 64-bit integers that returns one. The
+"""The symbol of :func:`.loop.free_steps`: a function of three 64-bit integers that returns one. The
 first is the address of the record of a run, which has it in ``address``, too."""
 
 

@@ -49,12 +49,11 @@ from ...stages.signals import (
     record_dtype,
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
-from .fmu import UnitInstance
 from .memory import at_address
 from .own_memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
-from .shared_library import Library
+from .shared_library import Library, UnitInstance
 from .user_stage import compile_user_stage, is_check
 
 LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), Library), UNIT: UnitInstance}

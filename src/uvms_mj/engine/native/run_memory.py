@@ -57,10 +57,10 @@ from .bodies import (
 )
 from .callback import advance, finish
 from .compilation import native_functions
+from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
 from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, run_dtype, water_rooms, with_numbers
-from .stop_reason import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 
 _ATTRIBUTES = {*dir(np.recarray), *dir(Trace), *(field.name for field in fields(Trace)), "file", "allow_pickle"}
 """Attributes of a trace, and of the formats to which it is exported."""
@@ -214,7 +214,7 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
 @functools.cache
 def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
     """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
-    :func:`.callback.evaluate` in MuJoCo's callback or :func:`.free_body.free_steps`, and what Python calls between
+    :func:`.callback.evaluate` in MuJoCo's callback or :func:`.loop.free_steps`, and what Python calls between
     chunks. They share most of their code, and are one module."""
     run = with_numbers(run_dtype(shape))
     parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
@@ -222,7 +222,7 @@ def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
 
 
 class RunMemory:
-    """The record of a run, its stages and its rows, and the :class:`uvms_mj.engine.base.Engine` that moves its body.
+    """The record of a run, its stages and its rows, and the :class:`uvms_mj.engine.engines.Engine` that moves its body.
 
     Attributes:
         image: all memory of the run.

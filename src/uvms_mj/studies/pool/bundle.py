@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ...engine.native.sources import source_files
+from ...engine.native.compilation import source_files
 from ...errors import Fault, InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
