@@ -5,7 +5,7 @@ import pytest
 
 from certified import certificate_of
 from uvms_mj import Gsta, Scenario, simulate
-from uvms_mj.analysis.disturbance import Experienced, experienced, lumped_disturbance
+from uvms_mj.analysis.residual import Experienced, experienced, lumped_disturbance
 from uvms_mj.control.theory.certificate import gains_for
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.physics.frames import rotation_matrix

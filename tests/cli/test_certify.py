@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from certified import certificate_of
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
-from uvms_mj.analysis.disturbance import experienced
+from uvms_mj.analysis.residual import experienced
 from uvms_mj.cli.certify import certify
 from uvms_mj.control.theory.certificate import gains_for, rate_bound
 from vehicles import random_parameters, vehicle_xml

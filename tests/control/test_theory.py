@@ -23,7 +23,7 @@ from uvms_mj.control.theory import predictions
 from uvms_mj.control.theory.predictions import TheoryWarning
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning, warnings_of
-from uvms_mj.views.figures import contact
+from uvms_mj.views.figures import panels
 
 ROOT = Path(__file__).parents[2]
 SHORT = {"simulation.duration": 1e-3}
@@ -84,7 +84,7 @@ def test_a_users_closed_form_is_in_table_and_figure_and_its_reason_as_well(pd, t
     assert "1.996008 N" in done.stdout
     assert "analytic position" not in done.stdout
     trace = Trace.load(tmp_path / "still" / "run.mcap")
-    assert ("analytic", trace.analytic.force) in contact.expected_forces(trace)
+    assert ("analytic", trace.analytic.force) in panels.expected_forces(trace)
     done = CliRunner().invoke(run, ["-c", pd, "simulation.duration=0.01", "--out", str(tmp_path / "flowing")])
     assert "none: the current pushes a PD law off the reference" in done.stdout
     assert not done.stderr

@@ -16,7 +16,7 @@ from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.surfaces import signed_distance
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning, warnings_of
-from uvms_mj.views.figures.contact import expected_forces
+from uvms_mj.views.figures.panels import expected_forces
 
 FREE = {"engine": "free_body"}
 K_C, K_X = 1e5, 150.0

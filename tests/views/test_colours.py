@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from uvms_mj.views import colours
-from uvms_mj.views.figures.joints import JOINTS
+from uvms_mj.views.figures.panels import JOINTS
 from uvms_mj.views.figures.style import COLOURS
 
 SEEN = {

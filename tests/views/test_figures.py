@@ -27,7 +27,7 @@ from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES, BAND
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures import style
-from uvms_mj.views.figures.joints import JOINTS
+from uvms_mj.views.figures.panels import JOINTS
 from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 

@@ -19,9 +19,8 @@ from uvms_mj.stages.signals import BAND
 from uvms_mj.views import colours
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import viewer
-from uvms_mj.views.rerun.extents import MOST_STEPS, Extents, readable
 from uvms_mj.views.rerun.layout import layout
-from uvms_mj.views.rerun.run import POSE_HZ, Run, bounds
+from uvms_mj.views.rerun.run import MOST_STEPS, POSE_HZ, Extents, Run, bounds, readable
 
 
 def columns(path: Path) -> dict[str, dict[str, list]]:

@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 
 from tree_run import JOINTS, tool_run
 from uvms_mj.views import rerun as rerun_view
-from uvms_mj.views.rerun import arm, viewer
+from uvms_mj.views.rerun import run, viewer
 from uvms_mj.views.rerun.layout import layout
 from uvms_mj.views.rerun.run import POSE_HZ
 
@@ -47,7 +47,7 @@ def test_links_have_their_poses_in_the_entities_of_their_parents(armed):
         np.testing.assert_array_equal(shown, quat[:, [1, 2, 3, 0]].astype("f4"))
         meshes = [path for path in found if path.startswith(f"/world/vehicle/{PATHS[link.name]}/part")]
         assert len(meshes) == len({shape.rgba for shape in link.shapes}) > 0
-    assert arm.paths(trace.header.geometry) == [("boom",), ("boom", "rod"), ("flap",)]
+    assert run.paths(trace.header.geometry) == [("boom",), ("boom", "rod"), ("flap",)]
 
 
 def test_the_tool_and_its_reference_are_triads_in_their_frames(armed):
@@ -58,7 +58,7 @@ def test_the_tool_and_its_reference_are_triads_in_their_frames(armed):
     np.testing.assert_array_equal(shown, trace.p_WT[::every].astype("f4"))
     for entity in (tool, reference):
         axes = np.array(entity["Arrows3D:vectors"][0])
-        np.testing.assert_allclose(axes, arm.TRIAD_M * np.eye(3), rtol=1e-6)
+        np.testing.assert_allclose(axes, run.TRIAD_M * np.eye(3), rtol=1e-6)
     assert "Boxes3D:half_sizes" not in reference, "the box is that of a vehicle's reference"
     way = [row[0] for row in found["/world/trajectory"]["LineStrips3D:strips"] if row]
     np.testing.assert_array_equal(way[-1][1], trace.p_WT[::every][-1].astype("f4"))

@@ -252,7 +252,7 @@ def test_only_this_machine_is_served(server):
 
 
 def test_a_taken_port_is_named(server, recording):
-    from uvms_mj.views.rerun.web import web_viewer
+    from uvms_mj.views.rerun.process import web_viewer
 
     with pytest.raises(InputError, match=f"port {server.port}"), web_viewer(recording, server.port):
         pass

@@ -11,9 +11,9 @@ from PIL import Image
 from uvms_mj import InputError, Scenario, Trace, simulate, still, video
 from uvms_mj.views import video as views
 from uvms_mj.views.video import underwater
-from uvms_mj.views.video.camera import VIEWS, Camera
 from uvms_mj.views.video.encoding import CODERS
 from uvms_mj.views.video.plots import Plots
+from uvms_mj.views.video.underwater import VIEWS, Camera
 
 SMALL = (320, 180)
 

@@ -112,7 +112,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
 
 
 def _tables(report: dict[str, Any]) -> None:
-    from ..analysis.run_table import ROUNDING
+    from ..analysis.summary import ROUNDING
 
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
     alone = "" if gains["nominal"] else ", without nominal control"

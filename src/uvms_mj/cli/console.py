@@ -152,7 +152,7 @@ def print_verdicts(
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
     from rich.text import Text
 
-    from ..analysis.run_table import heading, rows
+    from ..analysis.summary import heading, rows
 
     table: list[tuple[Any, ...]] = [(name, printable(value)) for name, value in rows(trace, report)]
     if report["status"] == "completed" and not trace.scenario.controller.external:  # which can't be repeated

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.disturbance import experienced
+from ..analysis.residual import experienced
 from ..analysis.summary import saturated
 from ..control.theory.certificate import MARGIN, Certificate, gains_for
 from ..errors import InputError

@@ -35,8 +35,7 @@ def trace_figure(trace: Trace, what: str | Sequence[str], width: str | float | N
 @display.html.register(Trace)
 def trace_html(trace: Trace) -> str:
     """A run: the table that ``uvms-mj run`` prints, its warnings, and its force, or without a contact its position."""
-    from ..analysis.run_table import heading, rows
-    from ..analysis.summary import summary
+    from ..analysis.summary import heading, rows, summary
     from . import figures
 
     report = summary(trace, {})

@@ -13,7 +13,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from ..header import Header
-from . import markers, topics
+from . import topics
 from .ros2 import STAMP
 from .topics import Topic
 
@@ -186,7 +186,7 @@ class Format:
         block.fill(self.row_records, topics.columns(self.header, rows), sequence, log_ns)
         some = sequence % self.arrow_every == 0
         if some.any():
-            values = markers.force_columns(self.header, rows[some])
+            values = topics.force_columns(self.header, rows[some])
             block.fill(self.arrow_records, values, sequence[some] // self.arrow_every, log_ns[some])
         return block, log_ns
 

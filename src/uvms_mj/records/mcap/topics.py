@@ -1,12 +1,15 @@
-"""Topics of a log: the ROS 2 type, the frame and the signals of each.
+"""Topics of a log: the ROS 2 type, the frame and the signals of each, the joints of an arm and the scene as markers.
 
 Every signal of a run is on a topic. :data:`_TYPES` and :data:`_TOGETHER` declare the signals with a ROS 2 message type
 of their own. All other signals have a topic of numbers, so a new signal needs no change here. A topic whose signals are
 not all recorded is left out.
 
 Frames follow REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the face of
-the wall, with x out of it. :mod:`.joints` has those of an arm. Each row of a run gives one message on each topic of
+the wall, with x out of it. Each row of a run gives one message on each topic of
 :func:`sampled`.
+
+The frame of a link is ``link/`` and the name of its body, so that no link has the name of another frame. Its parent is
+the frame of the parent link, or ``base_link``. The tool's frame is ``tool``.
 """
 
 import dataclasses
@@ -17,10 +20,11 @@ import numpy as np
 
 from ...control.base import SteadyState
 from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
+from ...plant.geometry import LinkGeometry, Shape
 from ...stages.signals import RUNNING, Signal, joint_saturation_signal
 from ..header import Header
-from ..scene import FORCE_SCALE, scene_of, wall_face
-from . import joints, markers, ros2
+from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene, scene_of, wall_face
+from . import ros2
 from .ros2 import STAMP, Message
 
 ARROWS_HZ = 20.0
@@ -122,7 +126,7 @@ def _transforms(header: Header, names: set[str]) -> Topic:
         items.append(("map", "tool", "p_WT", "quat_WT.xyzw"))
         said = ", of the tool in map"
     if "q" in names:
-        items += joints.transforms(header)
+        items += transforms(header)
         said += ", of each link in its parent"
     meaning = f"pose of base_link and of reference in map{said}"
     return Topic("/tf", _TF, "map", "m, 1", meaning, ros2.transforms(*items))
@@ -131,7 +135,7 @@ def _transforms(header: Header, names: set[str]) -> Topic:
 def _joints(header: Header) -> Iterator[Topic]:
     """The topics of the states of the joints, if there are any."""
     for name, (meaning, signals) in _JOINTS.items() if header.geometry.links else ():
-        message = joints.state(header, *signals)
+        message = state(header, *signals)
         yield Topic(name, _JOINT_STATE, "-", "rad, m", meaning, message)
 
 
@@ -162,7 +166,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
         if name in values:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
     if "q" in values:
-        values |= joints.columns(header, values["q"])
+        values |= columns_of_joints(header, values["q"])
     if "tau_contacts_B" in values:
         values["f_contact.wrench"] = values["tau_contacts_B"]
         return values
@@ -184,7 +188,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
 def arrows() -> Topic:
     """The topic of the forces as arrows, at :data:`ARROWS_HZ`."""
     meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m per newton, cut off at the size of the scene"
-    return Topic("/markers/forces", _MARKERS, "map", "m", meaning, markers.forces())
+    return Topic("/markers/forces", _MARKERS, "map", "m", meaning, forces())
 
 
 def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
@@ -193,12 +197,12 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
     current = ros2.stamped("map", "v_c_W", 3)
     meaning = "velocity of the current" if header.scenario.current.constant else "constant part of the current"
-    shapes, surroundings = markers.vehicles(scene), markers.surroundings(scene)
+    shapes, around = vehicles(scene), surroundings(scene)
     topics = [
         Topic("/tf_static", _TF, "map", "m, 1", "pose of the wall's face in map", wall),
         Topic("/current", _VECTOR, "map", "m/s", meaning, current),
         Topic("/markers/vehicle", _MARKERS, "base_link", "m", "geoms of the vehicle", shapes),
-        Topic("/markers/surroundings", _MARKERS, "map", "m", "the wall, and the current as an arrow", surroundings),
+        Topic("/markers/surroundings", _MARKERS, "map", "m", "the wall, and the current as an arrow", around),
     ]
     values = {
         "face": np.array([wall_face(header), 0.0, 0.0]),
@@ -216,3 +220,118 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             topics.append(Topic("/analytic/position", kind, "map", "m", text, ros2.stamped("map", "position", 3)))
             values["position"] = analytic.position
     return tuple(dataclasses.replace(topic, latched=True) for topic in topics), values
+
+
+def frame_of(link: LinkGeometry) -> str:
+    """The frame of a link in ``/tf``."""
+    return f"link/{link.name}"
+
+
+def transforms(header: Header) -> Iterator[tuple[str, str, str, str]]:
+    """The items of ``/tf`` for the links; :func:`columns_of_joints` gives the values for their holes."""
+    links = header.geometry.links
+    for link in links:
+        parent = frame_of(links[link.parent]) if link.parent >= 0 else "base_link"
+        yield parent, frame_of(link), f"{frame_of(link)}.p", f"{frame_of(link)}.quat.xyzw"
+
+
+def columns_of_joints(header: Header, q: np.ndarray) -> dict[str, np.ndarray]:
+    """The poses of the links in their parents' frames from joint positions q (n, joints)."""
+    values = {}
+    for i, link in enumerate(header.geometry.links):
+        position, quat = link.pose(q[:, i])
+        values[f"{frame_of(link)}.p"], values[f"{frame_of(link)}.quat.xyzw"] = position, quat[:, [1, 2, 3, 0]]
+    return values
+
+
+def state(header: Header, position: str, velocity: str, effort: str = "") -> Message:
+    """A JointState of signals with one number a joint; without effort if that is empty."""
+    joints = [link.joint for link in header.geometry.links]
+    message = Message().header("").put("u4", len(joints))
+    for joint in joints:
+        message.text(joint)
+    for name in (position, velocity, effort):
+        message.put("u4", len(joints) if name else 0)
+        if name:
+            message.hole(name, count=len(joints))
+    return message
+
+
+_NO_POINTS = np.zeros((0, 3))
+
+
+def forces() -> Message:
+    """The forces as arrows; :func:`force_columns` gives the values for the holes."""
+    message = Message().put("u4", len(FORCES))
+    for force in FORCES:
+        _arrow(message, force, 0, (f"{force.name}.start", f"{force.name}.tip"))
+    return message
+
+
+def force_columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """The values (n, 3) for the holes of :func:`forces`, from rows (n, width)."""
+    values = {name: rows[:, place] for name, place in header.places.items()}
+    found = {}
+    for force in FORCES:
+        found[f"{force.name}.start"], found[f"{force.name}.tip"] = force.ends(header, values, FORCE_SCALE)
+    return found
+
+
+def vehicles(scene: Scene) -> Message:
+    """The geoms of the vehicles, each in the frame of the body or link that carries it."""
+    parts = [
+        (vehicle, frame, part)
+        for vehicle in scene.vehicles
+        for frame, shapes in (("base_link", vehicle.shapes), *((frame_of(link), link.shapes) for link in vehicle.links))
+        for shape in shapes
+        for part in _parts(shape)
+    ]
+    message = Message().put("u4", len(parts))
+    for i, (vehicle, frame, shape) in enumerate(parts):
+        points = vehicle.meshes[str(shape.mesh)].corners() if shape.kind == "mesh" else _NO_POINTS
+        _solid(message, frame, "vehicle", i, shape, points)
+    return message
+
+
+def surroundings(scene: Scene) -> Message:
+    """The walls and the constant arrows."""
+    message = Message().put("u4", len(scene.walls) + len(scene.arrows))
+    for i, wall in enumerate(scene.walls):
+        _solid(message, "map", "wall", i, wall)
+    for i, arrow in enumerate(scene.arrows):
+        _arrow(message, arrow, i, np.array([arrow.start, arrow.tip]))
+    return message
+
+
+def _arrow(message: Message, arrow: Force | Arrow, number: int, points: np.ndarray | tuple[str, str]) -> None:
+    """Append an arrow in map, from the first of two points to the second."""
+    r, g, b = (c / 255 for c in arrow.colour)
+    diameters = (2.0 * arrow.radius, 4.0 * arrow.radius, 0.0)  # of shaft and head; the head has its default length
+    ros2.marker(message, "map", arrow.name, number, ros2.ARROW, diameters, (r, g, b, 1.0), points=points)
+
+
+def _parts(shape: Shape) -> Iterator[Shape]:
+    """The shapes that ROS 2 has markers for: a capsule is a cylinder and two spheres."""
+    if shape.kind != "capsule":
+        yield shape
+        return
+    radius, half, _ = shape.size
+    yield dataclasses.replace(shape, kind="cylinder")
+    along = half * rotation_matrix(np.array([shape.quat]))[0, :, 2]
+    for end in (shape.position - along, shape.position + along):
+        yield dataclasses.replace(shape, kind="sphere", position=tuple(end.tolist()), size=(radius, 0.0, 0.0))
+
+
+def _solid(message: Message, frame: str, name: str, number: int, shape: Shape, points: np.ndarray = _NO_POINTS) -> None:
+    """Append a shape, with the corners of its triangles if it is a mesh."""
+    a, b, c = shape.size
+    kind, size = {
+        "box": (ros2.CUBE, (2 * a, 2 * b, 2 * c)),
+        "sphere": (ros2.SPHERE, (2 * a, 2 * a, 2 * a)),
+        "ellipsoid": (ros2.SPHERE, (2 * a, 2 * b, 2 * c)),
+        "cylinder": (ros2.CYLINDER, (2 * a, 2 * a, 2 * b)),
+        "mesh": (ros2.TRIANGLES, (1.0, 1.0, 1.0)),
+    }[shape.kind]
+    w, x, y, z = shape.quat
+    pose = {"position": shape.position, "quat_xyzw": (x, y, z, w)}
+    ros2.marker(message, frame, name, number, kind, size, shape.rgba, **pose, points=points, locked=frame != "map")

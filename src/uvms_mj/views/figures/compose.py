@@ -14,11 +14,10 @@ from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
 from ...stages.signals import OF_JOINTS
-from . import contact, joints, panels
-from .insets import place
+from . import panels
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
-from .scales import logarithmic, number, prefix_of
+from .scales import logarithmic, number, place, prefix_of
 from .style import COLUMN_IN, PAGE_IN, Figure, band_handles, size_in, styled, ticks, typeset, width_of
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
@@ -149,11 +148,11 @@ def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[in
         2: ("impedance", panels.vector(impedance, "s")),
         3: ("impedance", panels.tau(impedance, None)),
         4: ("first order", panels.position(fosm)),
-        5: ("first order", contact.force(fosm)),
+        5: ("first order", panels.force(fosm)),
         6: ("first order", panels.vector(fosm, "s")),
         7: ("first order", panels.tau(fosm, fine["fosm"])),
         8: ("GSTA", panels.position(gsta)),
-        9: ("GSTA", contact.force(gsta)),
+        9: ("GSTA", panels.force(gsta)),
         10: ("GSTA", panels.vector(gsta, "s")),
         11: ("GSTA", panels.tau(gsta, fine["gsta"], alone, fine["gsta_alone"])),
         12: ("GSTA", panels.integral(gsta, alone)),
@@ -198,21 +197,21 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
         "position": lambda: [[panels.position(trace)]],
         "attitude": lambda: [[panels.attitude(trace)]],
         "velocity": lambda: [halves(trace.header.task_frame[2])],
-        "force": lambda: [[contact.force(trace)]],
+        "force": lambda: [[panels.force(trace)]],
         "sliding": lambda: [halves("s")],
         "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
         "thrusters": lambda: [panels.named(trace, name) for name in _OF_THRUSTERS if name in trace.arrays],
         "integral": states,
-        "joints": lambda: [joints.joint_panels(trace)],
+        "joints": lambda: [panels.joint_panels(trace)],
     }
     if what == "summary":
-        drawn = [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
-        arm = joints.joint_panels(trace)
+        drawn = [[panels.position(trace), panels.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+        arm = panels.joint_panels(trace)
         drawn += [arm[i : i + 2] for i in range(0, len(arm), 2)]
         return [row for row in drawn if row]
     if what not in WHATS:
         one_each = what.partition(".")[0] in OF_JOINTS and "." not in what
-        return [[panel] for panel in (joints.of_joints if one_each else panels.named)(trace, what)]
+        return [[panel] for panel in (panels.of_joints if one_each else panels.named)(trace, what)]
     drawn = [[panel] for row in rows[what]() for panel in row]
     return drawn or _refuse([label], what)
 
@@ -222,12 +221,12 @@ def _of_several(runs: Overlay, what: str) -> Rows:
         "position": lambda: [[runs.position(i) for i in range(3)]],
         "attitude": lambda: [[runs.attitude(i) for i in range(3)]],
         "velocity": lambda: [row for name in runs.velocities for row in runs.signal(name)],
-        "force": lambda: [[contact.forces(runs.traces, runs.looks)]],
+        "force": lambda: [[panels.forces(runs.traces, runs.looks)]],
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
         "thrusters": lambda: [row for name in _OF_THRUSTERS for row in runs.signal(name)],
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
-        "joints": lambda: [row for name in joints.SIGNALS for row in runs.signal(name)],
+        "joints": lambda: [row for name in panels.SIGNALS for row in runs.signal(name)],
     }
     if what == "summary":
         return [row for each in _SUMMARY for row in rows[each]()]

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, Signal
 from .. import colours
-from .insets import Inset
 from .panels import (
     ANGULAR,
     LINEAR,
@@ -26,7 +25,7 @@ from .panels import (
     unit_of,
     wall,
 )
-from .scales import fills, largest, linear_within
+from .scales import Inset, fills, largest, linear_within
 from .style import line, stripe
 
 MOST_NAMES = 30

@@ -1,9 +1,11 @@
-"""Panels of one run: position, sliding variable, actuation force, and the states of its law.
+"""Panels of figures: position, sliding variable, actuation force and states of a law; contact force; an arm.
 
 Linear and angular components have separate panels, because their units differ.
 """
 
-from collections.abc import Callable, Sequence
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ...control.base import SteadyState
+from ...control.design import demanded_force
 from ...physics.frames import rotation_matrix
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal
-from .insets import Inset
-from .scales import early, largest, number
+from .scales import Inset, early, largest, linear_within, number, rebounds
 from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
@@ -299,3 +302,181 @@ def states_of(trace: Trace) -> Sequence[Signal]:
     """Signals of the states of all stages; empty if none has a state."""
     names = {name for source in trace.header.sources.values() for name in source.states}
     return [signal for signal in trace.signals if signal.name in names]
+
+
+_TALLER = 0.3
+"""Additional height of a panel per inset, in heights of a panel."""
+_MOST_OF_A_RUN = 0.4
+"""Impacts that take a larger fraction of a run are readable without an inset."""
+
+
+def force(trace: Trace) -> Panel:
+    """Panel of the force with which the vehicle of one run pushes on the wall."""
+    return forces({"": trace}, {"": {"label": "contact force", "color": COLOURS["force"], "linewidth": LINE}})
+
+
+def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> Panel:
+    """Panel of the forces with which vehicles push on the wall, and of the expected forces at rest.
+
+    Insets show the impacts, from the first contact to the end of the rebounds, and the force at rest. ``looks`` are
+    colour, dashes and label of each trace.
+    """
+
+    def draw(ax: Axes) -> None:
+        _pushes(ax, traces, looks)
+        _expected(ax, traces)
+        ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
+
+    sizes = [_peak(trace) for trace in traces.values()]
+    insets = (*_impacts(traces, looks), *_at_rest(traces, looks))
+    height = 1.0 + _TALLER * len(insets)
+    return Panel("contact force", "N", draw, 1.0, insets, height, linear_within(sizes, sizes))
+
+
+def _peak(trace: Trace) -> float:
+    """Largest push that is drawn [N]."""
+    return largest(trace.band("push")[1])
+
+
+def expected_forces(trace: Trace) -> list[tuple[str, float]]:
+    """Names and values of the force that the impedance task demands at a rigid wall, and of the closed form [N]."""
+    found = []
+    if "s" in trace.header.by_name:  # the law uses the task
+        found.append(("expected", demanded_force(trace.scenario, math.inf)))  # the paper neglects the wall's compliance
+    if isinstance(trace.analytic, SteadyState):
+        found.append(("analytic", trace.analytic.force))
+    return [(name, force) for name, force in found if 0.0 < force < math.inf]
+
+
+def _pushes(
+    ax: Axes,
+    traces: Mapping[str, Trace],
+    looks: Mapping[str, Mapping[str, Any]],
+    window: tuple[float, float] = (-np.inf, np.inf),
+) -> list[float]:
+    """Draw the pushes within a window of time and one sample on either side; return least and largest values [N]."""
+    ends = []
+    for label, trace in traces.items():
+        first, last = np.searchsorted(trace.t, window)
+        rows = slice(max(0, first - 1), last + 1)
+        if len(trace.t[rows]) > 1:
+            low, high = (edge[rows] for edge in trace.band("push"))
+            line(ax, trace.t[rows], trace.push[rows], "push", (low, high), **looks[label])
+            ends += [float(low.min()), float(high.max())]
+    return ends
+
+
+def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
+    """Draw the expected forces of all runs, each once; return their values [N]."""
+    span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
+    found = dict.fromkeys(pair for trace in traces.values() for pair in expected_forces(trace))
+    for name, force in found:
+        level(ax, span, force, name, LEVELS[name])
+    return [force for _, force in found]
+
+
+def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
+    windows = [window for trace in traces.values() if (window := rebounds(trace.t, *trace.band("push")))]
+    if not windows:
+        return ()
+    first, last = min(window[0] for window in windows), max(window[1] for window in windows)
+    if not 0.0 < last - first <= _MOST_OF_A_RUN * max(float(trace.t[-1]) for trace in traces.values()):
+        return ()
+
+    def draw(ax: Axes, _: float) -> None:
+        top = max(_pushes(ax, traces, looks, (first, last)))
+        ax.set(xlim=(first, last), ylim=(-0.04 * top, 1.06 * top))
+
+    return (Inset(draw, "impacts", height=0.36),)
+
+
+def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
+    """Inset of the second half of the time after first contact, for runs in contact then, if peaks are much larger."""
+    pushes = {label: trace.band("push")[1] for label, trace in traces.items()}
+    touched = {label: trace for label, trace in traces.items() if pushes[label].any()}
+    if not touched:
+        return ()
+    start = max(0.5 * float(trace.t[np.argmax(pushes[label] > 0.0)] + trace.t[-1]) for label, trace in touched.items())
+    end = max(float(trace.t[-1]) for trace in touched.values())
+    late = {label: pushes[label][trace.t >= start] for label, trace in touched.items()}
+    resting = {label: trace for label, trace in touched.items() if late[label].any()}
+    highest = max((largest(late[label]) for label in resting), default=0.0)
+    if not resting or 2.0 * highest > max(_peak(trace) for trace in traces.values()):
+        return ()
+
+    def draw(ax: Axes, _: float) -> None:
+        seen = [*_pushes(ax, resting, looks, (start, end)), *_expected(ax, resting)]
+        margin = max(0.2 * (max(seen) - min(seen)), 0.005 * max(seen))
+        ax.set(xlim=(start, end), ylim=(min(seen) - margin, max(seen) + margin))
+
+    return (Inset(draw, "at rest", height=0.24),)
+
+
+_NEAR = 0.4
+"""Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
+LIMIT: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.9}
+"""Line style of a motor's limit, in the colour of its joint."""
+_NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
+SIGNALS = (*_NAMES, "manipulability")
+"""Signals of an arm that are drawn for several runs."""
+
+
+def joint_panels(trace: Trace) -> list[Panel]:
+    """All panels of the arm whose signals are recorded; none for a rigid vehicle."""
+    found = [panel for name in _NAMES if name in trace.arrays for panel in of_joints(trace, name)]
+    return [*found, *tool_panels(trace)] if trace.header.geometry.links else []
+
+
+def tool_panels(trace: Trace) -> list[Panel]:
+    """The force on the tool by its components in W, and the manipulability, as far as they are recorded."""
+    found = []
+    if "p_WT" in trace.arrays:
+        found.append(_force(trace))
+    if "manipulability" in trace.arrays:
+        found.append(_manipulability(trace))
+    return found
+
+
+def of_joints(trace: Trace, name: str) -> list[Panel]:
+    """A signal of the joints: one panel for hinges and one for slides, because their units differ."""
+    units = trace.header.units(trace.header.by_name[name])
+    numbered = sorted(range(len(units)), key=lambda i: units[i] != units[0])
+    groups = itertools.groupby(numbered, key=lambda i: units[i])
+    return [_lines(trace, name, unit, list(joints)) for unit, joints in groups]
+
+
+def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
+    """Lines of some joints, with the limits of their motors."""
+    links = trace.header.geometry.links
+
+    def draw(ax: Axes) -> None:
+        for k, i in enumerate(joints):
+            look = {"color": JOINTS[i % len(JOINTS)], "label": links[i].joint, **stripe(k, len(joints))}
+            samples(ax, trace, name, i, slice(None), f"{name}.{links[i].joint}", **look)
+            limit = links[i].effort
+            if name == "tau_q" and limit and largest([edge[:, i] for edge in trace.band(name)]) > _NEAR * limit:
+                for edge in (-limit, limit):
+                    level(ax, trace.t, edge, "motor limit", {**LIMIT, "color": look["color"]})
+
+    return Panel(_NAMES.get(name, name), unit, draw, largest([edge[:, joints] for edge in trace.band(name)]))
+
+
+def _force(trace: Trace) -> Panel:
+    force = trace.f_contact_W
+
+    def draw(ax: Axes) -> None:
+        for i, axis in enumerate(AXES[LINEAR]):
+            line(ax, trace.t, force[:, i], f"f_contact_W.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
+
+    return Panel("force on the tool, W", "N", draw, largest(force))
+
+
+def _manipulability(trace: Trace) -> Panel:
+    values = trace.manipulability
+
+    def draw(ax: Axes) -> None:
+        line(ax, trace.t, values, "manipulability", color=GREY)
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        ax.set_ylim(min(0.0, low), 1.1 * max(high, 1e-300))
+
+    return Panel("manipulability", trace.header.by_name["manipulability"].unit, draw, largest(values))

@@ -10,8 +10,7 @@ import rerun.blueprint as rrb
 from ...control.base import SteadyState
 from ...physics.tree import MOST_JOINTS
 from ...records.scene import span, wall_face
-from .extents import readable
-from .run import TIMELINE, Run
+from .run import TIMELINE, Run, readable
 
 _ENDS_ALONE, _ENDS_COMPARED = 1.3, 1.5
 """End of the plots' time axis, in durations, so that the legend hides no line. Names of runs make the legend wider."""

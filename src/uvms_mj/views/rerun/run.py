@@ -1,13 +1,16 @@
-"""A run as Rerun entities: its appearance, and its samples as columns.
+"""A run as Rerun entities: its appearance, its samples as columns, and the ranges of its signals.
 
 The entities below the root of a run are ``world/...``, the contents of the 3-D view in W; ``signals/<name>``, every
 recorded signal with all its components, or ``signals/<name>/<component>`` for plotted signals; and ``push``, the force
-on the wall, with ``push/analytic``. Scalars keep full precision. Poses are float32, because Rerun stores them so.
+on the wall, with ``push/analytic``. Each link of an arm is below its parent: Rerun composes the transforms along a
+path, so that a link has its pose in its parent's frame. Scalars keep full precision. Poses are float32, because Rerun
+stores them so.
 
 The bands of signals that may alternate, ``tau_low`` and ``tau_high``, are thin lines beside them. Where not every row
 is sent, a band has the extremes of the rows between.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -35,10 +38,105 @@ from ...records.scene import (
     scene_of,
     span,
 )
+from ...records.trace import Trace
 from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
 from ..colours import legible, mixed
-from . import arm
-from .extents import Extents
+
+MOST_STEPS = 5
+"""Most readable numbers on an axis. Rerun puts numbers at multiples of a power of ten only."""
+_LARGEST = 1e12
+"""Largest magnitude on an axis."""
+_EDGE = 0.07
+"""Least distance of a number from the end of its axis, as a fraction of the axis."""
+_RESTS = 0.1
+"""Final fraction of a run in which the largest force counts as the force at rest."""
+
+
+@dataclass(frozen=True)
+class Extents:
+    """Extents of one run: ranges (size, 2) of each signal's components by its name, the largest push in the last tenth
+    of the run [N], the largest push [N], and the largest of all forces that are drawn as arrows [N]."""
+
+    ranges: Mapping[str, np.ndarray]
+    rest: float
+    peak: float
+    force: float
+
+    @classmethod
+    def of(cls, trace: Trace) -> "Extents":
+        ranges = {}
+        for signal in trace.signals:
+            values = _drawable(trace[signal.name].reshape(len(trace), signal.size))
+            values = values if len(values) else np.zeros((1, signal.size))
+            ranges[signal.name] = np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
+        push = _drawable(trace.band("push")[1])
+        late = push[trace.t >= (1.0 - _RESTS) * trace.t[-1]] if len(trace) else push
+        forces = [_drawable(f) for f in (trace.f_contact_W, trace.tau[:, :3])]
+        force = max(float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in forces)
+        return cls(ranges, float(late.max(initial=0.0)), float(push.max(initial=0.0)), force)
+
+
+def _drawable(values: np.ndarray) -> np.ndarray:
+    """Values, with 0 for those that are not finite or too large to draw, as at the end of a run that diverged."""
+    return np.where(np.abs(values) < _LARGEST, values, 0.0)
+
+
+def readable(limits: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """Range of an axis that contains all given ranges.
+
+    The range also contains at least two multiples of a power of ten, where Rerun puts numbers, but no more of them than
+    are readable.
+    """
+    lows, highs = zip(*limits, strict=True)
+    low, high = float(min(lows)), float(max(highs))
+    margin = 0.05 * (high - low) or 0.5 * abs(high) or 0.5
+    low, high = low - margin, high + margin
+    step = 10.0 ** math.ceil(math.log10((high - low) / MOST_STEPS))
+    edge = _EDGE * (high - low)  # Rerun shows no number at the edge
+    while (first := math.ceil((low + edge) / step)) + 1 > (last := math.floor((high - edge) / step)):
+        if (last + 1) * step - high <= low - (first - 1) * step:
+            high = (last + 1) * step + 2.0 * edge
+        else:
+            low = (first - 1) * step - 2.0 * edge
+    return low, high
+
+
+TRIAD_M = 0.12
+"""Length of the axes of a triad [m]."""
+_AXES = (VERMILLION, GREEN, BLUE)
+
+
+def paths(geometry: Geometry) -> list[tuple[str, ...]]:
+    """Parts of each link's path below the vehicle."""
+    found: list[tuple[str, ...]] = []
+    for link in geometry.links:
+        found.append((*(found[link.parent] if link.parent >= 0 else ()), link.name))
+    return found
+
+
+def link_solids(geometry: Geometry) -> Iterator[tuple[tuple[str, ...], Solid]]:
+    """The solids of the links in their frames, with the parts of their paths."""
+    for path, link in zip(paths(geometry), geometry.links, strict=True):
+        for i, solid in enumerate(solids(Geometry(link.shapes, geometry.meshes))):
+            yield (*path, f"part {i + 1}"), solid
+
+
+def poses(header: Header, values: Mapping[str, np.ndarray]) -> Iterator[tuple[tuple[str, ...], np.ndarray, np.ndarray]]:
+    """Path below ``world``, positions (n, 3) and attitudes (n, 4) of the links and of the tool, if recorded."""
+    if "q" in values:
+        for i, (path, link) in enumerate(zip(paths(header.geometry), header.geometry.links, strict=True)):
+            yield ("vehicle", *path), *link.pose(values["q"][:, i])
+    if "p_WT" in values:
+        yield ("tool",), values["p_WT"], values["quat_WT"]
+
+
+def triad(share: float = 0.0) -> rr.Arrows3D:
+    """The axes of a frame in its own entity: x, y and z in the colours of their components, mixed with white."""
+    colours: list[Colour] = [mixed(colour, share) for colour in _AXES]
+    return rr.Arrows3D(
+        origins=np.zeros((3, 3)), vectors=TRIAD_M * np.eye(3), colors=colours, radii=[0.05 * TRIAD_M] * 3
+    )
+
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
@@ -198,10 +296,10 @@ class Run:
         if quat_d is None:
             quat_d = np.tile(quat_from_euler_deg(*self.header.scenario.reference.attitude_deg), (len(t), 1))
         vehicle, reference = (values["p_WB"], values["quat_WB"]), (values["p_d"], quat_d)
-        moving = ((("vehicle",), *vehicle), (("reference",), *reference), *arm.poses(self.header, values))
+        moving = ((("vehicle",), *vehicle), (("reference",), *reference), *poses(self.header, values))
         for parts, p, quat in moving:
-            poses = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
-            self._send(("world", *parts), t, poses)
+            turned = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
+            self._send(("world", *parts), t, turned)
         for force in FORCES:
             self._force(force, t, values)
 
@@ -234,7 +332,7 @@ class Run:
         for i, solid in enumerate(shapes):
             self._log(("world", "vehicle", f"part {i + 1}"), mesh_of(solid, self._tinted(solid.rgba)))
         for vehicle in scene.vehicles:
-            for parts, solid in arm.link_solids(vehicle):
+            for parts, solid in link_solids(vehicle):
                 self._log(("world", "vehicle", *parts), mesh_of(solid, self._tinted(solid.rgba)))
         plates = [wall for wall in scene.walls if wall.kind == "box"]
         if plates:
@@ -282,14 +380,14 @@ class Run:
             fill_mode="majorwireframe",
         )
         if at_tool := self.origin == "p_WT":
-            self._log(("world", "tool"), arm.triad())
-        self._log(("world", "reference"), arm.triad(0.6) if at_tool else box)
+            self._log(("world", "tool"), triad())
+        self._log(("world", "reference"), triad(0.6) if at_tool else box)
         if self.label:
             above = (0.0, 0.0, high[2] + _ABOVE)
             name = rr.Points3D([above], radii=[0.0], colors=[legible(self.colour or LIGHT)], labels=[self.label])
             self._log(("world", "vehicle", "name"), name)
         else:
-            place = (0.0, 0.0, 1.2 * arm.TRIAD_M) if at_tool else (low[0], 0.0, high[2])
+            place = (0.0, 0.0, 1.2 * TRIAD_M) if at_tool else (low[0], 0.0, high[2])
             label = rr.Points3D([place], radii=[0.0], colors=[legible(LIGHT)], labels=["reference"])
             self._log(("world", "reference", "label"), label)
 

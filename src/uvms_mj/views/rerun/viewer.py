@@ -19,11 +19,9 @@ from ...records.header import Header, Outcome
 from ...records.scene import force_scale
 from ...records.trace import Trace
 from ..colours import of_runs
-from .extents import Extents
 from .layout import application, layout
-from .process import Sender, ViewerClosed, free_port, start
-from .run import Place, Run, bounds
-from .web import web_viewer
+from .process import Sender, ViewerClosed, free_port, start, web_viewer
+from .run import Extents, Place, Run, bounds
 
 _ROWS = 65_536
 """Rows sent to Rerun in one block."""

@@ -14,8 +14,8 @@ from ...errors import InputError, needs_extra
 from ...records.scene import FORCES, SKY
 from ...records.trace import Trace
 from ..progress import following
-from .camera import VIEWS, Camera, View, view_of
 from .encoding import CODERS, encoded
+from .underwater import VIEWS, Camera, View, view_of
 
 if TYPE_CHECKING:
     from PIL.Image import Image
