@@ -32,7 +32,7 @@ from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.scenario import STAGES, Scenario
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import file as study_file
-from uvms_mj.studies.tune import tables as tune_tables
+from uvms_mj.studies.tune import problem as tune_tables
 
 NAMES = ("keys", "signals", "stages", "metrics", "study_keys", "environment", "commands", "topics", "bench_tasks")
 """The pages, without suffix. None of them is in the repository."""

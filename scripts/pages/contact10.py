@@ -14,12 +14,10 @@ import pandas as pd
 
 from page_look import written
 from uvms_mj.reproduce.bench import RESULT
-from uvms_mj.reproduce.bench.entries import Entry
 from uvms_mj.reproduce.bench.execution import Job
-from uvms_mj.reproduce.bench.figures import courses
-from uvms_mj.reproduce.bench.page import colours_of
+from uvms_mj.reproduce.bench.page import colours_of, courses
 from uvms_mj.reproduce.bench.results import SHIPPED, parsed, shipped
-from uvms_mj.reproduce.bench.task import tasks
+from uvms_mj.reproduce.bench.task import Entry, tasks
 from uvms_mj.studies.results import frame
 
 DRAWN = "gusts_and_tether"

@@ -10,9 +10,9 @@ import pandas as pd
 
 from page_look import stacked
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.report import figures, maps
+from uvms_mj.studies.report import figures
 from uvms_mj.studies.report.data import StudyRows
-from uvms_mj.studies.report.sensitivity import sensitivities
+from uvms_mj.studies.report.statistics import sensitivities
 from uvms_mj.studies.results import frame
 
 
@@ -76,5 +76,5 @@ def main(folder: str) -> None:
     assert below is not None
     stacked([figures.overview(draws, figures.success_rates(draws)), below], "monte_carlo")
     found = sensitivities(gains)
-    (pair,) = maps.pairs(found)
-    stacked([maps.maps(gains, pair, maps.shown(found, pair, True))], "gain_map")
+    (pair,) = figures.pairs(found)
+    stacked([figures.maps(gains, pair, figures.shown(found, pair, True))], "gain_map")

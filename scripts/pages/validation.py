@@ -13,13 +13,12 @@ from scipy.signal import detrend, find_peaks
 from page_look import written
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.plant.arm import skew
-from uvms_mj.reproduce.validate import figures
+from uvms_mj.reproduce.validate import page
 from uvms_mj.reproduce.validate.data import records
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED
 from uvms_mj.reproduce.validate.page import numbers as found_in
 from uvms_mj.reproduce.validate.results import FITTED_ON, PITCH, YAW, Comparison, compute
-from uvms_mj.reproduce.validate.swing import AMPLITUDE, FASTEST, PERIOD
-from uvms_mj.reproduce.validate.vehicle import STATIC, Variant, model, righting, vehicle
+from uvms_mj.reproduce.validate.vehicle import AMPLITUDE, FASTEST, PERIOD, STATIC, Variant, model, righting, vehicle
 from uvms_mj.studies.study import executor_of
 
 PUSHED = {"003-1": (5.0, 13.0), "005-1": (2.0, 8.0)}
@@ -121,4 +120,4 @@ def numbers(folder: str) -> Iterator[tuple]:
 
 
 def main(folder: str) -> None:
-    written(figures.pitches(results(folder)), "validation")
+    written(page.pitches(results(folder)), "validation")

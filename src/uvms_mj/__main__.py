@@ -30,7 +30,7 @@ def _open_streams() -> None:
 def _leave(status: list[int]) -> None:
     """End the process with its status, 128 + signal after a signal. Python would take a tenth of a second to free what
     it has loaded, and after a SIGINT during a callback from C it would end by the signal itself."""
-    from .cli.stop import Stop
+    from .cli.common import Stop
 
     try:
         for stream in (sys.stdout, sys.stderr):

@@ -43,7 +43,7 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
     """A second signal is ignored while the run is written. A signal that comes much later ends the program."""
     code = """if True:
         import signal, time
-        from uvms_mj.cli.stop import Stop
+        from uvms_mj.cli.common import Stop
         Stop._PATIENCE_S = 1.5
         stop = Stop()
         try:
@@ -70,7 +70,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path, t):
     code = """if True:
         import os, signal, sys, threading, time
         from uvms_mj.cli import main
-        from uvms_mj.cli.stop import Stop
+        from uvms_mj.cli.common import Stop
         Stop._PATIENCE_S = 0.5
 
         def send():

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from pages import complete_by_itself
-from uvms_mj.cli.paper import paper
+from uvms_mj.cli.experiments import paper
 from uvms_mj.reproduce.paper.claims import CLAIMS
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")

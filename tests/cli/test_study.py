@@ -9,7 +9,7 @@ import pytest
 from short_study import study_text
 from strict_json import no_constants
 from uvms_mj import Study
-from uvms_mj.studies import check
+from uvms_mj.studies.rows import CHECK
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_the_engines_are_compared_and_a_difference_fails_the_study(here, monkeyp
 
 
 def check_of(folder):
-    return pd.read_parquet(Path(folder, check.FILE))
+    return pd.read_parquet(Path(folder, CHECK))
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,9 @@ from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
-from uvms_mj.reproduce.bench.compare import compared
-from uvms_mj.reproduce.bench.entries import Entry, entries_of
 from uvms_mj.reproduce.bench.execution import jobs, warn_of_slow_laws
-from uvms_mj.reproduce.bench.results import broken, cell, digest, document, parsed, shipped, text
-from uvms_mj.reproduce.bench.task import chosen, tasks
+from uvms_mj.reproduce.bench.results import broken, cell, compared, digest, document, parsed, shipped, text
+from uvms_mj.reproduce.bench.task import Entry, chosen, entries_of, tasks
 from uvms_mj.studies.plan.metrics import COMPONENTS
 from uvms_mj.studies.rows import one_row
 from wrong_law import AT_TOOL, FAULTS, WRONG

@@ -12,10 +12,9 @@ from pages import complete_by_itself
 from strict_json import no_constants
 from synthetic_study import frame_of
 from uvms_mj import InputError
-from uvms_mj.cli.practicality import practicality
+from uvms_mj.cli.experiments import practicality
 from uvms_mj.files import shipped
 from uvms_mj.reproduce.claims import judged
-from uvms_mj.reproduce.practicality.claims import CLAIMS
 from uvms_mj.reproduce.practicality.plans import (
     AXES,
     DEMANDED,
@@ -28,7 +27,7 @@ from uvms_mj.reproduce.practicality.plans import (
     plans,
     step_label,
 )
-from uvms_mj.reproduce.practicality.results import LABELS, Results, why
+from uvms_mj.reproduce.practicality.results import CLAIMS, LABELS, Results, why
 from uvms_mj.setup.base import set_up
 
 VIBRATES = {"force_range_N": 20.0}
@@ -156,7 +155,7 @@ def test_claims_are_finite_json_and_some_of_these_rows_fail(results):
 
 def test_the_command_writes_page_and_claims_and_ends_with_1_if_claims_fail(results, tmp_path, monkeypatch):
     """With these rows in place of the runs."""
-    module = importlib.import_module("uvms_mj.cli.practicality")
+    module = importlib.import_module("uvms_mj.cli.experiments")
     repeated = importlib.import_module("uvms_mj.reproduce.practicality")
     monkeypatch.setattr(repeated, "_run", lambda *arguments: results)
     (tmp_path / "out").mkdir()

@@ -23,8 +23,8 @@ from uvms_mj.reproduce.validate import results as judging
 from uvms_mj.reproduce.validate.data import AXES, Attitude, Motion, records
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED, numbers
 from uvms_mj.reproduce.validate.results import PITCH, compute
-from uvms_mj.reproduce.validate.swing import FASTEST, swing
 from uvms_mj.reproduce.validate.vehicle import (
+    FASTEST,
     STATIC,
     VARIANTS,
     Variant,
@@ -33,6 +33,7 @@ from uvms_mj.reproduce.validate.vehicle import (
     floating,
     model,
     righting,
+    swing,
     vehicle,
 )
 

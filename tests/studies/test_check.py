@@ -8,7 +8,7 @@ import pytest
 
 from short_study import study_text
 from uvms_mj import Study
-from uvms_mj.studies import check
+from uvms_mj.studies.rows import differences, sample
 
 
 @pytest.fixture
@@ -26,9 +26,9 @@ def rows(number, **columns):
 @pytest.mark.parametrize(("number", "least"), [(3, 3), (40, 5), (2000, 20)])
 def test_one_run_in_a_hundred_is_repeated_at_least_five_and_the_worst(plan, number, least):
     frame = rows(number)
-    chosen = check.sample(plan, frame)
+    chosen = sample(plan, frame)
     assert least <= len(chosen) <= least + 1
-    assert chosen == sorted(set(chosen)) == check.sample(plan, frame)
+    assert chosen == sorted(set(chosen)) == sample(plan, frame)
     assert frame["peak"].idxmax() in chosen
 
 
@@ -36,8 +36,8 @@ def test_only_completed_or_diverged_runs_of_free_body_are_repeated(plan):
     frame = rows(100)
     frame.loc[::2, "engine"] = "mujoco"
     frame.loc[1::4, "status"] = "failed"
-    assert set(check.sample(plan, frame)) <= set(range(3, 100, 4))
-    assert check.sample(plan, rows(100, engine="mujoco")) == []
+    assert set(sample(plan, frame)) <= set(range(3, 100, 4))
+    assert sample(plan, rows(100, engine="mujoco")) == []
 
 
 def numbers(**other):
@@ -54,7 +54,7 @@ def numbers(**other):
 
 
 def compared(plan, ours, theirs):
-    found = check.differences(plan, [0], {(0, "free_body"): ours, (0, "mujoco"): theirs})
+    found = differences(plan, [0], {(0, "free_body"): ours, (0, "mujoco"): theirs})
     return dict(zip(found["number"], found["difference"], strict=True)), bool(found["within"].all())
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from short_study import HERE
 from uvms_mj import InputError, Study
-from uvms_mj.studies.report.numbers import latex, statistics, to_csv, to_latex
+from uvms_mj.studies.report.tables import latex, statistics, to_csv, to_latex
 
 METRICS = ("contact.peak_N", "effort_N2s", "final.position_m.x")
 

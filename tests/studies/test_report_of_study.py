@@ -13,11 +13,16 @@ from synthetic_study import VARY, frame_of, plan_of, pushes
 from uvms_mj import InputError
 from uvms_mj.studies.report import page
 from uvms_mj.studies.report.data import StudyRows, spans_decades
-from uvms_mj.studies.report.figures import cumulative, scale, success_rates
-from uvms_mj.studies.report.maps import _edges, maps, pairs, shown
-from uvms_mj.studies.report.paired import paired
-from uvms_mj.studies.report.sensitivity import SUCCESS, sensitivities
-from uvms_mj.studies.report.statistics import difference_of_rates, median, rank_correlation, rate
+from uvms_mj.studies.report.figures import _edges, cumulative, maps, pairs, scale, shown, success_rates
+from uvms_mj.studies.report.statistics import (
+    SUCCESS,
+    difference_of_rates,
+    median,
+    paired,
+    rank_correlation,
+    rate,
+    sensitivities,
+)
 
 MODEL = Path(__file__).parents[2] / "models" / "bluerov1.xml"
 LAW = """

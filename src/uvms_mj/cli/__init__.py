@@ -8,24 +8,16 @@ from typing import Any
 
 import click
 
-from .bench import bench
-from .certify import certify
-from .common import EXIT_BAD_INPUT, end
-from .converge import converge
-from .listing import controllers, keys, metrics, signals, stages
+from .certify import certify, converge
+from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
+from .experiments import bench, paper, practicality, validate
+from .listing import controllers, keys, metrics, signals, stages, vehicles
 from .logs import export, info, replay
 from .new import new
-from .paper import paper
-from .plot import compare, plot
-from .practicality import practicality
-from .run import run
-from .sitl import sitl
-from .stop import Stop, exit_interrupted
+from .plot import compare, plot, video
+from .run import run, sitl
 from .study import study
 from .tune import tune
-from .validate import validate
-from .vehicles import vehicles
-from .video import video
 
 
 class _Commands(click.Group):

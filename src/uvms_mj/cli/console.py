@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import printable, progress_bar
-from .stop import Stop
+from .common import Stop, printable, progress_bar
 
 if TYPE_CHECKING:
     from ..reproduce.claims import Row

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import bad_input, end, refuse_existing
+from .common import bad_input, end, exit_interrupted, refuse_existing
 from .console import Console, log_tables, warn
 from .folders import remove_if_empty
 from .options import (
@@ -22,7 +22,6 @@ from .options import (
     scenario_argument,
     set_option,
 )
-from .stop import exit_interrupted
 
 if TYPE_CHECKING:
     from ..records.trace import Trace

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_ENGINES_DIFFER, bad_input, draw_to_files, filling, printable, progress_bar, refuse_existing
+from .common import (
+    EXIT_ENGINES_DIFFER,
+    Stop,
+    bad_input,
+    draw_to_files,
+    filling,
+    printable,
+    progress_bar,
+    refuse_existing,
+)
 from .console import Table
 from .folders import folder_for
 from .options import (
@@ -27,10 +36,9 @@ from .options import (
     workers_option,
 )
 from .plot import figure_files, figure_options, inches
-from .stop import Stop
 
 if TYPE_CHECKING:
-    from ..studies.pool.estimate import Estimate
+    from ..studies.pool.execution import Estimate
     from ..studies.study import Study
 
 
@@ -284,7 +292,7 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
     if not dry_run and (as_json or quiet):
         return None
     from ..studies.pool.bundle import StudyBundle
-    from ..studies.pool.estimate import estimate
+    from ..studies.pool.execution import estimate
     from ..studies.results import refuse_another, share_done
 
     bundle = StudyBundle.of(study.plan)
@@ -338,7 +346,7 @@ def plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
 
 def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     """Print what came out; return the exit status."""
-    from ..studies.check import largest
+    from ..studies.rows import largest
 
     rows, found = study.frame, study.check
     failed = [] if found is None else found[~found["within"]].to_dict("records")

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_ENGINES_DIFFER, bad_input, draw_to_files, filling, printable, progress_bar
+from .common import EXIT_ENGINES_DIFFER, Stop, bad_input, draw_to_files, filling, printable, progress_bar
 from .console import Table
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
-from .stop import Stop
 from .study import duration, engines_differ, finite, kept, pool_of
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def _chosen(
 
 def _head(tuning: "Tuning", workers: int, folder: Path, dry_run: bool, as_json: bool) -> None:
     """Print what will be searched and how long it takes."""
-    from ..studies.pool.estimate import estimate
+    from ..studies.pool.execution import estimate
 
     plan, trials = tuning.plan, tuning.search.trials
     seconds = trials * estimate(plan, max(1, workers)).seconds
@@ -139,7 +138,7 @@ def _head(tuning: "Tuning", workers: int, folder: Path, dry_run: bool, as_json: 
 
 def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
     """Write the page, print what was found, and return the exit status."""
-    from ..studies.check import largest
+    from ..studies.rows import largest
 
     trials, best = tuning.trials(folder), tuning.best(folder)
     checked = None if best is None else tuning.study_of(folder, best).check

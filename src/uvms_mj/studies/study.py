@@ -13,13 +13,13 @@ from ..errors import InputError
 from ..files import is_folder, locked
 from ..views.notebook import block
 from ..views.progress import following
-from .check import largest, load
 from .plan import Plan
 from .plan.metrics import SETTLED, in_words, successes
 from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
 from .results import STUDY, StudyFolder, frame, units_of, version_of
+from .rows import checked, largest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -188,17 +188,17 @@ class Study:
         """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and
         95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
         Raises InputError if the study has not run, or lacks a metric."""
-        from .report import numbers
+        from .report import tables
 
-        return numbers.statistics(self.plan_of_results, self.frame, metrics)
+        return tables.statistics(self.plan_of_results, self.frame, metrics)
 
     def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = ()) -> None:
         """Write :meth:`statistics` as LaTeX, .tex, or .csv. An existing file is replaced. Raises InputError for another
         ending."""
-        from .report import numbers
+        from .report import tables
 
         plan = self.plan_of_results
-        numbers.write(self.statistics(metrics), Path(path), f"study {plan.name}: {plan.runs} runs")
+        tables.write(self.statistics(metrics), Path(path), f"study {plan.name}: {plan.runs} runs")
 
     def report(self, path: str | os.PathLike | None = None) -> Path:
         """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:
@@ -247,8 +247,8 @@ class Study:
 
     @property
     def check(self) -> "pd.DataFrame | None":
-        """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
-        return None if self.folder is None else load(self.folder)
+        """The differences between the engines in the sample of :mod:`.rows`; None if no run needed it."""
+        return None if self.folder is None else checked(self.folder)
 
 
 def _shown(what: str, done: int, failed: int, total: int) -> dict[str, Any]:

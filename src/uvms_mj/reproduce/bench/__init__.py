@@ -9,11 +9,10 @@ from typing import Any
 from ...errors import InputError
 from ...files import locked
 from .. import Progress, running
-from .entries import Entry, entries_of
 from .task import LATEX as LATEX
 from .task import PAGE as PAGE
 from .task import RESULT as RESULT
-from .task import chosen, tasks
+from .task import Entry, chosen, entries_of, tasks
 
 
 def bench(

@@ -18,8 +18,7 @@ from ...studies.pool.executors import executor_of
 from ...studies.study import Study
 from .. import Progress
 from . import results
-from .entries import Entry, identity
-from .task import LATEX, PAGE, RESULT, Task
+from .task import LATEX, PAGE, RESULT, Entry, Task, identity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,8 +87,7 @@ def execute(
     executor: Executor | None,
 ) -> dict[str, Any]:
     """Run what the folder lacks, and write the result, the page and the LaTeX table. Returns the result."""
-    from . import latex
-    from .page import page
+    from .page import latex_table, page
 
     entries = list({job.entry.label: job.entry for job in planned}.values())
     tasks = list({job.task.name: job.task for job in planned}.values())
@@ -109,7 +107,7 @@ def execute(
     laws = [_law([job for job in planned if job.entry is entry], frames) for entry in entries]
     found = results.document(tasks, laws, code())
     write(folder / RESULT, results.text(found))
-    write(folder / LATEX, latex.table(found))
+    write(folder / LATEX, latex_table(found))
     write(folder / PAGE, page(found, planned, frames, folder))
     return found
 

@@ -35,8 +35,8 @@ def repeat(
     """
     from ...records.header import versions
     from ..claims import judged
-    from .claims import CLAIMS
     from .page import page
+    from .results import CLAIMS
 
     folder = Path(out)
     with running(progress) as told:

@@ -12,8 +12,7 @@ from scipy.interpolate import CubicSpline
 from ...errors import InputError
 from ...studies.pool.executors import WorkerLost, each_call, gave_up
 from .data import Attitude, Motion, Record
-from .swing import swing
-from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, floating, righting, vehicle
+from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, floating, righting, swing, vehicle
 
 LAGS = np.arange(-1.0, 1.001, 0.02)
 """Times between two clocks that are tried [s]."""

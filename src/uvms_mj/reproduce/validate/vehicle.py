@@ -10,6 +10,12 @@ run. A joint follows its motion by a torque K (q_dot_d + (q_d - q) / T - q_dot).
 which MuJoCo's Euler step treats implicitly, so that K may be large: the joint then has the velocity q_dot_d + (q_d - q)
 / T within the load over K, and the error of its angle is the load T / K, below 1e-4 rad here. The torque acts between
 two links, and the vehicle floats freely under it.
+
+A motion that tells the models apart: axis d swings, at its speed limit, about the arm stretched forwards.
+
+The trials of the pool are slow: a joint turns once from one posture to another, within ten seconds, and the vehicle
+passes through attitudes near those of rest. Added mass and drag act on accelerations and speeds. They count when the
+arm swings near the period in which the model swings freely in pitch, 2.8 s; the speed limit then leaves 13 degrees.
 """
 
 import functools
@@ -17,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ...engine.native.attachment import immerse
 from ...files import shipped
@@ -191,3 +198,23 @@ def driven(motion: Motion, variant: Variant) -> tuple[np.ndarray, np.ndarray]:
             applied[:] = torque[k] - SERVO / TRACKING * q
             mujoco.mj_step(rigid, data)
     return t, states
+
+
+STRETCHED = tuple(np.radians([0.0, 74.5, 164.5, 0.0]))
+"""Joint angles, axes e to b, of the arm stretched forwards, .36 m long [rad]."""
+FASTEST = np.radians(30.0)
+"""Speed limit of the axes e, d and c of the Reach Alpha 5 [rad/s]."""
+PERIOD, PERIODS = 2.8, 8
+"""Of the swing [s], and how many of them."""
+AMPLITUDE = FASTEST * PERIOD / (2.0 * np.pi)
+"""Of axis d [rad], so that it reaches the limit in each half swing."""
+_JOINT, _STEP = 1, 0.01
+
+
+def swing() -> Motion:
+    """The motion, which grows to its amplitude in the first period."""
+    t = np.arange(0.0, PERIODS * PERIOD + 0.5 * _STEP, _STEP)
+    share = np.clip(t / PERIOD, 0.0, 1.0)
+    q = np.tile(STRETCHED, (len(t), 1))
+    q[:, _JOINT] += AMPLITUDE * share**2 * (3.0 - 2.0 * share) * np.sin(2.0 * np.pi * t / PERIOD)
+    return Motion(0.0, float(t[-1]), CubicSpline(t, q))

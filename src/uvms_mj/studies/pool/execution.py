@@ -1,18 +1,25 @@
-"""A study from its first missing block to its last log."""
+"""A study from its first missing block to its last log; and its time and size, estimated from a short run of each
+law."""
 
+import dataclasses
+import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...engine.run import LawError, simulate
 from ...errors import InputError
-from .. import check
-from ..results import StudyFolder, frame, put
-from ..rows import log_of, lost_row, rows_of
+from ...scenario import Scenario
+from ..results import StudyFolder, blocks, frame, put, schema_of
+from ..rows import CHECK, LEAST, SHARE, checked, chosen_engine, compared, differences, log_of, lost_row, rows_of, sample
 from .bundle import StudyBundle
 from .executors import WorkerLost, each_call
 
 if TYPE_CHECKING:
     from ..plan import Plan
+
 
 Progress = Callable[[str, int, int, int], None]
 """Called with what is being done, the number of runs done, those of them that did not complete, and their total."""
@@ -71,21 +78,21 @@ class Execution:
 
     def _check(self, rows: Any) -> None:
         """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
-        indices = check.sample(self.plan, rows)
+        indices = sample(self.plan, rows)
         try:
-            if not indices or check.load(self.results.folder) is not None:
+            if not indices or checked(self.results.folder) is not None:
                 return
         except InputError:
-            self.results.damaged.append(check.FILE)
+            self.results.damaged.append(CHECK)
         pairs: dict[tuple[int, str], dict[str, Any]] = {}
 
         def keep(row: Any, index: int, engine: str) -> None:
             pairs[index, engine] = row or {"status": "lost"}
 
         calls = [(index, engine) for index in indices for engine in ("free_body", "mujoco")]
-        self._repeat("checking in MuJoCo", check.compared, calls, keep)
-        found = check.differences(self.plan, indices, pairs)
-        put(self.results.folder / check.FILE, found.to_parquet)
+        self._repeat("checking in MuJoCo", compared, calls, keep)
+        found = differences(self.plan, indices, pairs)
+        put(self.results.folder / CHECK, found.to_parquet)
 
     def _logs(self, rows: Any) -> None:
         """Run those runs again whose logs are kept. A run is the same each time."""
@@ -140,3 +147,53 @@ def _size(rows: Any, metric: str) -> Any:
     columns = [column for column in rows if column == name or column.startswith(f"{name}.")]
     numbers = rows[columns].apply(pd.to_numeric, errors="coerce").astype(float)
     return numbers[name] if columns == [name] else numbers.abs().max(axis="columns")
+
+
+_PROBE_S = 0.2
+"""Simulated time of a probe [s]."""
+_PART_BYTES, _ROW_BYTES = 600, 9
+"""Size of each column of a part, and of each number in it [bytes]."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Expected wall time [s] of a study, the size of its rows [bytes], and that of the log of one run [bytes]."""
+
+    seconds: float
+    rows_bytes: int
+    log_bytes: int
+
+
+def estimate(plan: "Plan", workers: int) -> Estimate:
+    """Estimate a study on so many workers. A run that fails counts as one without steps."""
+    steps, runs = plan.steps / len(plan.laws), plan.runs / len(plan.laws)
+    seconds, log_bytes = 0.0, 0
+    for law in range(len(plan.laws)):
+        try:
+            scenario = plan.scenario(law * plan.repeats)
+            engine = chosen_engine(scenario) if plan.engine == "auto" else plan.engine
+            fixed_s, step_s, row_bytes = _probe(scenario, engine)
+            seconds += runs * fixed_s + steps * step_s
+            log_bytes = max(log_bytes, round(row_bytes * scenario.simulation.duration * 1000.0))
+            if plan.engine == "auto" and engine == "free_body":
+                repeated = min(runs, max(LEAST / len(plan.laws), SHARE * runs) + len(plan.metrics) / len(plan.laws))
+                fixed_s, step_s, _ = _probe(scenario, "mujoco")
+                seconds += repeated * (fixed_s + steps / runs * step_s)
+        except (InputError, LawError):
+            continue
+    columns, parts = len(schema_of(plan)), len(blocks(plan.runs))
+    return Estimate(seconds / workers, columns * (parts * _PART_BYTES + plan.runs * _ROW_BYTES), log_bytes)
+
+
+def _probe(scenario: Scenario, engine: str) -> tuple[float, float, int]:
+    """Wall time of a run besides its steps, that of a step [s], and the size of a row of its log [bytes]. The first of
+    two short runs loads what both need."""
+    stepping = scenario.simulation
+    short = dataclasses.replace(stepping, duration=min(_PROBE_S, stepping.duration))
+    for _ in range(2):
+        start = time.perf_counter()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            trace = simulate(dataclasses.replace(scenario, simulation=short), keep_s=0.0, engine=engine)
+        whole_s = time.perf_counter() - start
+    return whole_s - trace.wall_time_s, trace.wall_time_s / max(1, trace.steps), 8 * trace.header.width

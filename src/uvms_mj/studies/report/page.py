@@ -9,10 +9,9 @@ from matplotlib.figure import Figure
 from ...errors import InputError, suggestion
 from ..pages import Picture, Table, rendered
 from ..plan import Plan
-from . import figures, maps, tables
+from . import figures, tables
 from .data import StudyRows
-from .paired import Paired, paired
-from .sensitivity import SUCCESS, Sensitivities, sensitivities
+from .statistics import SUCCESS, Paired, Sensitivities, paired, sensitivities
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,7 +107,7 @@ def _map_over(data: StudyRows, over: Sequence[str]) -> Figure | None:
         return figures.profile(data, known[over[0]])
     if len(over) != 2 or over[0] == over[1]:
         raise InputError("over: give one key, or two different ones")
-    return maps.maps(data, (known[over[0]], known[over[1]]), data.varying[: maps.MOST_METRICS])
+    return figures.maps(data, (known[over[0]], known[over[1]]), data.varying[: figures.MOST_METRICS])
 
 
 def _line(data: StudyRows) -> str:
@@ -145,13 +144,13 @@ def _maps(data: StudyRows, found: Sensitivities) -> list[Picture]:
         caption = f"Each run over {data.factors[0].label}. A cross above a panel is a run that did not succeed."
         return [] if figure is None else [Picture("over-1", caption, figure)]
     pictures = []
-    for i, pair in enumerate(maps.pairs(found), 1):
-        metrics = maps.shown(found, pair, i == 1)
+    for i, pair in enumerate(figures.pairs(found), 1):
+        metrics = figures.shown(found, pair, i == 1)
         if metrics:
             caption = f"{pair[0].label} and {pair[1].label}: {', '.join(m.label for m in metrics)}."
-            if len(data.laws) > maps.MOST_LAWS:
-                caption += f" Only the first {maps.MOST_LAWS} laws."
-            pictures.append(Picture(f"over-{i}", caption, maps.maps(data, pair, metrics)))
+            if len(data.laws) > figures.MOST_LAWS:
+                caption += f" Only the first {figures.MOST_LAWS} laws."
+            pictures.append(Picture(f"over-{i}", caption, figures.maps(data, pair, metrics)))
     return pictures
 
 

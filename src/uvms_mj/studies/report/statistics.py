@@ -1,10 +1,20 @@
-"""Statistics of a study: intervals of rates, paired differences, and sensitivities. Confidence is 95 %."""
+"""Statistics of a study: intervals of rates, paired differences, and sensitivities. Confidence is 95 %.
 
+Laws are compared in pairs: differences in the same draws, which have the same values and random numbers.
+
+Sensitivities of metrics to factors are Sobol indices where the design allows, otherwise rank correlations.
+"""
+
+import itertools
 import math
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from ..pages import ROUNDING
+from .data import Factor, Metric, StudyRows
 
 LEVEL = 0.95
 _Z = 1.959963984540054
@@ -104,3 +114,155 @@ def sobol_indices(y: np.ndarray, factors: int, seed: int) -> tuple[list[Estimate
 
 _MOST_RESAMPLED = 1_000_000
 """Most blocks in all bootstrap samples of one interval, so that the time of a report is bounded."""
+
+
+MOST_OF_ALL_PAIRS = 4
+MOST_LAWS = 3
+"""Up to this many laws, each pair is compared; of more laws, each with the first."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Difference of a metric between two laws: the median over the draws that both completed, the share of draws in
+    which the second law's value is smaller, the number of draws, and the median size of the first law's values."""
+
+    metric: Metric
+    median: Estimate
+    smaller: float
+    draws: int
+    size: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether the interval excludes zero, and the difference is at least 1 % of the values and not rounding."""
+        apart = self.median.low > 0.0 or self.median.high < 0.0
+        return apart and abs(self.median.value) >= max(0.01 * self.size, ROUNDING)
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Two laws in the same draws. Differences are ``second`` minus ``first``.
+
+    Attributes:
+        draws: in which every run of both is done.
+        success: difference of the success rates.
+        only_first, only_second: draws in which more runs of this law than of the other succeed.
+    """
+
+    first: str
+    second: str
+    draws: int
+    success: Estimate
+    only_first: int
+    only_second: int
+    metrics: tuple[Difference, ...]
+
+
+def paired(data: StudyRows) -> list[Paired]:
+    """Compare laws in the draws that both have done."""
+    laws = data.laws
+    pairs = list(itertools.combinations(laws, 2)) if len(laws) <= MOST_LAWS else [(laws[0], law) for law in laws[1:]]
+    return [found for first, second in pairs if (found := _compared(data, first, second)) is not None]
+
+
+def _compared(data: StudyRows, first: str, second: str) -> Paired | None:
+    success = data.success.astype(float)
+    differences = data.by_draw(second, success) - data.by_draw(first, success)
+    differences = differences[np.isfinite(differences)]
+    if not len(differences):
+        return None
+    metrics = []
+    for metric in data.varying[:MOST_OF_ALL_PAIRS]:
+        values = data.values(metric)
+        before = data.by_draw(first, values)
+        change = data.by_draw(second, values) - before
+        both = np.isfinite(change)
+        found = median(change[both])
+        if found is not None:
+            size = float(np.median(np.abs(before[both])))
+            metrics.append(Difference(metric, found, float((change[both] < 0.0).mean()), int(both.sum()), size))
+    return Paired(
+        first,
+        second,
+        len(differences),
+        difference_of_rates(differences),
+        int((differences < 0.0).sum()),
+        int((differences > 0.0).sum()),
+        tuple(metrics),
+    )
+
+
+MOST_SENSITIVITIES = 5
+SUCCESS = Metric("success")
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Of one metric of one law: an estimate for each factor, total Sobol indices or rank correlations; with Sobol
+    indices, also those of first order, and a note on what is left out."""
+
+    main: Sequence[Estimate | None]
+    first: Sequence[Estimate] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """All sensitivities, by metric and law; a law with a constant metric has none. ``sobol`` is their kind."""
+
+    sobol: bool
+    factors: tuple[Factor, ...]
+    of: Mapping[Metric, Mapping[str, Sensitivity]]
+
+    def strength(self, metric: Metric, factor: Factor) -> float:
+        """Largest magnitude over the laws of the indices of first order or the correlations [1]. Total indices also
+        grow with the random numbers of the runs."""
+        return max((abs(value) for value, _, other in self._values(metric) if other is factor), default=0.0)
+
+    def strongest(self, metric: Metric) -> tuple[float, str, Factor] | None:
+        """The strongest sensitivity of a metric: its signed value, law and factor."""
+        return max(self._values(metric), key=lambda each: abs(each[0]), default=None)
+
+    def _values(self, metric: Metric) -> list[tuple[float, str, Factor]]:
+        return [
+            (each.value, law, factor)
+            for law, sensitivity in self.of.get(metric, {}).items()
+            for factor, each in zip(self.factors, sensitivity.first or sensitivity.main, strict=True)
+            if each is not None
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """What is left out, with the laws and metrics."""
+        left_out: dict[str, list[str]] = {}
+        for metric, laws in self.of.items():
+            for law, each in laws.items():
+                if each.note:
+                    left_out.setdefault(f"{law}: {each.note}", []).append(metric.short)
+        return [f"{note} ({', '.join(metrics)})" for note, metrics in left_out.items()]
+
+
+def sensitivities(data: StudyRows) -> Sensitivities:
+    """Sensitivities of the first metrics that vary, and of success."""
+    sobol = data.plan.design == "sobol_indices"
+    factors = data.factors if sobol else tuple(each for each in data.factors if each.numeric)
+    of = {}
+    for metric in (SUCCESS, *data.varying[:MOST_SENSITIVITIES]):
+        values = data.success.astype(float) if metric is SUCCESS else data.values(metric)
+        found = {law: _sensitivity(data, law, values, factors) for law in data.laws}
+        of[metric] = {law: each for law, each in found.items() if each is not None}
+    return Sensitivities(sobol, factors, {metric: laws for metric, laws in of.items() if laws})
+
+
+def _sensitivity(data: StudyRows, law: str, values: np.ndarray, factors: tuple[Factor, ...]) -> Sensitivity | None:
+    y = data.by_draw(law, values)
+    if data.plan.design == "sobol_indices":
+        found = sobol_indices(y, len(factors), data.plan.seed)
+        if found is None:
+            return None
+        total, first, missing = found
+        blocks = f"{missing} of {len(y) // (len(factors) + 2)} blocks of samples"
+        note = f"{blocks} have a run without a value; the indices are of the others" if missing else ""
+        return Sensitivity(total, first, note)
+    main = [rank_correlation(data.by_draw(law, data.of(factor)), y) for factor in factors]
+    return Sensitivity(main) if any(main) else None

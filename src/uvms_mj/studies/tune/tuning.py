@@ -20,8 +20,7 @@ from ..pool.executors import executor_of
 from ..results import VERSION, about_of, check_same, put
 from ..study import Study
 from .problem import Problem, fields_of
-from .search import Journal, search
-from .trial import Outcome, Trial, outcome, refused, rows, with_gains
+from .search import Journal, Outcome, Trial, outcome, refused, rows, search, with_gains
 
 if TYPE_CHECKING:
     import pandas as pd

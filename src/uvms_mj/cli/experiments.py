@@ -1,0 +1,424 @@
+"""Experiments that are repeated: ``uvms-mj paper``, ``practicality``, ``validate`` and ``bench``."""
+
+import functools
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import Stop, bad_input, draw_to_files, filling, printable, progress_bar
+from .console import Table, print_verdicts
+from .folders import alone_in, folder_for, move_aside
+from .options import (
+    asked_for,
+    command,
+    json_option,
+    names_in,
+    output_options,
+    path_option,
+    scenario_argument,
+    set_option,
+    workers_option,
+)
+from .study import kept, pool_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..reproduce.claims import Row
+    from ..scenario import Scenario
+
+
+EXIT_CLAIM_FAILS = 1
+_RESULTS = ("logs", "claims.csv", "claims.json", "report.html")
+
+
+@command(
+    epilog="Exit status: 0 every claim holds or is explained, 1 a claim fails, 2 bad input, 130 interrupted (143 by "
+    "SIGTERM)."
+)
+@scenario_argument
+@set_option
+@path_option("-o", "--out", metavar="DIR", help="Folder for all output; required unless --from is given.")
+@path_option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without new runs, into DIR or --out.")
+@json_option
+def paper(
+    arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None, as_json: bool
+) -> None:
+    """Repeat the simulations of the paper's section 5 and check its claims.
+
+    Output: DIR/report.html, a page to read and to print; DIR/fig01 to fig12 and overview as PNG and SVG; DIR/claims.csv
+    and claims.json; and DIR/logs, the logs of all runs. Results of an earlier call in DIR are moved to a subfolder.
+
+    \b
+    uvms-mj paper --out results
+    uvms-mj paper --out soft wall.stiffness=2e4
+    uvms-mj paper --out gains fosm.K_s=24 gsta.k_1=8
+    uvms-mj paper --from results
+    """
+    stop = Stop()
+    draw_to_files()
+    running = source is None
+    place = Path(source or out or "")
+    with filling(place, lambda: "" if running else "; the logs are complete: redraw with --from"):
+        jobs = _jobs(arguments, settings, out, source)
+        from ..reproduce.paper import runs as study
+        from ..reproduce.paper import write
+
+        logs = place / "logs"
+        if source is not None:
+            runs = study.load(logs, jobs)
+        folder = folder_for(out or source or "")
+        with alone_in(folder):
+            if running:
+                figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
+                move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")
+                logs.mkdir()
+                with progress_bar("running", as_json, stop) as bar:
+                    study.run(jobs, logs, bar)
+                running = False
+                runs = study.load(logs, jobs)
+            with progress_bar("drawing", as_json, stop) as bar:
+                rows = write(folder, runs, bar)
+    failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
+    if as_json:
+        files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
+        report = {"claims": [row.as_dict() for row in rows], "failed": failed}
+        click.echo(json.dumps(report | {"files": {kind: str(path) for kind, path in files.items()}}, allow_nan=False))
+    else:
+        _claims_of_the_paper(rows)
+        click.echo(str(folder / "report.html"))
+    sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+
+
+def _jobs(
+    arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None
+) -> "dict[str, Scenario]":
+    """The runs of the study by name. Raises InputError if the arguments of the command are invalid."""
+    from ..errors import InputError
+    from ..reproduce.paper.runs import plan
+    from ..scenario import Scenario
+
+    if source is not None and (arguments or settings):
+        raise InputError(f"--from only redraws existing runs; omit {' '.join((*arguments, *settings))}")
+    if source is None and out is None:
+        raise InputError("--out DIR is missing; it is the folder for the logs and the report")
+    name, overrides = asked_for(arguments, settings)
+    gains = _gains(overrides)
+    return plan(Scenario.load(name or "push_wall", overrides), gains)
+
+
+def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
+    from ..control import BUILT_IN, ImpedanceTask
+    from ..errors import Fault, InputError, suggestion
+    from ..reproduce.paper.runs import TUNED
+
+    gains: dict[str, dict[str, Any]] = {law: {} for law in TUNED}
+    for key in list(overrides):
+        law, _, gain = key.partition(".")
+        if law in gains:
+            fields = (*BUILT_IN[law].setting_fields(), *ImpedanceTask.setting_fields())
+            choices = sorted({field.name for field in fields} - {"nominal"})
+            if gain == "nominal":
+                raise InputError([Fault(key, "cannot be set; the law is run both with and without nominal control")])
+            if gain not in choices:
+                raise InputError([Fault(key, f"{law} has no such gain; {suggestion(gain, choices)}")])
+            gains[law][f"controller.{gain}"] = overrides.pop(key)
+    return gains
+
+
+def _claims_of_the_paper(rows: "list[Row]") -> None:
+    def cells(row: "Row", value: str) -> tuple[str, ...]:
+        claim = row.claim
+        return claim.text, claim.quantity, claim.paper, value, claim.predicate
+
+    print_verdicts("claims of the paper", ("claim", "quantity", "paper", "ours", "threshold"), rows, cells)
+    for name, meaning in {row.verdict.name: row.verdict.value for row in rows}.items():
+        click.echo(f"{name}: {meaning}")
+    for row in rows:
+        if row.verdict.name == "explained":
+            click.echo(f"\n{row.claim.text}\nWhy this does not hold here: {row.claim.explanation}")
+
+
+@command(
+    epilog="Exit status: 0 every claim holds, 1 a claim fails, 2 bad input or no space, 130 interrupted (143 by "
+    "SIGTERM)."
+)
+@set_option
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/practicality].")
+@workers_option
+@json_option
+def practicality(settings: tuple[str, ...], out: str | None, workers: int | None, as_json: bool) -> None:
+    """From ideal to real: where each of the paper's laws stops working.
+
+    The BlueROV2 Heavy presses on a wall in a current that it does not know. Its control rate, force sensor, thrusters,
+    battery, wall and model go from ideal to real, one after the other and together. DIR/report.html has the claims with
+    their measured values, the boundary of each law along each axis, maps, and the steps to a pool. DIR has one study
+    for each axis, which `uvms-mj study report` and `uvms-mj run --from` read. It takes some minutes; after any
+    interruption the same command goes on where it was.
+
+    \b
+    uvms-mj practicality --out real
+    uvms-mj practicality --out heavy_tuhh --set vehicle.model=bluerov2_heavy_tuhh
+    """
+    stop, shown = Stop(), dict[str, int]()
+    draw_to_files()
+    folder = Path(out or Path("runs", "practicality"))
+    with filling(folder, functools.partial(kept, shown, "runs")):
+        from ..reproduce.practicality import PAGE, repeat
+
+        overrides = asked_for((), settings)[1]
+        with progress_bar("running", as_json, stop) as update:
+
+            def progress(done: int, total: int) -> None:
+                shown.update(done=done, total=total)
+                update(done, total)
+
+            rows = repeat(folder, overrides, progress=progress, workers=workers)
+    claims = [row.as_dict() for row in rows]
+    failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
+    if as_json:
+        click.echo(json.dumps({"claims": claims, "failed": failed, "report": str(folder / PAGE)}, allow_nan=False))
+    else:
+        _claims_of_practicality(rows)
+        click.echo(str(folder / PAGE))
+    sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+
+
+def _claims_of_practicality(rows: "list[Row]") -> None:
+    def cells(row: "Row", value: str) -> tuple[str, ...]:
+        claim = row.claim
+        return claim.text, f"{claim.quantity}: {value}\n{row.measured.detail}", claim.predicate
+
+    print_verdicts("claims", ("claim", "measured", "threshold"), rows, cells)
+
+
+@click.group()
+def validate() -> None:
+    """Compare runs with measurements.
+
+    \b
+    uvms-mj validate pool --data pool_2023
+    """
+
+
+@command(epilog="Exit status: 0 completed, 2 bad input or no space, 130 interrupted (143 by SIGTERM).")
+@path_option("--data", required=True, metavar="DIR", help="Folder of the records.")
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/validate-pool].")
+@workers_option
+@json_option
+def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None:
+    """A vehicle that floats in a pool while its arm moves.
+
+    For every trial in DIR the vehicle floats freely, its thrusters off, and the arm is driven along the measured joint
+    angles. The page report.html has measured and simulated roll, pitch and yaw, their errors, those without the links'
+    added mass and drag, with lumped added mass, with a fitted metacentric height and of naive models (hydrostatics
+    alone, a constant pitch), and the motion that would tell these models apart. A trial whose two instruments disagree
+    is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and
+    Davidson publish them in UVMS-SysID-with-EAs. It takes about a minute.
+
+    \b
+    uvms-mj validate pool --data pool_2023 --out pool
+    """
+    draw_to_files()
+    folder, stop = Path(out or Path("runs", "validate-pool")), Stop()
+    with filling(folder):
+        from ..reproduce.validate import PAGE, repeat
+
+        with progress_bar("running", as_json, stop) as update:
+            found = repeat(data, folder, progress=update, workers=workers)
+    if as_json:
+        click.echo(json.dumps(found | {"report": str(folder / PAGE)}, allow_nan=False))
+        return
+    _errors_of_the_pool(found)
+    click.echo(str(folder / PAGE))
+
+
+def _errors_of_the_pool(found: dict[str, Any]) -> None:
+    heads = ("mean [deg]", "median [deg]", "trials")
+    rows = [
+        (name, f"{mean:.3f}", f"{found['median_rms_pitch_deg'][name]:.3f}", str(found["judged_on"][name]))
+        for name, mean in found["mean_rms_pitch_deg"].items()
+    ]
+    title = f"{len(found['trials'])} trials: rms error of the pitch"
+    Table(title, ("model", *heads), rows, right=heads, fixed=heads).show()
+    click.echo(f"height fitted on {', '.join(found['fitted_on'])}, and judged on the others")
+    if found["disagreeing"]:
+        differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))
+        names = ", ".join(f"{name} ({differ[name]:.1f} deg)" for name in found["disagreeing"])
+        click.echo(
+            f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}"
+        )
+
+
+validate.add_command(pool)
+
+
+class _Commands(click.Group):
+    """``bench compare`` and ``bench tasks``; every other first word is a law."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
+        if args and args[0] in self.commands:
+            return super().make_context(info_name, args, parent, **extra)
+        return run_bench.make_context(info_name, args, parent, **extra)
+
+
+@command(
+    epilog="Exit status: 0 every law has its rows, also where it fails, 2 bad input or no space, 130 interrupted (143 "
+    "by SIGTERM)."
+)
+@click.argument("laws", nargs=-1, metavar="[LAW [KEY=VALUE]...]...")
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/bench].")
+@click.option("--tasks", "only", multiple=True, metavar="NAME[,NAME]", help="Some of the tasks; may be repeated.")
+@click.option("--draws", type=click.IntRange(1), metavar="N", help="The first N draws of each task, for a look.")
+@workers_option
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
+@output_options
+def run_bench(
+    laws: tuple[str, ...],
+    out: str | None,
+    only: tuple[str, ...],
+    draws: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Measure laws on Contact-10: ten tasks of contact under water, 20 draws each, the same for everybody.
+
+    LAW is a shipped law, a file (my_law.py:MyLaw, my_law.c, libmy_law.so:my_law, my_law.fmu), or a TOML file with
+    [[laws]], as study files have them; without one, all shipped laws. Settings after a law are its own, and the same
+    for all tasks: controller.*, task.*, impedance.*, observer.*, actuation.*, and label=NAME.
+
+    \b
+    uvms-mj bench                                   all shipped laws, some minutes
+    uvms-mj bench gsta my_law.py:MyLaw --out mine
+    uvms-mj bench gsta controller.k_1=8 label=stiff --out stiff
+    uvms-mj bench my_laws.toml --tasks slide,force_sensor --draws 5
+    uvms-mj bench tasks                             the tasks and what passes them
+    uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
+
+    Gains for single tasks are in a file, and have a table of their own:
+
+    \b
+    [[laws]]
+    name = "gsta"
+    label = "gsta, tuned"
+    [laws.tuned.force_sensor]
+    controller.k_1 = 1.0
+
+    DIR/report.html is the page, DIR/bench.json has everything and is the same, byte for byte, for any number of
+    workers, and DIR/table.tex is for a paper. DIR/LAW/TASK is a study, for `uvms-mj study report` and `uvms-mj run
+    --from`. After any interruption the same command goes on where it was, and where a law is added, it alone runs.
+    """
+    stop, shown = Stop(), dict[str, int]()
+    draw_to_files()
+    folder = Path(out or Path("runs", "bench"))
+    with filling(folder, functools.partial(kept, shown, "runs")), pool_of(scheduler, workers) as executor:
+        from ..reproduce.bench import LATEX, PAGE, RESULT, bench
+
+        text = "{done:.0f} of {total} runs"
+        with progress_bar("running", as_json or quiet, stop, text) as update:
+
+            def progress(done: int, total: int) -> None:
+                shown.update(done=done, total=total)
+                update(done, total)
+
+            names = names_in("--tasks", only)
+            found = bench(laws, folder, only=names, draws=draws, progress=progress, executor=executor)
+    files = {"result": str(folder / RESULT), "report": str(folder / PAGE), "latex": str(folder / LATEX)}
+    if as_json:
+        click.echo(json.dumps({"digest": found["digest"], "passed": _passed(found), **files}, allow_nan=False))
+    elif not quiet:
+        _draws_passed(found)
+        click.echo(printable("\n".join((files["report"], files["result"]))))
+
+
+def _passed(found: "Mapping[str, Any]") -> dict[str, dict[str, Any]]:
+    """Draws passed by law and task; None where the law can't run."""
+    return {
+        law["label"]: {name: cell["passed"] if cell["runs"] else None for name, cell in law["tasks"].items()}
+        for law in found["laws"]
+    }
+
+
+def _draws_passed(found: "Mapping[str, Any]") -> None:
+    tasks = found["tasks"]
+    heads = [str(task["number"]) for task in tasks.values()]
+    rows = [
+        (law["label"], *(f"{c['passed']}/{c['draws']}" if c["runs"] else "-" for c in law["tasks"].values()))
+        for law in found["laws"]
+    ]
+    Table(f"{found['benchmark']}: draws passed", ("law", *heads), rows, right=heads, fixed=heads, width=40).show()
+    click.echo("; ".join(f"{task['number']} {name}" for name, task in tasks.items()))
+    for law in found["laws"]:
+        whys = {cell["reason"]: name for name, cell in law["tasks"].items() if not cell["runs"]}
+        for why in whys:
+            where = ", ".join(name for name, cell in law["tasks"].items() if cell.get("reason") == why)
+            click.echo(printable(f"- {law['label']} can't run {where}: {why}"))
+
+
+@click.group(cls=_Commands, short_help="Measure laws on ten tasks of contact, the same for everybody.")
+def bench() -> None:
+    """Measure laws on Contact-10, or look at its tasks and results."""
+
+
+@command("tasks")
+@json_option
+def bench_tasks(as_json: bool) -> None:
+    """List the tasks: what each asks for, its version, and the criteria that a run must meet."""
+    with bad_input():
+        from ..reproduce.bench.page import bounds
+        from ..reproduce.bench.task import tasks
+
+        each = tasks()
+    if as_json:
+        numbers = {
+            name: {"number": t.number, "version": t.version, "digest": t.digest, "criteria": dict(t.criteria)}
+            for name, t in each.items()
+        }
+        click.echo(json.dumps(numbers))
+        return
+    for name, task in each.items():
+        click.echo(f"{task.number}. {name}, version {task.version}: {task.title}")
+        click.echo(f"   {task.reason}")
+        for metric, limit in task.criteria.items():
+            click.echo(f"   {metric} {bounds(metric, limit)}: {task.why[metric]}")
+
+
+@command("compare", epilog="Exit status: 0, also where the results differ, 2 bad input or nothing to compare.")
+@click.argument("first", metavar="A.json[:LAW]")
+@click.argument("second", metavar="B.json[:LAW]")
+@json_option
+def bench_compare(first: str, second: str, as_json: bool) -> None:
+    """Compare two results of the benchmark, law by law and task by task, in the same draws.
+
+    Laws are paired by their labels; with one law in each file, or with :LAW behind both names, these two are a pair.
+    The file "shipped" is the result of the shipped laws. Tasks whose version or contents differ are left out, with a
+    note.
+
+    \b
+    uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after
+    uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
+    """
+    with bad_input():
+        from ..reproduce.bench.results import compared, sentences
+
+        found = compared(first, second)
+    if as_json:
+        click.echo(json.dumps(found, allow_nan=False))
+        return
+    for pair in found["pairs"]:
+        heads = ("task", pair["first"], pair["second"], "only first", "only second", "difference", "95 % interval")
+        rows = [tuple(sentences(name, task)) for name, task in pair["tasks"].items()]
+        title = f"{pair['first']} and {pair['second']}: draws passed"
+        Table(title, heads, rows, right=heads[1:], width=80).show()
+    for note in found["notes"]:
+        click.echo(printable(f"note: {note}"), err=True)
+
+
+for each in (bench_tasks, bench_compare):
+    bench.add_command(each)
