@@ -54,6 +54,8 @@ def shortened(words: list[str]) -> list[str]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]
         case ["bench", first, *_] if first not in ("compare", "tasks"):
             more = ["--draws=1", "--tasks=two_contacts", "--workers=1"]
+        case ["video", *_]:
+            more = ["--size=320x180"]
         case _:
             more = []
     return [*words, *(each for each in more if not any(word.startswith(each.partition("=")[0]) for word in words))]

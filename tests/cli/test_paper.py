@@ -21,9 +21,10 @@ def command(tmp_path, monkeypatch):
     return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
 
-def unplaced(patch):
-    """Figures without a layout and without insets: tests/views lays them out."""
-    patch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
+def undrawn(patch):
+    """Figures without a layout, insets and contents: tests/views lays them out and draws them."""
+    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
+        patch.setattr(f"matplotlib.{name}", lambda *_: None)
     patch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
 
 
@@ -37,7 +38,7 @@ def results(tmp_path_factory):
     (folder / "notes.txt").write_text("mine")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("uvms_mj.studies.pool.executors.Workers._call", lambda workers, call, *given: call(*given))
-        unplaced(patch)
+        undrawn(patch)
         return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
@@ -67,7 +68,7 @@ def test_paper_writes_what_it_says(results):
 
 def test_paper_redraws_the_same_from_logs(results, command, tmp_path, monkeypatch):
     folder, _ = results
-    unplaced(monkeypatch)
+    undrawn(monkeypatch)
     done = command(paper, "--from", folder, "--out", "again", "--json")
     assert done.exit_code == 1, done.output
     answer = json.loads(done.stdout)

@@ -126,8 +126,8 @@ def test_the_tree_behind_a_tool_must_have_a_rest(order, direction, force):
 @pytest.mark.slow
 def test_random_scenarios_with_walls_rest_at_their_closed_forms():
     """The first ones of the sweep for rigid vehicles, and one for a tool that comes to rest."""
-    cases = [*((1, case, False) for case in range(12)), *((1, case, True) for case in (16,))]
+    cases = [*((1, case, False) for case in range(8)), *((1, case, True) for case in (16,))]
     found = [sweep_rests.tried(case) for case in cases]
     wrong = [each for each, result in zip(cases, found, strict=True) if result.kind == "wrong"]
     assert not wrong, [sweep_rests.command(sweep_rests.overrides(*each), each[2]) for each in wrong]
-    assert sum(result.kind == "announced" for result in found) >= 8
+    assert sum(result.kind == "announced" for result in found) >= 5

@@ -16,7 +16,7 @@ reference.bandwidth = 6.0
 [run]
 engine = "free_body"
 [design]
-runs = 150
+runs = 80
 seed = 12
 [keep]
 metrics = ["contact.final_N", "contact.settled"]
@@ -78,7 +78,7 @@ def test_the_rows_have_the_distribution_of_the_closed_form(tmp_path):
 def test_the_programs_closed_form_is_that_of_each_row(tmp_path):
     """The program solves for the pose at rest. A run of one step suffices for it."""
     text = STUDY.replace('"contact.final_N"', '"contact.analytic_N"').replace("duration = 5.0", "duration = 2e-4")
-    (tmp_path / "s.toml").write_text(text.replace("runs = 150", "runs = 50"))
+    (tmp_path / "s.toml").write_text(text.replace("runs = 80", "runs = 50"))
     frame = Study.load(tmp_path / "s.toml").run(tmp_path / "out").frame
     expected = rest_force(*(frame[key].to_numpy() for key in DRAWN))
     assert len(expected) == 50

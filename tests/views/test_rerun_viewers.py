@@ -143,7 +143,7 @@ def test_a_run_streams_to_the_viewer(headless, monkeypatch):
 )
 def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
     """Rerun's client would wait forever for a viewer that accepts no data; a run waits only once, at its end."""
-    monkeypatch.setattr(viewer, "_PATIENCE_S", 4.0)
+    monkeypatch.setattr(viewer, "_PATIENCE_S", 2.0)
     took: list[float] = []
     monkeypatch.setattr(viewer, "_LIVE_HZ", 1e4)
 
@@ -170,7 +170,7 @@ def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
     assert run.status is Status.completed
     assert len(run) == scenario.steps + 1
     assert time.monotonic() - start < 40.0
-    assert max(took) < 4.0
+    assert max(took) < 2.0
     here = [each for each in psutil.Process().children(recursive=True) if each.status() != psutil.STATUS_ZOMBIE]
     ours = family(psutil.Process(headless[0][0].pid)) if end == signals.SIGSTOP else []
     assert {each.pid for each in here if "rerun" in " ".join(each.cmdline())} <= {each.pid for each in ours}
@@ -178,9 +178,9 @@ def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
 
 @needs_vulkan
 def test_replay_says_that_the_viewer_was_closed(headless, trace, monkeypatch):
-    monkeypatch.setattr(viewer, "_PATIENCE_S", 2.0)
+    monkeypatch.setattr(viewer, "_PATIENCE_S", 1.0)
     opened = viewer.start
-    for end, message in ((signals.SIGKILL, "it was closed"), (signals.SIGSTOP, "accepted no data for 2 s")):
+    for end, message in ((signals.SIGKILL, "it was closed"), (signals.SIGSTOP, "accepted no data for 1 s")):
 
         def ended(options, port, lives_s, end=end):
             process = opened(options, port, lives_s)

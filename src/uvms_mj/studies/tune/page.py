@@ -16,8 +16,7 @@ from ..plan.metrics import unit_of_column, without_unit
 from ..plan.places import unit_of
 from ..report.figures import ABOVE_PANEL, decades
 from ..report.tables import digits_of
-from .problem import Measure, Problem
-from .search import Trial
+from .problem import Measure, Problem, Trial
 
 _TEN = 10
 _HISTORY = "The objective of each trial, and the best feasible value so far."

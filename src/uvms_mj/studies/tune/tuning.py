@@ -19,8 +19,8 @@ from ..pool.bundle import StudyBundle
 from ..pool.executors import executor_of
 from ..results import VERSION, about_of, check_same, put
 from ..study import Study
-from .problem import Problem, fields_of
-from .search import Journal, Outcome, Trial, outcome, refused, rows, search, with_gains
+from .problem import Outcome, Problem, Trial, fields_of, outcome, refused, rows, with_gains
+from .search import Journal, search
 
 if TYPE_CHECKING:
     import pandas as pd
