@@ -13,7 +13,7 @@ import click
 
 from uvms_mj import simulate
 from uvms_mj.cli import main as uvms_mj
-from uvms_mj.cli.console import Table
+from uvms_mj.cli.common import Table
 from uvms_mj.cli.listing import (
     key_list,
     metric_list,

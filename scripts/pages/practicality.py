@@ -9,8 +9,7 @@ import numpy as np
 from page_look import written
 from uvms_mj.reproduce.claims import judged
 from uvms_mj.reproduce.practicality import page
-from uvms_mj.reproduce.practicality.plans import AXES, MAPS, RETUNED, plans
-from uvms_mj.reproduce.practicality.results import CLAIMS, Results
+from uvms_mj.reproduce.practicality.results import AXES, CLAIMS, MAPS, RETUNED, Results, plans
 from uvms_mj.studies.results import frame
 
 

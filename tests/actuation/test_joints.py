@@ -9,8 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from uvms_mj import InputError
 from uvms_mj.actuation import Position, Velocity
-from uvms_mj.actuation.joints import velocity_loop
-from uvms_mj.actuation.motion import rate_at, read_motion, segment_at, segments, value_at
+from uvms_mj.actuation.joints import rate_at, read_motion, segment_at, segments, value_at, velocity_loop
 from uvms_mj.physics.tree import deliverable
 from uvms_mj.stages.signals import joints_given, record_dtype
 

@@ -10,7 +10,7 @@ import pytest
 from uvms_mj import Scenario, Status, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.summary import summary
-from uvms_mj.cli.console import Console
+from uvms_mj.cli.common import Console
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from twin import skew
-from uvms_mj.plant.strip import DENSITY, Part, parts_of, strip_theory
+from uvms_mj.plant.coefficients import DENSITY, Part, parts_of, strip_theory
 
 R, B = 0.03, 0.12
 C_A, C_D = 0.9, 1.2

@@ -15,19 +15,22 @@ from uvms_mj import InputError
 from uvms_mj.cli.experiments import practicality
 from uvms_mj.files import shipped
 from uvms_mj.reproduce.claims import judged
-from uvms_mj.reproduce.practicality.plans import (
+from uvms_mj.reproduce.practicality.results import (
     AXES,
+    CLAIMS,
     DEMANDED,
+    LABELS,
     LAWS,
     MAPS,
     METRICS,
     RETUNED,
     STEPS,
     STEPS_NAME,
+    Results,
     plans,
     step_label,
+    why,
 )
-from uvms_mj.reproduce.practicality.results import CLAIMS, LABELS, Results, why
 from uvms_mj.setup.base import set_up
 
 VIBRATES = {"force_range_N": 20.0}

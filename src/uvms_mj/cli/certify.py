@@ -7,8 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, Stop, bad_input, end, ended, exit_interrupted, progress_bar
-from .console import Console, Table, facts, warn
+from .common import (
+    EXIT_BAD_INPUT,
+    EXIT_UNSTABLE,
+    Console,
+    Stop,
+    Table,
+    bad_input,
+    end,
+    ended,
+    exit_interrupted,
+    facts,
+    progress_bar,
+    warn,
+)
 from .options import command, output_options, run_options
 from .run import chosen
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Stop, bad_input, draw_to_files, filling, printable, progress_bar
-from .console import Table, print_verdicts
+from .common import Stop, Table, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
 from .folders import alone_in, folder_for, move_aside
 from .options import (
     asked_for,

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import bad_input, end, exit_interrupted, refuse_existing
-from .console import Console, log_tables, warn
+from .common import Console, bad_input, end, exit_interrupted, log_tables, refuse_existing, warn
 from .folders import remove_if_empty
 from .options import (
     asked_for,

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, refuse_existing
-from .console import warn
+from .common import bad_input, refuse_existing, warn
 from .options import command, force_option, path_option
 
 KINDS = {

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .console import warn
+from .common import warn
 
 
 class _Command(click.Command):

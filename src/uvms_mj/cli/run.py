@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Stop, bad_input, end, ended, exit_interrupted
-from .console import Console, warn
+from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 

@@ -15,6 +15,7 @@ import click
 from .common import (
     EXIT_ENGINES_DIFFER,
     Stop,
+    Table,
     bad_input,
     draw_to_files,
     filling,
@@ -22,7 +23,6 @@ from .common import (
     progress_bar,
     refuse_existing,
 )
-from .console import Table
 from .folders import folder_for
 from .options import (
     asked_for,

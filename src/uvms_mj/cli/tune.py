@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_ENGINES_DIFFER, Stop, bad_input, draw_to_files, filling, printable, progress_bar
-from .console import Table
+from .common import EXIT_ENGINES_DIFFER, Stop, Table, bad_input, draw_to_files, filling, printable, progress_bar
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
 from .study import duration, engines_differ, finite, kept, pool_of

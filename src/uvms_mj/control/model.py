@@ -1,7 +1,12 @@
-"""The model of the vehicle: C, D and g as the law estimates them, and the truth for the ideal law.
+r"""What stands around a law: its model of the vehicle before it, C, D and g as the law estimates them, and behind it
+the resolution of its command into the wrench on the base and the torques of the joints. The ideal law is given the
+truth.
 
 The estimates use the same equations as the plant, with the true coefficients times the scenario's factors (default 1).
 Their errors are terms of the lumped disturbance of the paper's eq. (11).
+
+M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambda and the task's bias take their place
+(:mod:`uvms_mj.physics.operational`).
 """
 
 from __future__ import annotations
@@ -12,12 +17,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring, turn_momentum
-from ..physics.frames import to_body
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, matvec, restoring, turn_momentum
+from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.hydrodynamics import relative_velocity
-from ..physics.kernels import kernel
+from ..physics.kernels import fused, kernel
+from ..physics.linear_algebra import product, transposed_product
+from ..physics.operational import base_rows, resolve, task_inertia
+from ..physics.tree import along_joint, compose_links, joint_column, measured_frames, move_links, whole
 from ..stages.base import Room, Stage
-from ..stages.signals import CLOCK, TRUE, TRUTH
+from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
+from .task import tracking_errors
 
 
 def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
@@ -111,3 +120,216 @@ class Truth(Stage):
     def step(settings, state, given, state_dot, out):
         out.M[:] = settings.M
         reveal(settings, state.plant.water, given, out, out.g_eta)
+
+
+UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
+"""What the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
+
+
+@dataclass(frozen=True)
+class ToolAttitude(Stage):
+    """The true attitude of the tool, for the record. ``state`` is the record of the run."""
+
+    name = "tool"
+    room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        attitude(state.carriers[0].R_WC, out)
+
+
+@dataclass(frozen=True)
+class ModelAtBody(Stage):
+    """The estimates at B. ``state`` is the record of the run."""
+
+    name = "model_at_body"
+    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Number of control instants from one estimate of the inertia to the next."""
+        return {"every": max(1, round(setup.scenario.task.inertia_period / setup.scenario.control_period))}
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
+        estimate_wrenches(model, frames, given.R_WB, q_dot)
+        out.C_hat_nu[:], out.D_hat_nu[:], out.g_hat[:] = model.C[:6], model.D[:6], model.g[:6]
+        N = model.tau.shape[0]
+        if N > 6:  # noqa: SIM102  # known when compiling: the inertia of a rigid vehicle is constant
+            if given.instant % int(settings.every) == 0:
+                estimate_inertia(model, frames)
+        out.M_hat[:] = model.M.reshape(N, N)[:6, :6]
+
+
+@dataclass(frozen=True)
+class ModelAtTool(ModelAtBody):
+    """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is the
+    record of the run."""
+
+    name = "model_at_tool"
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
+        place_tool(model, frames)
+        if given.instant % int(settings.every) == 0:
+            estimate_inertia(model, frames)
+            estimate_lambda(model)
+        estimate_wrenches(model, frames, given.R_WB, q_dot)
+        estimate_at_tool(model, out)
+        tool = model.tool
+        compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
+        attitude(out.R_WB, out.quat_WB)
+        out.f_contact_m_W[:], out.nu[:] = given.f_contact_m_W, model.nu_T
+        wrench_at(tool.R_BT, tool.p_BT, given.tau_contact_m_B, out.tau_contact_m_B)
+
+
+@dataclass(frozen=True)
+class Tracking(Stage):
+    """Tracking errors: measurement minus reference."""
+
+    name = "tracking"
+    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tracking_errors(given, out)
+
+
+@dataclass(frozen=True)
+class ResolveAtBody(Stage):
+    """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is the record of the
+    run."""
+
+    name = "resolve_at_body"
+    room: ClassVar[Room] = Room("control", "resolution", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tau = state.model.tau
+        tau[:6], tau[6:] = given.tau_cmd, 0.0
+        deliver(state.model, out, state.joints.tau_q_cmd)
+
+
+@dataclass(frozen=True)
+class ResolveAtTool(ResolveAtBody):
+    """tau = J^T F of the law's wrench F at the tool. ``state`` is the record of the run."""
+
+    name = "resolve_at_tool"
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model = state.model
+        resolve(model.J_T, model.tau.shape[0], given.tau_cmd, model.tau)
+        deliver(model, out, state.joints.tau_q_cmd)
+
+
+@kernel
+def deliver(model, tau_B, tau_q_cmd):
+    """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
+    model.tau += model.tau_posture
+    tau_B[:], tau_q_cmd[:] = model.tau[:6], model.tau[6:]
+
+
+@kernel
+def move_model(model, frames, R_WB, nu, q_dot):
+    """Set velocities and accelerations of all links from the measured state."""
+    base = model.links[0]
+    base.V[:], base.A[:] = nu, 0.0
+    to_body(R_WB, model.gravity_W, model.gravity_B)
+    move_links(model.links, frames, q_dot, 0)
+
+
+@kernel
+def estimate_wrenches(model, frames, R_WB, q_dot):
+    """Set C zeta, D zeta and g (N,), whose wrenches on the links are summed towards the base."""
+    links, C, D, g = model.links, model.C, model.D, model.g
+    base = links[0]
+    model_wrenches(base, model.gravity_W, R_WB, base.nu, base.F_C, base.F_D, base.F)
+    for k in range(1, links.shape[0]):
+        link, R, p = links[k], frames[k].R_BL, frames[k].p_BL
+        C_nu, D_nu, g_eta, M_a = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+        model_wrenches(link, model.gravity_B, R, link.nu, C_nu, D_nu, g_eta)
+        matvec(link.M, link.a, M_a)
+        C_nu += link.coriolis * M_a
+        link.F_C[:], link.F_D[:], link.F[:] = 0.0, 0.0, 0.0
+        add_wrench_from(R, p, C_nu, link.F_C)
+        add_wrench_from(R, p, D_nu, link.F_D)
+        add_wrench_from(R, p, g_eta, link.F)
+    for k in range(q_dot.shape[0], 0, -1):
+        link, frame = links[k], frames[k]
+        parent = links[frame.parent]
+        C[5 + k] = along_joint(frame.S, link.F_C)
+        D[5 + k] = along_joint(frame.S, link.F_D) + model.gear[k - 1] * q_dot[k - 1]
+        g[5 + k] = along_joint(frame.S, link.F)
+        parent.F_C += link.F_C
+        parent.F_D += link.F_D
+        parent.F += link.F
+    C[:6], D[:6], g[:6] = base.F_C, base.F_D, base.F
+
+
+@kernel
+def estimate_inertia(model, frames):
+    """Set M (N, N)."""
+    links, N = model.links, model.tau.shape[0]
+    M = model.M.reshape(N, N)
+    compose_links(links, frames)
+    whole(links[0].composite, model.M_BB)
+    M[:6, :6] = model.M_BB
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        row, above = 5 + k, k
+        for j in range(6, row):
+            M[row, j], M[j, row] = 0.0, 0.0
+        joint_column(link, frame.S)
+        for _ in range(frame.depth):
+            joint = frames[above]
+            entry = along_joint(joint.S, link.F)
+            M[row, 5 + above], M[5 + above, row] = entry, entry
+            above = joint.parent
+        M[row, row] += model.armature[k - 1]
+        M[row, :6], M[:6, row] = link.F, link.F
+
+
+@kernel
+def place_tool(model, frames):
+    """Set the pose of the tool in B, and J^T (N, 6)."""
+    tool, rows = model.tool, model.J_T.reshape(model.tau.shape[0], 6)
+    frame = frames[tool.link]
+    compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
+    base_rows(tool, model.J_T)
+    above = tool.link
+    for _ in range(frame.depth):  # the rows of all other joints are zero
+        joint = frames[above]
+        motion_at(tool.R_BT, tool.p_BT, joint.S, rows[5 + above])
+        above = joint.parent
+
+
+@kernel
+def estimate_lambda(model):
+    """Set Lambda and M^-1 J^T from M and J."""
+    N, J_bar = model.tau.shape[0], model.J_bar
+    task_inertia(model.M, N, model.J_T, model.L, model.MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
+
+
+@kernel
+def estimate_at_tool(model, out):
+    """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
+    N = model.tau.shape[0]
+    Lambda, J_bar, Lambda_J_dot_zeta = model.Lambda, model.J_bar, np.zeros(6)
+    tool, link = model.tool, model.links[model.tool.link]
+    motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
+    motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
+    transposed_product(J_bar, N, 6, model.C, out.C_hat_nu)
+    transposed_product(J_bar, N, 6, model.D, out.D_hat_nu)
+    transposed_product(J_bar, N, 6, model.g, out.g_hat)
+    product(Lambda, 6, 6, model.J_dot_zeta, 1, Lambda_J_dot_zeta)
+    out.C_hat_nu -= Lambda_J_dot_zeta
+    out.M_hat[:] = Lambda.reshape(6, 6)

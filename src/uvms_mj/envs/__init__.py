@@ -9,7 +9,7 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 from ..errors import needs_extra
-from .seen import Seen as Seen
+from .push import Seen as Seen
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment

@@ -3,7 +3,7 @@
 A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
 body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
 link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
-origin of the link's body frame and in its axes (:mod:`.strip`).
+origin of the link's body frame and in its axes (:mod:`.coefficients`).
 
 MuJoCo's constraints of a joint: Coulomb friction of the gear with stick, and the stops of the range.
 
@@ -30,8 +30,7 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.tree import MOST_JOINTS
-from .coefficients import numeric
-from .strip import water_of
+from .coefficients import numeric, water_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,7 @@ import numpy as np
 from ...actuation.thrusters import Inflow
 from ...compiler.refusals import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
 from ...control.base import Controller, Delay
-from ...control.model import Truth
-from ...control.posture import PostureBelowTool, PostureBesideBase
-from ...control.task import NaturalInertia, Schedule
-from ...control.task_frame import (
+from ...control.model import (
     UP_TO_ESTIMATES,
     ModelAtBody,
     ModelAtTool,
@@ -21,7 +18,10 @@ from ...control.task_frame import (
     ResolveAtTool,
     ToolAttitude,
     Tracking,
+    Truth,
 )
+from ...control.posture import PostureBelowTool, PostureBesideBase
+from ...control.task import NaturalInertia, Schedule
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
@@ -49,8 +49,7 @@ from ...stages.signals import (
     record_dtype,
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
-from .memory import at_address
-from .own_memory import OwnMemory, layout
+from .memory import OwnMemory, at_address, layout
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
 from .shared_library import Library, UnitInstance

@@ -18,7 +18,7 @@ from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
 from ...stages.foreign import suffix_of
-from .own_memory import OwnMemory
+from .memory import OwnMemory
 
 
 class StageFault(Exception):

@@ -173,7 +173,7 @@ def plant_dtype(n: int) -> np.dtype:
 
 def model_dtype(n: int, encoded: bool) -> np.dtype:
     """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
-    (:mod:`uvms_mj.control.task_frame`). Matrices are flat arrays, row by row; N = 6 + n."""
+    (:mod:`uvms_mj.control.model`). Matrices are flat arrays, row by row; N = 6 + n."""
     N = 6 + n
     return np.dtype(
         [

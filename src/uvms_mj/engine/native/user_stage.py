@@ -9,8 +9,7 @@ import numpy as np
 from ...physics.frames import rotation
 from ...stages.base import Room
 from .compilation import NativeFunction, native_stage
-from .memory import call_code, call_step, floats, integers, triples
-from .own_memory import SAME, UNIT, attitudes, layout
+from .memory import SAME, UNIT, attitudes, call_code, call_step, floats, integers, layout, triples
 
 if TYPE_CHECKING:  # global names of the function below, set for each stage
     function: Any = None
@@ -119,9 +118,9 @@ def compile_user_stage(
     kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype],
     get_before: bool = False,
 ) -> NativeFunction:
-    """Compile a user's stage to a function of five addresses: its own memory (:mod:`.own_memory`), its states, what it
-    is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is given, and
-    the output.
+    """Compile a user's stage to a function of five addresses: its own memory (:class:`.memory.OwnMemory`), its states,
+    what it is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is
+    given, and the output.
 
     ``stage`` is a function, or the record in the stage's own memory from which the loop calls a library or an FMU, with
     ``get_before`` its outputs before its step. It returns 0, or the number that says why and where it ended early; then

@@ -50,8 +50,7 @@ def _run(folder: Path, overrides: Mapping[str, Any], told: Progress, workers: in
     """Run what the folder lacks of all studies."""
     from ...studies.pool.executors import executor_of
     from ...studies.study import Study
-    from .plans import plans
-    from .results import Results
+    from .results import Results, plans
 
     planned = plans(dict(overrides))
     total, before, frames = sum(plan.runs for plan in planned.values()), 0, {}

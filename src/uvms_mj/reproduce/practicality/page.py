@@ -16,8 +16,7 @@ from ...studies.report.figures import decades
 from ...views import colours
 from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, Figure, keys, panels, styled
 from ..claims import Row, counted
-from .plans import AXES, DEMANDED, MAPS, PART, RETUNED, STEPS, Axis
-from .results import LABELS, Results, why
+from .results import AXES, DEMANDED, LABELS, MAPS, PART, RETUNED, STEPS, Axis, Results, why
 
 _PROFILES = (
     "Push of the last 0.5 s along each axis, ideal on the left: mean, and its range as a line. A cross: the law does "
