@@ -10,7 +10,7 @@ Any language will do: a request is 8 bytes "uvms-mj1", the number of the instant
 import sys
 
 from uvms_mj.control.laws.udp import PORT
-from uvms_mj.engine.links.udp import serve
+from uvms_mj.engine.udp import serve
 
 
 def law(signals):

@@ -61,7 +61,7 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
 
 CALLS = {
     "run": ("simulate", "Scenario.load", "McapLog"),
-    "sitl": ("simulate", "engine.links.ardupilot.ArduPilot"),
+    "sitl": ("simulate", "engine.ardupilot.ArduPilot"),
     "study": ("Study.load", "Study.run", "Study.plot", "Study.report"),
     "tune": ("Tuning.load", "Tuning.run", "Tuning.report"),
     "bench": ("reproduce.bench.bench",),

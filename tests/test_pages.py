@@ -33,7 +33,7 @@ NOT_RUN = {
     r"uvms-mj .*--(viewer|web|scheduler)\b": "opens a window, or needs a cluster",
     r"uvms-mj replay (?!.*--save)": "opens a window",
     r"uvms-mj (paper|practicality)\b": "takes minutes; tests/reproduce",
-    r"(uvms-mj sitl|ardusub)\b": "waits for an autopilot; tests/engine/links",
+    r"(uvms-mj sitl|ardusub)\b": "waits for an autopilot; tests/engine",
     r"uvms-mj validate\b": "needs the records of the pool; tests/reproduce",
 }
 

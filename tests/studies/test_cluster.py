@@ -16,7 +16,7 @@ from law_files import HEADER, one_liner
 from page_numbers import page as page_of
 from short_study import HERE
 from uvms_mj import InputError, Study
-from uvms_mj.studies.pool.cluster import Cluster
+from uvms_mj.studies.pool.executors import Cluster
 from uvms_mj.studies.results import frame
 
 pytest.importorskip("distributed", reason="needs the extra cluster")
@@ -151,7 +151,7 @@ def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(dask,
 
 
 def test_no_scheduler_is_one_line(monkeypatch):
-    monkeypatch.setattr("uvms_mj.studies.pool.cluster._PATIENCE_S", 1.0)
+    monkeypatch.setattr("uvms_mj.studies.pool.executors._PATIENCE_S", 1.0)
     with pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9: no scheduler answers: [^\n]*$"):
         Cluster("tcp://127.0.0.1:9")
 

@@ -13,7 +13,7 @@ METRICS = ("contact.peak_N", "contact.final_N", "contact.settled", "contact.touc
 
 
 def made(**design):
-    from uvms_mj.studies.dataset import dataset
+    from uvms_mj.studies.results import dataset
 
     plan = plan_of(repeats=2, **design)
     frame = frame_of(plan, pushes())
@@ -73,7 +73,7 @@ def test_quantities_have_their_units():
 
 def test_a_key_of_one_law_names_it():
     vary = [{"key": "controller.k_1", "values": [1.0, 2.0, 3.0], "laws": ["gsta"]}]
-    from uvms_mj.studies.dataset import dataset
+    from uvms_mj.studies.results import dataset
 
     plan = plan_of(vary)
     found = dataset(plan, frame_of(plan, lambda given: {"contact.peak_N": given["index"]}))

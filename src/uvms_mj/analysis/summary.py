@@ -297,7 +297,7 @@ def rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, str]]
 
 
 def _contact_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    from ..control.laws.ideal import TOLD_THE_TRUTH
+    from ..control.laws.impedance import TOLD_THE_TRUTH
 
     contact, status = report["contact"], report["status"]
     if trace.scenario.controller.uses_truth:

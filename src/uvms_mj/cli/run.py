@@ -332,7 +332,7 @@ def sitl(
     uvms-mj sitl vehicle.model=bluerov2_heavy
     ardusub -w --model JSON:127.0.0.1 --speedup 1 --home 33.810313,-118.393867,0,0 --defaults sub-6dof.parm
     """
-    from ..engine.links.ardupilot import PORT, ArduPilot, given_motors, motors_of, steps_of
+    from ..engine.ardupilot import PORT, ArduPilot, given_motors, motors_of, steps_of
     from ..errors import InputError
     from ..scenario import Scenario
     from ..setup.base import set_up

@@ -6,8 +6,7 @@ from .laws.admittance import Admittance
 from .laws.aismc import Aismc
 from .laws.dob_impedance import DobImpedance
 from .laws.fosm import Fosm
-from .laws.ideal import Ideal
-from .laws.impedance import Impedance
+from .laws.impedance import Ideal, Impedance
 from .laws.parallel import Parallel
 from .laws.pid import Pid
 from .laws.super_twisting import Gsta, Sta

@@ -23,10 +23,10 @@ from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..stages.base import is_shipped
 from ..views.progress import following
-from .links.udp import UdpLaw
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario
+from .udp import UdpLaw
 
 
 class _Stopped(RuntimeError):

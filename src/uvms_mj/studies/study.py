@@ -105,7 +105,7 @@ class Study:
             out: the folder; default: that of the study.
             workers: processes on this machine; default: one per core.
             executor: in place of them, any object of the shape of ``concurrent.futures``: ``submit(f, *args)`` returns
-                a future. :func:`.pool.cluster.Cluster` is one.
+                a future. :func:`.pool.executors.Cluster` is one.
             progress: True for a progress bar, or a function that is called with what is being done, the runs done,
                 those that did not complete, and the number of runs. An exception that it raises ends the study.
 
@@ -139,7 +139,7 @@ class Study:
 
     def dataset(self) -> "xr.Dataset":
         """The rows as an xarray Dataset over the varied keys of a grid, or over the draws, law and repeat."""
-        from .dataset import dataset
+        from .results import dataset
 
         return dataset(self.plan_of_results, self.frame)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...analysis import metrics, residual
 from ...control.design import demanded_force
-from ...control.laws.ideal import TOLD_THE_TRUTH
+from ...control.laws.impedance import TOLD_THE_TRUTH
 from ...quantities import leaves
 from ...records.header import Status
 from ...records.trace import Trace

@@ -1,5 +1,5 @@
 """Calls on an executor of the shape of ``concurrent.futures``: the processes of this machine, a Dask cluster
-(:mod:`.cluster`), or another one, such as submitit's.
+(:class:`Cluster`), or another one, such as submitit's.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from typing import Any
 
 from loky import ProcessPoolExecutor
 
-from ...errors import InputError
+from ...errors import InputError, needs_extra
 
 _AHEAD = 3
 """Calls that an executor is given ahead, for each of its workers."""
@@ -121,8 +121,6 @@ def executor_of(given: Executor | None, workers: int | None, scheduler: str | No
     if given is not None:
         yield given
         return
-    if scheduler is not None:
-        from .cluster import Cluster
     own: Executor = Workers(workers) if scheduler is None else Cluster(scheduler)
     try:
         yield own
@@ -214,3 +212,40 @@ def gave_up(error: BaseException) -> InputError:
     """The error of an executor that cannot go on."""
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return InputError(f"the workers can't go on: {what}; what is done is kept, and the same command goes on")
+
+
+_PATIENCE_S = 30.0
+"""Time in which a scheduler must answer."""
+
+
+class Cluster(Executor):
+    """The workers of a ``dask.distributed`` scheduler, at an address such as tcp://10.0.0.1:8786. They may come and go.
+
+    Start the Dask workers with one thread each: a run is native code on one core. A loop without end in a user's stage
+    ends the Dask worker ten seconds after the time limit of the run.
+
+    Raises:
+        InputError: the extra ``cluster`` is not installed, or no scheduler answers.
+    """
+
+    def __init__(self, address: str) -> None:
+        with needs_extra("cluster"):
+            import distributed
+        self.worker_lost = distributed.KilledWorker  # Dask has tried several
+        try:
+            self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"--scheduler {address}: no scheduler answers: {error}") from None
+        self._calls = self._client.get_executor(pure=False)
+
+    @property
+    def size(self) -> int:
+        """Number of threads of all workers now."""
+        return sum(self._client.nthreads().values())
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        return self._calls.submit(function, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster. The scheduler forgets the calls that are not done."""
+        self._client.close()

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Fault, InputError
-from ...stages.signals import GIVEN, record_dtype
+from ..errors import Fault, InputError
+from ..stages.signals import GIVEN, record_dtype
 
 LOOPBACK = "127.0.0.1"
 MAGIC = b"uvms-mj1"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.engine.links.ardupilot import FRAMES, ArduPilot, Servo, given_motors, motors_of, reply, steps_of
+from uvms_mj.engine.ardupilot import FRAMES, ArduPilot, Servo, given_motors, motors_of, reply, steps_of
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.records.trace import Trace

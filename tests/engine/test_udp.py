@@ -12,8 +12,8 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.cli.new import write_new
-from uvms_mj.engine.links.udp import MAGIC, SIGNALS, serve
 from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.engine.udp import MAGIC, SIGNALS, serve
 
 PD = """
 from dataclasses import dataclass
@@ -128,7 +128,7 @@ def test_a_server_says_what_is_wrong_with_its_port_and_its_law():
 def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):
     (tmp_path / "pd.py").write_text(PD)
     port = free_port()
-    example = Path(__file__).parents[3] / "examples" / "udp_law.py"
+    example = Path(__file__).parents[2] / "examples" / "udp_law.py"
     scenario = Scenario.load("push_wall", {"simulation.duration": 1.0, "controller.period": 1e-3})
     ours = simulate(scenario.updated({}, controller=f"{tmp_path}/pd.py:Pd"), engine="free_body")
     (tmp_path / "udp_law.toml").write_text('stage = "controller"\n')

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US
-from ...errors import InputError
-from ...physics.frames import rotation_matrix, to_body, to_world
+from ..actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US
+from ..errors import InputError
+from ..physics.frames import rotation_matrix, to_body, to_world
 
 _16, _32 = struct.Struct("<HHI16H"), struct.Struct("<HHI32H")
 _FORMATS = {18458: _16, 29569: _32}
