@@ -9,7 +9,7 @@ Any language will do: a request is 8 bytes "uvms-mj1", the number of the instant
 
 import sys
 
-from uvms_mj.control.laws.udp import PORT
+from uvms_mj.control.base import PORT
 from uvms_mj.engine.udp import serve
 
 

@@ -1,6 +1,6 @@
 """Control: the wrench. :mod:`uvms_mj.control.base` has the contract of a law."""
 
-from .base import Controller, External
+from .base import Controller, External, Udp
 from .base import gain as gain
 from .laws.admittance import Admittance
 from .laws.aismc import Aismc
@@ -10,7 +10,6 @@ from .laws.impedance import Ideal, Impedance
 from .laws.parallel import Parallel
 from .laws.pid import Pid
 from .laws.super_twisting import Gsta, Sta
-from .laws.udp import Udp
 from .task import ImpedanceTask as ImpedanceTask
 
 BUILT_IN: dict[str, type[Controller]] = {

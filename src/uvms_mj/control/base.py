@@ -9,7 +9,8 @@ A controller is a stage (:mod:`uvms_mj.stages.base`) with gains as settings and 
                 tau_cmd[i] = signals.tau_nom[i] - gains.k_i * state.xi[i]
 
 ``signals`` has the fields of :data:`uvms_mj.stages.signals.GIVEN`.
-The computation delay of a law is a stage behind it.
+The computation delay of a law is a stage behind it. :class:`External` is given its command by the caller, and
+:class:`Udp` by another process, which answers over UDP in lockstep.
 """
 
 from __future__ import annotations  # so that help(Controller) shows short type names
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn
 
 import numpy as np
+from pydantic import Field
 
 from ..errors import Fault
 from ..quantities import Number, Step, Vector6, refusing, repeated, within
@@ -198,3 +200,25 @@ def delay_faults(scenario: Any) -> Iterator[Fault]:
         yield Fault(
             "controller.delay", f"{delay:g} s must be at most {MOST_WAITING * scenario.control_period:g} s, {longest}"
         )
+
+
+PORT = 9100
+
+
+@dataclass(frozen=True)
+class Udp(Controller):
+    """A law of another process: it is given the signals of each instant, and answers with tau_cmd, in lockstep."""
+
+    port: Annotated[int, Field(strict=True, ge=1, le=65535)] = gain(PORT, "1", "UDP port of the law on this machine")
+    timeout: Annotated[Number, within(0.01, 3600.0, "s")] = gain(10.0, "s", "longest wall time without an answer")
+
+    name = "udp"
+    external: ClassVar[bool] = True
+    by_caller: ClassVar[str] = "tau_cmd"
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        pass
+
+    def at_rest(self, setup: Any) -> str:
+        return "the law runs in another process"

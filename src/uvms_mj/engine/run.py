@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..control import Controller
-from ..control.laws.udp import Udp
+from ..control.base import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf, mujoco_warnings

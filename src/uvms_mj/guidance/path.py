@@ -1,16 +1,32 @@
-r"""Constant-speed paths: a smooth curve through poses by its arc length, with a limited acceleration at its ends.
+r"""Motion along paths: through poses and on a circle at a constant speed, and along the wall with a given push.
 
-A leg is the part of a path between two stops: the start, the poses with a dwell, and the end. Its curve is the natural
-quintic spline over the lengths of the chords, a straight line if the leg has two poses. Its speed rises over the time
-:math:`T = 3 V / (2 a)` as :math:`V (3 x^2 - 2 x^3)`, whose greatest acceleration along the path is a, and falls in the
-same way. A leg that is shorter than V T is done at a lower speed.
+**Through poses**, a path is a smooth curve by its arc length, with a limited acceleration at its ends. A leg is the
+part of a path between two stops: the start, the poses with a dwell, and the end. Its curve is the natural quintic
+spline over the lengths of the chords, a straight line if the leg has two poses. Its speed rises over the time :math:`T
+= 3 V / (2 a)` as :math:`V (3 x^2 - 2 x^3)`, whose greatest acceleration along the path is a, and falls in the same way.
+A leg that is shorter than V T is done at a lower speed.
+
+**A circle** reaches its speed smoothly from rest. With the angle :math:`\varphi` and the unit vectors a, b of the
+plane, :math:`p_d = c + R (a \cos\varphi + b \sin\varphi)`. The angular rate rises over the time T as :math:`\Omega (3
+x^2 - 2 x^3)`, x = t/T, so that the acceleration is continuous, and falls in the same way before the last turn is
+complete.
+
+**Along the wall**, position is in the wall's plane and force along its normal. The reference approaches the wall along
+x, stops at the depth at which the desired impedance demands the push F from eq. (7) and the wall's spring,
+
+.. math:: x_d - x_c = F (n^\top K_d^{-1} K_f n + 1/k_c) + n^\top K_d^{-1} K_f F_d,
+
+and then follows a constant-speed path in the plane at this depth. n is the wall's normal in B. K_f and
+F_d are those before the schedule of the impedance, which changes the push on the way. Without a spring K_d along n, F_d
+alone demands the push, and the depth is zero.
 """
 
 from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -19,12 +35,16 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
-from ..quantities import STRICT, Angles, Position, Positive, Time
+from ..physics.frames import multiply, quat_from_euler_deg, rotation_matrix
+from ..physics.kernels import kernel
+from ..quantities import STRICT, Angle, Angles, Coordinate, NonNegative, Number, Position, Positive, Time, within
 from ..stages.base import setting
+from .base import Guidance, start_notes
 from .spline import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
+
 
 MOST_POSES = 100
 _RAMP = 6
@@ -155,3 +175,176 @@ class Path(Followed):
 
     def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg
+
+
+@dataclass(frozen=True)
+class Circle(Guidance):
+    """Circle in any plane, from rest, with a constant attitude or a heading along the path."""
+
+    radius: Positive = setting(0.5, "m", "radius")
+    speed: Annotated[Number, within(-100.0, 100.0, "m/s")] = setting(
+        0.2, "m/s", "speed, positive to the left of the plane's x"
+    )
+    plane_deg: Angles = setting((0.0, 0.0, 0.0), "deg", "roll, pitch, yaw of the plane; zero: x and y of W")
+    start_deg: Angle = setting(-90.0, "deg", "angle on the circle at the start, from the plane's x")
+    turns: Annotated[Number, within(0.0, 1e6, "")] = setting(0.0, "1", "number of turns; 0: without end")
+    rise: Positive = setting(2.0, "s", "time in which the speed rises")
+    start: Position | None = setting(None, "m", "position at the start; default: initial.position")
+    start_time: Time = setting(1.0, "s", "time at which the motion begins")
+    heading: bool = setting(
+        False, "-", "true: the attitude turns with the path, about the plane's normal, from attitude_deg at the start"
+    )
+
+    name = "circle"
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """quat_d (4,) at the start; u and v (3,), radii of the plane along x and y [m]; centre and normal (3,); angle
+        at the start [rad], Omega [rad/s], rise [s]; whole [rad], the angle of all turns; end [s] of the motion."""
+        plane = rotation_matrix(quat_from_euler_deg(*self.plane_deg))
+        u, v = self.radius * plane[:, 0], self.radius * plane[:, 1]
+        angle, rate = math.radians(self.start_deg), self.speed / self.radius
+        whole = 2.0 * math.pi * self.turns
+        if self.turns > 0.0 and abs(rate) * self.rise > whole:  # too short for the speed
+            rate = math.copysign(whole / self.rise, rate)
+        end = whole / abs(rate) + self.rise if self.turns > 0.0 and rate else math.inf
+        start = np.array(self.start or setup.initial.position)
+        return {
+            "quat_d": quat_from_euler_deg(*self.attitude_deg),
+            "u": tuple(u),
+            "v": tuple(v),
+            "centre": tuple(start - math.cos(angle) * u - math.sin(angle) * v),
+            "normal": tuple(plane[:, 2]),
+            "angle": angle,
+            "Omega": rate,
+            "rise": self.rise,
+            "whole": math.copysign(whole, rate),
+            "end": end,
+            "start_time": self.start_time,
+            "heading": self.heading,
+        }
+
+    def rests_at(self) -> tuple[float, ...] | None:
+        return None if self.start is None else self._end(self.start)
+
+    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+        position, attitude = self._end(self.start or scenario.initial.position), self.attitude_deg
+        if position is not None and self.heading and self.turns % 1.0:
+            from scipy.spatial.transform import Rotation  # most runs start without SciPy
+
+            plane = rotation_matrix(quat_from_euler_deg(*self.plane_deg))
+            turned = Rotation.from_rotvec(math.copysign(2.0 * math.pi * self.turns, self.speed) * plane[:, 2])
+            whole = turned * Rotation.from_euler("ZYX", attitude[::-1], degrees=True)
+            attitude = tuple(whole.as_euler("ZYX", degrees=True)[::-1].tolist())
+        return position, attitude
+
+    def _end(self, start: tuple[float, ...]) -> tuple[float, ...] | None:
+        """The position at the end of all turns; None if there is none."""
+        if self.speed == 0.0:
+            return start
+        if self.turns == 0.0:
+            return None
+        plane, first = rotation_matrix(quat_from_euler_deg(*self.plane_deg)), math.radians(self.start_deg)
+        last = first + math.copysign(2.0 * math.pi * self.turns, self.speed)
+        moved = (math.cos(last) - math.cos(first)) * plane[:, 0] + (math.sin(last) - math.sin(first)) * plane[:, 1]
+        return tuple((np.array(start) + self.radius * moved).tolist())
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        return start_notes(self, setup)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tau, T, Omega = given.t - settings.start_time, settings.rise, settings.Omega
+        angle, rate, growth = 0.0, 0.0, 0.0
+        if tau >= settings.end:
+            angle = settings.whole
+        elif tau > 0.0:
+            back = settings.end - tau
+            x = min(1.0, min(tau, back) / T)
+            angle = Omega * T * (x * x * x - 0.5 * x * x * x * x)
+            rate = Omega * (3.0 * x * x - 2.0 * x * x * x)
+            growth = Omega / T * 6.0 * (x - x * x)
+            if back < T:
+                angle, growth = settings.whole - angle, -growth
+            else:
+                angle += Omega * max(0.0, tau - T)
+        cosine, sine = math.cos(settings.angle + angle), math.sin(settings.angle + angle)
+        turned = angle if settings.heading else 0.0
+        for i in range(3):
+            u, v, n = settings.u[i], settings.v[i], settings.normal[i]
+            out.p_d[i] = settings.centre[i] + u * cosine + v * sine
+            out.p_d_dot[i] = rate * (v * cosine - u * sine)
+            out.p_d_ddot[i] = growth * (v * cosine - u * sine) - rate * rate * (u * cosine + v * sine)
+            out.omega_d[i] = n * rate if settings.heading else 0.0
+            out.omega_d_dot[i] = n * growth if settings.heading else 0.0
+        turn_about(settings.normal, turned, settings.quat_d, out.quat_d)
+
+
+@kernel
+def turn_about(axis, angle, quat, out):
+    """Set out (4,) to the attitude ``quat`` turned about a unit vector in W by an angle [rad]."""
+    w, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
+    multiply(w, s * axis[0], s * axis[1], s * axis[2], quat[0], quat[1], quat[2], quat[3], 0, out)
+
+
+_MOMENT = 1e-6
+"""Dwell at a point at which the path only stops [s]."""
+
+
+def _in_plane(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    if not 1 <= len(points) < MOST_POSES:
+        raise ValueError(f"has {len(points)} points; 1 to {MOST_POSES - 1} are allowed")
+    for i, point in enumerate(points):
+        if len(point) != 2:
+            raise ValueError(f"has {len(point)} values at [{i}]; 2 are needed, y and z of W")
+    return points
+
+
+@dataclass(frozen=True)
+class AlongWall(Followed):
+    """Along the wall with a given push: approach, dwell, then a constant-speed path in the wall's plane."""
+
+    push: NonNegative = setting(1.5, "N", "push that the desired impedance demands at rest, before its schedule")
+    points: Annotated[tuple[tuple[Coordinate, ...], ...], AfterValidator(_in_plane)] = setting(
+        ((1.0, 0.0),), "m", "[[y, z], ...] of W after the point of the approach, through which the path goes"
+    )
+    speed: Positive = setting(0.1, "m/s", "speed along the wall")
+    acceleration: Positive = setting(0.05, "m/s^2", "greatest acceleration along the path, at its ends")
+    dwell: Positive = setting(5.0, "s", "time at the wall before the path along it begins")
+    stop: bool = setting(False, "-", "true: stop at each point, with straight lines between them")
+    start_time: Time = setting(1.0, "s", "time at which the approach begins")
+
+    name = "along_wall"
+
+    def depth(self, scenario: Any) -> float:
+        """x_d - x_c [m] that demands the push."""
+        impedance, wall = scenario.impedance, scenario.wall
+        normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
+        pushed = np.abs(normal) > 1e-12
+        n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
+        if (K_d == 0.0).any():
+            return 0.0
+        give = K_f / K_d
+        k_c, _ = scenario.bumper.in_front_of(wall.stiffness, wall.damping)
+        return self.push * (float(n @ (give * n)) + 1.0 / k_c) + float(n @ (give * F_d))
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The constants of :func:`.spline.follow`."""
+        scenario = setup.scenario
+        initial, x_d = setup.initial, scenario.wall.position + self.depth(scenario)
+        positions = [initial.position, (x_d, *initial.position[1:]), *((x_d, *point) for point in self.points)]
+        attitudes = (initial.attitude_deg, *(self.attitude_deg for _ in positions[1:]))
+        dwells = (0.0, self.dwell, *(_MOMENT if self.stop else 0.0 for _ in self.points))
+        keys = ("wall.position", *(f"reference.points[{i}]" for i in range(len(self.points))))
+        timing = (self.start_time, self.speed, self.acceleration)
+        return motion(tuple(positions), attitudes, dwells, timing, keys)
+
+    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return (scenario.wall.position + self.depth(scenario), *self.points[-1]), self.attitude_deg
+
+    def faults(self, setup: Any) -> Iterable[Fault]:
+        scenario = setup.scenario
+        if not scenario.wall.present:
+            yield Fault("reference.name", "along_wall follows [wall], and wall.present is false; use path")
+        elif scenario.vehicle.contact_bodies:
+            touches = "along_wall pushes with the sphere about the origin, and the scenario has vehicle.contact_bodies"
+            yield Fault("reference.name", f"{touches}; use path")
