@@ -156,6 +156,38 @@ def filling(folder: Path, note: Callable[[], str] = str) -> Iterator[None]:
         end(f"error: {error.filename or folder}: {error.strerror or error}{note()}", EXIT_BAD_INPUT)
 
 
+class Resumed:
+    """A command that fills a folder run by run, and goes on after an interruption: its signals, its progress, and the
+    word of what is kept."""
+
+    def __init__(self, noun: str) -> None:
+        """``noun`` is the word for what is counted, runs or trials."""
+        self.stop, self._noun = Stop(), noun
+        self._counts: tuple[int, int] | None = None
+
+    def filling(self, folder: Path) -> contextlib.AbstractContextManager[None]:
+        """:func:`filling`, which says how much is kept and how to go on."""
+        return filling(folder, self._kept)
+
+    def _kept(self) -> str:
+        if self._counts is None:
+            return ""
+        done, total = self._counts
+        return f"; {done} of {total} {self._noun} are done and kept: the same command goes on"
+
+    @contextlib.contextmanager
+    def bar(self, what: str, hidden: bool, text: str = "{share:.0%}", **fields: Any) -> Iterator[Callable[..., None]]:
+        """:func:`progress_bar`. Its function counts what is kept, but for phases of other names than running."""
+        with progress_bar(what, hidden, self.stop, text, **fields) as update:
+
+            def advance(done: int, total: int, **fields: Any) -> None:
+                if fields.get("what", "running") == "running":
+                    self._counts = done, total
+                update(done, total, **fields)
+
+            yield advance
+
+
 def printable(text: str) -> str:
     """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)

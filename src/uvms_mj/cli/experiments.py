@@ -1,14 +1,13 @@
 """Experiments that are repeated: ``uvms-mj paper``, ``practicality``, ``validate`` and ``bench``."""
 
-import functools
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from .common import Stop, Table, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
+from .common import Resumed, Stop, Table, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
 from .folders import alone_in, folder_for, move_aside
 from .options import (
     asked_for,
@@ -21,10 +20,10 @@ from .options import (
     set_option,
     workers_option,
 )
-from .study import kept, pool_of
+from .study import pool_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from ..reproduce.claims import Row
     from ..scenario import Scenario
@@ -81,14 +80,19 @@ def paper(
                 runs = study.load(logs, jobs)
             with progress_bar("drawing", as_json, stop) as bar:
                 rows = write(folder, runs, bar)
+    files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
+    _end(rows, None if as_json else _claims_of_the_paper, files["report"], files={k: str(v) for k, v in files.items()})
+
+
+def _end(rows: "list[Row]", table: "Callable[[list[Row]], None] | None", page: Path, **places: Any) -> NoReturn:
+    """Print the claims by ``table``, or as JSON with the places of the files, and end with the status of the claims."""
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
-    if as_json:
-        files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
+    if table is None:
         report = {"claims": [row.as_dict() for row in rows], "failed": failed}
-        click.echo(json.dumps(report | {"files": {kind: str(path) for kind, path in files.items()}}, allow_nan=False))
+        click.echo(json.dumps(report | places, allow_nan=False))
     else:
-        _claims_of_the_paper(rows)
-        click.echo(str(folder / "report.html"))
+        table(rows)
+        click.echo(str(page))
     sys.exit(EXIT_CLAIM_FAILS if failed else 0)
 
 
@@ -163,28 +167,17 @@ def practicality(settings: tuple[str, ...], out: str | None, workers: int | None
     uvms-mj practicality --out real
     uvms-mj practicality --out heavy_tuhh --set vehicle.model=bluerov2_heavy_tuhh
     """
-    stop, shown = Stop(), dict[str, int]()
+    resumed = Resumed("runs")
     draw_to_files()
     folder = Path(out or Path("runs", "practicality"))
-    with filling(folder, functools.partial(kept, shown, "runs")):
+    with resumed.filling(folder):
         from ..reproduce.practicality import PAGE, repeat
 
         overrides = asked_for((), settings)[1]
-        with progress_bar("running", as_json, stop) as update:
-
-            def progress(done: int, total: int) -> None:
-                shown.update(done=done, total=total)
-                update(done, total)
-
-            rows = repeat(folder, overrides, progress=progress, workers=workers)
-    claims = [row.as_dict() for row in rows]
-    failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
-    if as_json:
-        click.echo(json.dumps({"claims": claims, "failed": failed, "report": str(folder / PAGE)}, allow_nan=False))
-    else:
-        _claims_of_practicality(rows)
-        click.echo(str(folder / PAGE))
-    sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+        with resumed.bar("running", as_json) as update:
+            rows = repeat(folder, overrides, progress=update, workers=workers)
+    page = folder / PAGE
+    _end(rows, None if as_json else _claims_of_practicality, page, report=str(page))
 
 
 def _claims_of_practicality(rows: "list[Row]") -> None:
@@ -313,21 +306,15 @@ def run_bench(
     workers, and DIR/table.tex is for a paper. DIR/LAW/TASK is a study, for `uvms-mj study report` and `uvms-mj run
     --from`. After any interruption the same command goes on where it was, and where a law is added, it alone runs.
     """
-    stop, shown = Stop(), dict[str, int]()
+    resumed = Resumed("runs")
     draw_to_files()
     folder = Path(out or Path("runs", "bench"))
-    with filling(folder, functools.partial(kept, shown, "runs")), pool_of(scheduler, workers) as executor:
+    with resumed.filling(folder), pool_of(scheduler, workers) as executor:
         from ..reproduce.bench import LATEX, PAGE, RESULT, bench
 
-        text = "{done:.0f} of {total} runs"
-        with progress_bar("running", as_json or quiet, stop, text) as update:
-
-            def progress(done: int, total: int) -> None:
-                shown.update(done=done, total=total)
-                update(done, total)
-
-            names = names_in("--tasks", only)
-            found = bench(laws, folder, only=names, draws=draws, progress=progress, executor=executor)
+        names = names_in("--tasks", only)
+        with resumed.bar("running", as_json or quiet, "{done:.0f} of {total} runs") as update:
+            found = bench(laws, folder, only=names, draws=draws, progress=update, executor=executor)
     files = {"result": str(folder / RESULT), "report": str(folder / PAGE), "latex": str(folder / LATEX)}
     if as_json:
         click.echo(json.dumps({"digest": found["digest"], "passed": _passed(found), **files}, allow_nan=False))

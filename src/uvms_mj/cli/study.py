@@ -1,12 +1,10 @@
 """``uvms-mj study``: many runs of one study file, what they will take, what came out, and a page about them."""
 
 import contextlib
-import functools
 import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +12,11 @@ import click
 
 from .common import (
     EXIT_ENGINES_DIFFER,
-    Stop,
+    Resumed,
     Table,
     bad_input,
     draw_to_files,
-    filling,
     printable,
-    progress_bar,
     refuse_existing,
 )
 from .folders import folder_for
@@ -96,17 +92,22 @@ def run_study(
     DIR/rows has one row a run as Parquet. After any interruption the same command goes on where it was, and the rows
     are the same, bit for bit, for any number of workers.
     """
-    stop, shown = Stop(), dict[str, int]()
+    resumed = Resumed("runs")
     with bad_input():
         study, folder = _chosen(**asked)
-    with filling(folder, functools.partial(kept, shown, "runs")), pool_of(scheduler, workers) as executor:
+    with resumed.filling(folder), pool_of(scheduler, workers) as executor:
         expected = head(study, executor, folder, dry_run, as_json, quiet)
         if dry_run:
             if as_json:
                 click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
             return
         folder_for(str(folder))
-        with _bar(as_json or quiet, stop, shown) as progress:
+        text = "{done:.0f} of {total} runs, {failed} failed"
+        with resumed.bar("starting", as_json or quiet, text, failed=0) as update:
+
+            def progress(what: str, done: int, failed: int, total: int) -> None:
+                update(done, total, what=what, failed=failed)
+
             study.run(folder, executor=executor, progress=progress)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
@@ -141,20 +142,6 @@ def pool_of(scheduler: str | None, workers: int | None) -> "contextlib.AbstractC
     if scheduler is not None:
         logging.disable()  # of Dask: this command has its own messages
     return executor_of(None, workers, scheduler)
-
-
-@contextlib.contextmanager
-def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[str, int, int, int], None]]:
-    """A progress bar on terminals. Yields the study's progress function, which also checks for signals and keeps the
-    numbers of runs in ``shown``."""
-    with progress_bar("starting", hidden, stop, "{done:.0f} of {total} runs, {failed} failed", failed=0) as update:
-
-        def progress(what: str, done: int, failed: int, total: int) -> None:
-            if what == "running":
-                shown.update(done=done, total=total)
-            update(done, total, what=what, failed=failed)
-
-        yield progress
 
 
 @click.group(cls=_Commands, short_help="Run a study: many runs with laws to compare and keys that vary.")
@@ -383,13 +370,6 @@ def engines_differ(found: dict[str, Any]) -> str:
         f"{found['number']} differs by {found['difference']:.2g} between free_body and mujoco; run.tolerance is "
         f"{found['tolerance']:g}"
     )
-
-
-def kept(shown: dict[str, int], noun: str) -> str:
-    """How to go on after an interruption; ``shown`` has the number done and the total, if it had begun."""
-    if not shown:
-        return ""
-    return f"; {shown['done']} of {shown['total']} {noun} are done and kept: the same command goes on"
 
 
 def finite(value: Any) -> Any:

@@ -1,6 +1,5 @@
 """``uvms-mj tune``: gains for an objective and constraints over a study's runs."""
 
-import functools
 import json
 import sys
 from pathlib import Path
@@ -8,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_ENGINES_DIFFER, Stop, Table, bad_input, draw_to_files, filling, printable, progress_bar
+from .common import EXIT_ENGINES_DIFFER, Resumed, Table, bad_input, draw_to_files, printable
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
-from .study import duration, engines_differ, finite, kept, pool_of
+from .study import duration, engines_differ, finite, pool_of
 
 if TYPE_CHECKING:
     from ..studies.tune import Tuning
@@ -62,31 +61,26 @@ def tune(dry_run: bool, workers: int | None, scheduler: str | None, as_json: boo
     DIR gets found.toml, trials.parquet and report.html. A trial in which a run does not complete is infeasible. After
     any interruption the same command goes on where it was. The result is the same for any number of workers.
     """
-    stop, shown = Stop(), dict[str, int]()
+    resumed = Resumed("trials")
     draw_to_files()
     with bad_input():
         tuning, folder = _chosen(**asked)
-    with filling(folder, functools.partial(kept, shown, "trials")):
+    with resumed.filling(folder):
         with pool_of(scheduler, workers) as executor:
             if dry_run or not (as_json or quiet):
                 _head(tuning, executor.size, folder, dry_run, as_json)
             if dry_run:
                 return
-            _search(tuning, folder, executor, as_json or quiet, stop, shown)
+            folder_for(str(folder))
+            text = "{done:.0f} of {total} trials, best {best}"
+            with resumed.bar("tuning", as_json or quiet, text, best="-") as update:
+
+                def progress(done: int, total: int, best: float | None) -> None:
+                    update(done, total, best="-" if best is None else f"{best:.4g}")
+
+                tuning.run(folder, executor=executor, progress=progress)
         status = _result(tuning, folder, as_json, quiet)
     sys.exit(status)
-
-
-def _search(tuning: "Tuning", folder: Path, executor: Any, hidden: bool, stop: Stop, shown: dict[str, int]) -> None:
-    """Run the trials with a progress bar on terminals. ``shown`` gets the numbers of trials."""
-    folder_for(str(folder))
-    with progress_bar("tuning", hidden, stop, "{done:.0f} of {total} trials, best {best}", best="-") as update:
-
-        def progress(done: int, total: int, best: float | None) -> None:
-            shown.update(done=done, total=total)
-            update(done, total, best="-" if best is None else f"{best:.4g}")
-
-        tuning.run(folder, executor=executor, progress=progress)
 
 
 def _chosen(
