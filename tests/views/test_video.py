@@ -174,7 +174,7 @@ def test_a_missing_extra_and_a_missing_driver_are_named(push, tmp_path, monkeypa
 def test_the_command_draws_a_still_and_a_video_as_the_calls_do(driver, push, tmp_path, here):
     pytest.importorskip("imageio_ffmpeg")
     command = importlib.import_module("uvms_mj.cli.plot")
-    assert (*CODERS, "png") == command.FORMATS
+    assert (*CODERS, "png") == command.VIDEOS
     assert tuple(views.VIEWS) == command.VIEWS
     push.save(tmp_path / "run.mcap")
     size = ("--size", "320x180", "--plots", "force")

@@ -297,7 +297,8 @@ def _plain(value: Any) -> Any:
     if kind == "MjsOrientation":
         return sum(map(_plain, (value.axisangle, value.euler, value.xyaxes, value.zaxis)), ())
     if kind.endswith("Vec"):
-        return tuple(x if x == x else None for x in value)
+        numbers = (value[i] for i in range(len(value)))  # to iterate over it takes a hundred times as long
+        return tuple(x if x == x else None for x in numbers)
     return value.name.rpartition("_")[2].lower() if kind.startswith("mjt") else None
 
 
