@@ -21,13 +21,6 @@ def command(tmp_path, monkeypatch):
     return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
 
-def undrawn(patch):
-    """Figures without a layout, insets and contents: tests/views lays them out and draws them."""
-    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
-        patch.setattr(f"matplotlib.{name}", lambda *_: None)
-    patch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """Output of ``uvms-mj paper`` with runs too short for any event of the paper, in a folder with earlier files."""
@@ -38,7 +31,6 @@ def results(tmp_path_factory):
     (folder / "notes.txt").write_text("mine")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("uvms_mj.studies.pool.executors.Workers._call", lambda workers, call, *given: call(*given))
-        undrawn(patch)
         return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
@@ -66,9 +58,8 @@ def test_paper_writes_what_it_says(results):
     assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_paper_redraws_the_same_from_logs(results, command, tmp_path, monkeypatch):
+def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
     folder, _ = results
-    undrawn(monkeypatch)
     done = command(paper, "--from", folder, "--out", "again", "--json")
     assert done.exit_code == 1, done.output
     answer = json.loads(done.stdout)

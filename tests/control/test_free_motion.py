@@ -51,7 +51,7 @@ def test_a_run_rests_where_the_slow_motion_ends(overrides):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("direction", [0.0, 60.0, 180.0])
+@pytest.mark.parametrize("direction", [0.0, 60.0])
 @pytest.mark.parametrize("vehicle", [{}, ALPHA])
 def test_joints_begin_to_drift_as_fast_as_estimated(direction, vehicle):
     """In a weak current while the tool holds its pose, where the motion is small."""
@@ -74,7 +74,7 @@ def test_joints_follow_the_tool_as_fast_as_estimated():
     np.testing.assert_allclose(estimated, np.abs(trace.q_dot).max(axis=0), rtol=0.15)
 
 
-@pytest.mark.parametrize("direction", [0.0, 60.0, -30.0])
+@pytest.mark.parametrize("direction", [0.0, 60.0])
 def test_a_posture_that_leaves_a_motion_free_is_named(direction):
     (note,) = notes(**{"posture.order": ["attitude"], "current.direction_deg": direction})
     moved = "elbow moves to the end of its range, 150 deg"

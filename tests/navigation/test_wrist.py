@@ -48,7 +48,7 @@ def twin_wrench(tree, link, R, q, zeta, zeta_dot):
     return force[link][_SWAP]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_tree_that_tumbles_in_a_current_gives_the_wrench_of_the_twin(scenario, seed):
     """At up to 2 m/s and 2 rad/s, before each link, with the accelerations of the last step."""
     tree = replace(random_tree(seed, 5), v_c_W=V_C)
@@ -63,7 +63,7 @@ def test_a_tree_that_tumbles_in_a_current_gives_the_wrench_of_the_twin(scenario,
         assert np.array_equal(sim.signals.wrench_m_S, sim.signals.wrench_S)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
     """In the frame of a turned site beside the link's origin."""
     none = np.zeros((6, 6))
@@ -96,7 +96,7 @@ def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
     assert np.abs(found - measured).max() < 1e-9 * np.abs(measured).max()
 
 
-@pytest.mark.parametrize("attitude", [[0.0, 0.0, 0.0], [30.0, -40.0, 60.0], [180.0, 0.0, 0.0], [0.0, 80.0, -20.0]])
+@pytest.mark.parametrize("attitude", [[30.0, -40.0, 60.0], [0.0, 80.0, -20.0]])
 def test_an_arm_that_is_held_gives_the_static_balance(scenario, attitude):
     """Weights and buoyancies of the bodies behind the sensor, at their places in W; the model leaves no contact."""
     tree = replace(random_tree(7, 4, chain=1.0), v_c_W=np.zeros(3))

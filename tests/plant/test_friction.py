@@ -43,7 +43,7 @@ def at_the_wall(vehicle: Path, law: Controller, overrides: dict) -> Trace:
     return simulate(Scenario.load("push_wall", world | overrides), law, log_rate="full")
 
 
-@pytest.mark.parametrize("timestep", [2e-4, 1e-4, 5e-5])
+@pytest.mark.parametrize("timestep", [2e-4, 1e-4])
 @pytest.mark.parametrize(("axis", "mu"), [(1, 0.2), (2, 0.5)])
 def test_a_sliding_vehicle_is_slowed_by_mu_times_the_normal_force_and_stops(slippery, timestep, axis, mu):
     """The vehicle slides with v_dot = -mu F_n / M, added mass included, then rests, in contact at every step."""
@@ -157,8 +157,7 @@ def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mu", [0.05, 0.5])
-@pytest.mark.parametrize("speed", [0.05, 0.4])
+@pytest.mark.parametrize(("mu", "speed"), [(0.05, 0.4), (0.5, 0.05), (0.5, 0.4)])
 @pytest.mark.parametrize("engine", ["mujoco", "free_body"])
 def test_gsta_slides_along_the_wall_without_spikes(mu, speed, engine):
     """The vehicle pushes with 7.5 N and slides: it stays in contact, F_t/F_n = mu, the impact has the peak force."""

@@ -2,8 +2,7 @@
 
 A part has the rows of one block of consecutive runs. The plan alone decides the blocks. A file gets its name when it is
 whole and on the disk, so that a part that exists is done, and an interrupted study goes on with the missing ones.
-
-The rows of a study as an xarray Dataset.
+:func:`dataset` has the rows as an xarray Dataset.
 """
 
 import contextlib
@@ -17,7 +16,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
@@ -25,14 +23,14 @@ import tomli_w
 from ..errors import InputError
 from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan import Plan
 from .plan.metrics import COMPLETED, COMPONENTS, FLAGS, TEXTS, columns_of, unit_of_column
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
+    from .plan import Plan
     from .pool.bundle import StudyBundle
-
 
 STUDY, VERSION = "study.toml", "version.json"
 _MOST_PARTS = 1000
@@ -274,7 +272,7 @@ _TEXTS, _ENDS = ("status", "message", "engine"), ("status", "message", "steps", 
 _OF_ROWS = ("draw", "law", "repeat", "seed")
 
 
-def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
+def dataset(plan: "Plan", frame: "pd.DataFrame") -> "xr.Dataset":
     """The metrics, status, steps and engine of a study over its design, law and repeat.
 
     The dimensions of a grid are its varied keys; of keys that move together, the first is the dimension and the others
@@ -304,14 +302,14 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
     return found
 
 
-def _plain(column: pd.Series) -> np.ndarray:
+def _plain(column: "pd.Series") -> np.ndarray:
     """Texts with None for missing ones; numbers and flags as floats with nan."""
     if column.name in _TEXTS or column.map(lambda value: isinstance(value, str)).any():
         return column.astype(object).where(column.notna(), None).to_numpy()
     return column.to_numpy(dtype=float, na_value=np.nan)
 
 
-def _design(plan: Plan) -> tuple[dict[str, int], dict[str, Any]]:
+def _design(plan: "Plan") -> tuple[dict[str, int], dict[str, Any]]:
     """Sizes of the dimensions by name, and coordinates. The last dimension of a grid changes fastest."""
     if plan.design != "grid":
         keys = {key: ("draw", _coordinate([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)}

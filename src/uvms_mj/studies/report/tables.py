@@ -251,14 +251,12 @@ _POWER = re.compile(r"\^(-?\d+)")
 """A power in a unit, m/s^2."""
 
 
-def statistics(plan: Plan, frame: "pd.DataFrame", metrics: Sequence[str] = ()) -> "pd.DataFrame":
+def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
     """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and 95 %.
 
     The columns have two heads: the quantity with its unit, and the number. ``metrics`` are names of kept metrics;
     default: the first three that vary. Raises InputError for an unknown one.
     """
-    import pandas as pd
-
     data = StudyRows(plan, frame)
     known = {metric.name: metric for metric in data.metrics}
     for name in metrics:
@@ -283,14 +281,14 @@ def statistics(plan: Plan, frame: "pd.DataFrame", metrics: Sequence[str] = ()) -
     return found
 
 
-def to_csv(found: "pd.DataFrame") -> str:
+def to_csv(found: pd.DataFrame) -> str:
     """The table as CSV: one line of heads, each with its unit, and all digits."""
     flat = found.copy()
     flat.columns = [" ".join(filter(None, each)) for each in found.columns]
     return str(flat.to_csv(lineterminator="\n"))
 
 
-def to_latex(found: "pd.DataFrame", comment: str = "") -> str:
+def to_latex(found: pd.DataFrame, comment: str = "") -> str:
     """The table as LaTeX, for the package booktabs: four digits, heads with their units, texts escaped."""
     table = found.map(_number)
     table.columns = table.columns.map(lambda each: tuple(map(latex, each)))
@@ -320,7 +318,7 @@ def _number(value: float) -> str:
     return f"${mantissa} \\cdot 10^{{{int(exponent)}}}$" if e else mantissa
 
 
-def write(found: "pd.DataFrame", path: Path, comment: str = "") -> None:
+def write(found: pd.DataFrame, path: Path, comment: str = "") -> None:
     """Write the table by the ending of the file. Raises InputError for another one than :data:`FORMATS`, or if it can't
     be written."""
     kind = path.suffix.lower().removeprefix(".")
