@@ -26,7 +26,7 @@ from uvms_mj.cli.listing import (
 )
 from uvms_mj.records.mcap import topics
 from uvms_mj.records.mcap.layout import Format
-from uvms_mj.reproduce.bench import page as bench_page
+from uvms_mj.reproduce.bench import execution as bench_page
 from uvms_mj.reproduce.bench import results
 from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.scenario import STAGES, Scenario

@@ -14,8 +14,7 @@ import pandas as pd
 
 from page_look import written
 from uvms_mj.reproduce.bench import RESULT
-from uvms_mj.reproduce.bench.execution import Job
-from uvms_mj.reproduce.bench.page import colours_of, courses
+from uvms_mj.reproduce.bench.execution import Job, colours_of, courses
 from uvms_mj.reproduce.bench.results import SHIPPED, parsed, shipped
 from uvms_mj.reproduce.bench.task import Entry, tasks
 from uvms_mj.studies.results import frame

@@ -22,8 +22,8 @@ from PIL import Image
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant.description import reach
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.plant.vehicle import reach
 
 OUT = Path(__file__).parents[2] / "docs" / "physics" / "vehicles.png"
 FRAMES = {

@@ -357,7 +357,7 @@ def bench() -> None:
 def bench_tasks(as_json: bool) -> None:
     """List the tasks: what each asks for, its version, and the criteria that a run must meet."""
     with bad_input():
-        from ..reproduce.bench.page import bounds
+        from ..reproduce.bench.execution import bounds
         from ..reproduce.bench.task import tasks
 
         each = tasks()

@@ -332,8 +332,9 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
     """
     with bad_input():
         from ..files import shipped
+        from ..plant.description import described
         from ..plant.mjcf import Mjcf
-        from ..plant.vehicle import described, notes_on_damping
+        from ..plant.vehicle import notes_on_damping
 
         found = {name: Mjcf.find(name) for name in names or shipped("models")}
         about = {name: described(mjcf) for name, mjcf in found.items()}
@@ -350,7 +351,7 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
 
 
 def _print_list(about: dict[str, dict[str, Any]]) -> None:
-    from ..plant.vehicle import REMARKS, remark
+    from ..plant.description import REMARKS, remark
 
     rows = []
     for name, each in about.items():
@@ -365,7 +366,8 @@ def _print_list(about: dict[str, dict[str, Any]]) -> None:
 
 
 def _print_one(name: str, each: dict[str, Any]) -> None:
-    from ..plant.vehicle import AXES, rows
+    from ..plant.description import rows
+    from ..plant.vehicle import AXES
 
     about = [(row, printable(value)) for row, value in rows(each)]
     facts(printable(f"{name}: {each['description'] or 'a vehicle without a description'}"), about).show()
@@ -381,8 +383,8 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
 
 
 def print_arm(about: dict[str, Any]) -> None:
-    """Print joints, links and sites of a vehicle that :func:`..plant.vehicle.described_arm` describes."""
-    from ..plant.vehicle import coefficient_rows, numbers_text
+    """Print joints, links and sites of a vehicle that :func:`..plant.description.described_arm` describes."""
+    from ..plant.description import coefficient_rows, numbers_text
 
     columns = ("joint", "moves", "type", "range", "motor", "speed limit", "gear friction", "armature")
     joints = [

@@ -70,7 +70,7 @@ def scenario_html(scenario: Scenario) -> str:
 def mjcf_html(mjcf: Mjcf) -> str:
     """A vehicle: its table as ``uvms-mj vehicles`` prints it, and a picture. Raises InputError if the file is not one
     physical vehicle."""
-    from ..plant.vehicle import described, rows
+    from ..plant.description import described, rows
     from .figures import bodies
 
     about = described(mjcf)

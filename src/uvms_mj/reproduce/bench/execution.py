@@ -1,27 +1,45 @@
-"""The runs of the benchmark: a study for each law and task, one after the other on the same workers."""
+"""The runs of the benchmark: a study for each law and task, one after the other on the same workers.
 
+The page: laws and tasks in one table, a table and the courses of the push for each task, the worst runs; and the
+table as LaTeX, for the package booktabs.
+"""
+
+import math
+import shlex
 import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ...analysis.hold import HOLD_S
+from ...analysis.summary import COURSES, PARTS
 from ...control import BUILT_IN
+from ...control.task import Schedule
 from ...engine.run import PlainPythonWarning
 from ...engine.simulation import Simulation
 from ...errors import Fault, InputError
-from ...studies.pages import write
+from ...studies.pages import Picture, Table, number, rendered, write
 from ...studies.plan import Plan
+from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
 from ...studies.pool.bundle import code
 from ...studies.pool.executors import executor_of
+from ...studies.report.tables import latex
 from ...studies.study import Study
+from ...views import colours
+from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .. import Progress
 from . import results
+from .results import broken
 from .task import LATEX, PAGE, RESULT, Entry, Task, identity
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 TUNED = "tuned"
 """Folder of the studies with tuned gains, in that of their law."""
@@ -87,8 +105,6 @@ def execute(
     executor: Executor | None,
 ) -> dict[str, Any]:
     """Run what the folder lacks, and write the result, the page and the LaTeX table. Returns the result."""
-    from .page import latex_table, page
-
     entries = list({job.entry.label: job.entry for job in planned}.values())
     tasks = list({job.task.name: job.task for job in planned}.values())
     total, before = sum(job.plan.runs for job in planned if job.plan), 0
@@ -133,3 +149,323 @@ def _cell(job: Job, frames: "Mapping[tuple[str, str, bool], pd.DataFrame]", know
         return results.refused(job.reason)
     found = results.cell(job.task, frames[job.entry.label, job.task.name, job.tuned])
     return found | ({"truth": job.task.truth} if knows and job.task.truth else {})
+
+
+def latex_table(found: Mapping[str, Any]) -> str:
+    """Of each law and task the number of draws that the law passes; a dash where it can't run, with the reason below.
+
+    The heads are the numbers of the tasks; comments have their names, versions and the digest of the result.
+    """
+    tasks = found["tasks"]
+    lines = [f"% {found['benchmark']}, result {found['digest']}: draws passed, 95 % interval of Wilson in per cent"]
+    lines += [
+        f"% {task['number']}: {name}, version {task['version']}, digest {task['digest']}"
+        for name, task in tasks.items()
+    ]
+    lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{'r' * len(tasks)}}}", "\\toprule"]
+    lines += [" & ".join(["law", *(str(task["number"]) for task in tasks.values())]) + " \\\\", "\\midrule"]
+    notes = []
+    for key in ("tasks", "tuned"):
+        rows = [law for law in found["laws"] if key in law]
+        if key == "tuned" and rows:
+            lines += ["\\midrule", f"\\multicolumn{{{1 + len(tasks)}}}{{l}}{{gains tuned for each task}} \\\\"]
+        for law in rows:
+            cells = [_text(law[key].get(name)) for name in tasks]
+            lines.append(" & ".join([latex(law["label"]), *cells]) + " \\\\")
+            notes += [
+                f"% {law['label']} on {name}: {' '.join(cell['reason'].split())}"
+                for name, cell in law[key].items()
+                if not cell["runs"]
+            ]
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
+
+
+def _text(cell: Mapping[str, Any] | None) -> str:
+    if cell is None or not cell["runs"]:
+        return "--"
+    low, high = (f"{100.0 * each:.0f}" for each in cell["interval"])
+    return f"{cell['passed']}/{cell['draws']} {{\\scriptsize {low}--{high}}}"
+
+
+_COLUMNS, _HEIGHT = 5, 1.15
+_TOP = 2.5
+"""Top of a panel over the largest demanded push; a push above is drawn there."""
+_CAPTION = (
+    "Push over time. Line: median over the draws of the mean in each sixtieth of the run. Shade: from the least to the "
+    "greatest push of all draws, at every step. Thin line: the failed draw with the largest error. Dashed: the "
+    "demanded push. Grey: the hold, in which the push is judged. A push above the panel is drawn at its top."
+)
+
+
+def demanded(scenario: Any, t: np.ndarray) -> np.ndarray:
+    """The demanded push |F_d| of a scenario at times t (n,) [N]."""
+    impedance = scenario.impedance
+    if not impedance.schedule:
+        return np.full(len(t), np.linalg.norm(impedance.F_d[:3]))
+    settings = SimpleNamespace(**Schedule().constants(SimpleNamespace(scenario=scenario)))
+    out = SimpleNamespace(K_f=np.zeros(6), F_d=np.zeros(6))
+    push = []
+    for each in t:
+        Schedule.step(settings, None, SimpleNamespace(t=each), None, out)
+        push.append(float(np.linalg.norm(out.F_d[:3])))
+    return np.array(push)
+
+
+def courses(
+    task: Task, jobs: "Mapping[str, Job]", rows: "Mapping[str, pd.DataFrame]", colours: Mapping[str, str]
+) -> Picture | None:
+    """The figure of a task; None if no law runs on it."""
+    if not rows:
+        return None
+    some = next(iter(jobs.values())).plan
+    assert some is not None
+    duration = some.base.simulation.duration
+    t = (np.arange(PARTS) + 0.5) * duration / PARTS
+    push = demanded(some.base, t)
+    top = _TOP * float(push.max())
+    with styled():
+        figure, drawn = panels(len(rows), _COLUMNS, 0.1, _HEIGHT, sharex=True, sharey=True)
+        for ax, (label, frame) in zip(drawn, rows.items(), strict=True):
+            mean, least, greatest = (_matrix(frame, name) for name in COURSES)
+            ax.axvspan(duration - HOLD_S, duration, color=GREY, alpha=0.12, linewidth=0.0)
+            if np.isfinite(mean).any():
+                low, high = (np.clip(edge, 0.0, top) for edge in (_least(least), -_least(-greatest)))
+                ax.fill_between(t, low, high, color=colours[label], alpha=0.25, linewidth=0.0)
+                ax.plot(t, np.clip(_median(mean), 0.0, top), color=colours[label], linewidth=1.2 * LINE)
+            worst = _worst(task, frame)
+            if worst is not None:
+                ax.plot(t, np.clip(mean[worst], 0.0, top), color="#000000", linewidth=0.5 * LINE)
+            ax.plot(t, push, color="#000000", linestyle="--", linewidth=0.6 * LINE)
+            ax.set_title(label, fontsize=SMALL, loc="left")
+            ax.set_ylim(0.0, top)
+            ax.set_xlim(0.0, duration)
+        place = drawn[0].get_subplotspec()
+        columns = place.get_gridspec().ncols if place is not None else 1
+        for ax in drawn[-columns:]:  # also above the end of a row that is not full
+            ax.tick_params(labelbottom=True)
+        figure.supxlabel("time [s]", fontsize=SMALL)
+        figure.supylabel("push [N]", fontsize=SMALL)
+    return Picture(f"courses-{task.name}", _CAPTION, figure)
+
+
+def _matrix(frame: "pd.DataFrame", name: str) -> np.ndarray:
+    """(draws, parts) of a course."""
+    columns = [f"{name}.{i:02d}" for i in range(PARTS)]
+    return frame[columns].to_numpy(dtype=float)
+
+
+def _least(values: np.ndarray) -> np.ndarray:
+    return np.nanmin(np.where(np.isnan(values), np.inf, values), axis=0)
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Median of each column; nan where most values are missing."""
+    return np.median(np.where(np.isnan(values), np.nan, values), axis=0)
+
+
+def _worst(task: Task, frame: "pd.DataFrame") -> int | None:
+    """The position of the failed draw with the largest error; None if none fails."""
+    failed = [i for i, row in enumerate(frame.to_dict("records")) if broken(task, row)]
+    if not failed:
+        return None
+    errors = frame["hold.error_N"].fillna(np.inf).to_numpy(dtype=float)
+    return max(failed, key=lambda i: errors[i])
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the first table: its text, the interval, and the class of its colour."""
+
+    text: str
+    interval: str
+    look: str
+
+
+@dataclass(frozen=True)
+class Worst:
+    """A draw that failed: law, number, what broke it, and the command that repeats it."""
+
+    law: str
+    draw: int
+    why: str
+    command: str
+
+
+def page(
+    found: Mapping[str, Any],
+    jobs: "Sequence[Job]",
+    frames: "Mapping[tuple[str, str, bool], pd.DataFrame]",
+    folder: Path,
+) -> str:
+    """The page as HTML."""
+    tasks = {job.task.name: job.task for job in jobs}
+    shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
+    parts = []
+    for name, task in tasks.items():
+        own = {job.entry.label: job for job in jobs if job.task is task and not job.tuned and job.plan is not None}
+        rows = {label: frames[label, name, False] for label in own}
+        parts.append(
+            {
+                "task": task,
+                "draws": max((len(frame) for frame in rows.values()), default=0),
+                "criteria": criteria(task),
+                "table": table(found, task, "tasks"),
+                "refused": [
+                    (law["label"], law["tasks"][name]["reason"])
+                    for law in found["laws"]
+                    if not law["tasks"][name]["runs"]
+                ],
+                "picture": courses(task, own, rows, {label: shown[label] for label in own}),
+                "worst": worst(found, task, folder),
+            }
+        )
+    return rendered(
+        Path(__file__).with_name("bench.html"),
+        title=f"{found['benchmark']}: {_counted(len(tasks), 'task')}, {_counted(len(found['laws']), 'law')}",
+        found=found,
+        tasks=tasks,
+        colours=shown,
+        overview=overview(found, tasks, "tasks"),
+        tuned=overview(found, tasks, "tuned"),
+        tuned_settings=[
+            (f"{law['label']}, {task}", text_of(cell["settings"]))
+            for law in found["laws"]
+            for task, cell in law.get("tuned", {}).items()
+        ],
+        truths=truths(found, tasks),
+        parts=parts,
+        laws=[(law["label"], about(law)) for law in found["laws"]],
+        versions=sorted(found["code"].items()),
+    )
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def colours_of(found: Mapping[str, Any]) -> list[str]:
+    """A colour for each law."""
+    return colours.hex_of_runs([law["name"] for law in found["laws"]])
+
+
+def about(law: Mapping[str, Any]) -> str:
+    """A law's name, its settings and its digest."""
+    parts = [law["name"], text_of(law["settings"]), text_of(law["gains"]), f"digest {law['digest']}"]
+    return "; ".join(part for part in parts if part)
+
+
+def text_of(settings: Mapping[str, Any]) -> str:
+    """Settings in a line. A long list has its first numbers."""
+
+    def value(x: Any) -> str:
+        return f"[{x[0]}, ... {len(x)} numbers]" if isinstance(x, list) and len(x) > 8 else str(x)
+
+    return ", ".join(f"{key} = {value(each)}" for key, each in settings.items())
+
+
+def overview(found: Mapping[str, Any], tasks: Mapping[str, Task], key: str) -> list[tuple[str, bool, list[Cell]]]:
+    """The rows of the first table: label, whether the law knows the truth, cells. ``key`` is "tasks" or "tuned"."""
+    return [
+        (law["label"], law["knows_the_truth"], [_draws_cell(law[key].get(name)) for name in tasks])
+        for law in found["laws"]
+        if key in law
+    ]
+
+
+def truths(found: Mapping[str, Any], tasks: Mapping[str, Task]) -> list[tuple[str, str]]:
+    """What the law that knows the truth does on tasks where it is not itself, or can't pass: their names, and the
+    sentence."""
+    said: dict[str, list[str]] = {}
+    for name, task in tasks.items():
+        if any("truth" in law["tasks"][name] for law in found["laws"]):
+            said.setdefault(task.truth, []).append(name.replace("_", " "))
+    return [(", ".join(names), sentence) for sentence, names in said.items()]
+
+
+def _draws_cell(cell: Mapping[str, Any] | None) -> Cell:
+    if cell is None:
+        return Cell("", "", "none")
+    if not cell["runs"]:
+        return Cell("can’t run", "", "none")
+    share = cell["passed"] / cell["draws"]
+    look = "all" if share == 1.0 else "most" if share > 0.5 else "some" if share > 0.0 else "no"
+    mark = "*" if "truth" in cell else ""
+    return Cell(f"{cell['passed']}/{cell['draws']}{mark}", interval(cell), look)
+
+
+def interval(cell: Mapping[str, Any]) -> str:
+    """The interval of a share [%]."""
+    low, high = cell["interval"]
+    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
+
+
+def criteria(task: Task) -> list[tuple[str, str, str]]:
+    """Each criterion: what it bounds, its bounds, and why."""
+    return [(name, bounds(name, limit), task.why[name]) for name, limit in task.criteria.items()]
+
+
+def bounds(name: str, limit: Sequence[float]) -> str:
+    """The bounds of a criterion with their unit."""
+    low, high = limit
+    unit = unit_of_column(name)
+    unit = f" {unit}" if unit else ""
+    if low == high:
+        return f"{number(low)}{unit}"
+    return f"at most {number(high)}{unit}" if low == 0.0 else f"{number(low)} to {number(high)}{unit}"
+
+
+def table(found: Mapping[str, Any], task: Task, key: str) -> Table:
+    """The numbers of each law on a task."""
+    heads = [
+        *("passed", "error, median [N]", "error, worst [N]", "peak, worst [N]", "settling, median [s]"),
+        *("contact lost, worst [s]", "effort, median [N² s]", "chatter, median [N/s]", "failed by"),
+    ]
+    rows = []
+    for law in found["laws"]:
+        cell = law[key].get(task.name)
+        if cell is None:
+            continue
+        if not cell["runs"]:
+            rows.append((law["label"], ["can’t run", *[""] * (len(heads) - 1)]))
+            continue
+        spread = cell["metrics"]
+        places = [
+            *(("hold.error_N", "median"), ("hold.error_N", "worst"), ("contact.peak_N", "worst")),
+            *(("contact.settling_s", "median"), ("hold.lost_s", "worst"), ("effort_N2s", "median")),
+            ("chattering_N_per_s", "median"),
+        ]
+        numbers = [short(spread[name], which) for name, which in places]
+        broke = [f"{without_unit(name).rpartition('.')[2]} {n}" for name, n in cell["broke"].items() if n]
+        rows.append((law["label"], [f"{cell['passed']}/{cell['draws']}", *numbers, ", ".join(broke)]))
+    return Table("law", heads, rows)
+
+
+def short(spread: Mapping[str, Any], which: str) -> str:
+    """A number of a table; "never" where it is missing."""
+    value = spread[which]
+    return "never" if value is None else number(value, 3)
+
+
+def worst(found: Mapping[str, Any], task: Task, folder: Path) -> list[Worst]:
+    """Of each law its failed draw with the largest error, and the command that repeats it."""
+    rows = []
+    for law in found["laws"]:
+        cell = law["tasks"][task.name]
+        failed = [row for row in cell.get("rows", ()) if not row["passed"]]
+        if failed:
+            row = max(failed, key=lambda row: math.inf if row["hold.error_N"] is None else row["hold.error_N"])
+            place = shlex.quote(str(folder / law["label"] / task.name))
+            command = f"uvms-mj run --from {place} --row {row['draw']} --out again"
+            rows.append(Worst(law["label"], row["draw"], why(row, task), command))
+    return rows
+
+
+def why(row: Mapping[str, Any], task: Task) -> str:
+    """What broke a draw, with its numbers."""
+    if row["broke"] == [COMPLETED]:
+        return f"{row['status']}: {row.get('message', '')}"
+    parts = []
+    for name in row["broke"]:
+        value = "missing" if row[name] is None else f"{number(row[name], 3)} {unit_of_column(name)}".rstrip()
+        parts.append(f"{without_unit(name)} {value} ({bounds(name, task.criteria[name])})")
+    return ", ".join(parts)
