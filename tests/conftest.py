@@ -34,10 +34,6 @@ WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
 
 
-WITHOUT_PICTURES = {"cli", "reproduce", "studies", "test_examples.py", "test_pages.py", "test_site.py"}
-"""Folders and modules whose tests do not look at figures."""
-
-
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name != "test_site.py")  # the longest begins first: no worker waits
     for item in items:
@@ -90,17 +86,12 @@ def _engine(request):
         yield
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _figures(request):
-    """Figures are made and written as empty pictures: tests/views and modules with the marker drawn lay them out and
-    draw them."""
-    with pytest.MonkeyPatch.context() as patch:
-        place = request.path.relative_to(Path(__file__).parent).parts[0]
-        if place in WITHOUT_PICTURES and request.node.get_closest_marker("drawn") is None:
-            for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
-                patch.setattr(f"matplotlib.{name}", lambda *_: None)
-            patch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
-        yield
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made and written as empty pictures: tests/views lays them out and draws them."""
+    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
+        monkeypatch.setattr(f"matplotlib.{name}", lambda *_: None)
+    monkeypatch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
 
 
 @cache

@@ -87,6 +87,7 @@ def run(line: str, status: int) -> None:
     assert ended == status, f"{line}\n{output}"
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_each_block_of_a_page_runs(page, tmp_path, monkeypatch):
     for module in EXTRAS.get(page.stem, ()):

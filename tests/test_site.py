@@ -65,7 +65,7 @@ def shortened(page: str, text: str) -> str:
 
 
 @pytest.fixture
-def module(monkeypatch, tmp_path):
+def module(monkeypatch, tmp_path, undrawn):
     """A function that runs a text as a module whose source Python finds, as that of a cell, and gives its names."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")

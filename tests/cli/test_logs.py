@@ -46,6 +46,7 @@ def test_info_prints_the_runs_table_again_and_what_the_log_holds(command, log):
     assert "did you mean 'scenario.toml'" in command("info", log, "--show", "scenaro.toml").stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_info_and_compare_do_without_the_signals_of_the_impedance_task(command, log, tmp_path):
     without(Trace.load(log), *TASK).save(tmp_path / "less.mcap")
     shown = command("info", "less.mcap")

@@ -21,6 +21,12 @@ def command(tmp_path, monkeypatch):
     return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
 
+def unplaced(patch):
+    """Figures without a layout and without insets: tests/views lays them out."""
+    patch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
+    patch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """Output of ``uvms-mj paper`` with runs too short for any event of the paper, in a folder with earlier files."""
@@ -31,6 +37,7 @@ def results(tmp_path_factory):
     (folder / "notes.txt").write_text("mine")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("uvms_mj.studies.pool.executors.Workers._call", lambda workers, call, *given: call(*given))
+        unplaced(patch)
         return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
@@ -58,8 +65,9 @@ def test_paper_writes_what_it_says(results):
     assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
+def test_paper_redraws_the_same_from_logs(results, command, tmp_path, monkeypatch):
     folder, _ = results
+    unplaced(monkeypatch)
     done = command(paper, "--from", folder, "--out", "again", "--json")
     assert done.exit_code == 1, done.output
     answer = json.loads(done.stdout)

@@ -16,9 +16,8 @@ from uvms_mj.cli.plot import FORMATS, WHATS, WIDTHS, plot
 from uvms_mj.views import figures
 from uvms_mj.views.figures import style
 
-pytestmark = pytest.mark.drawn
 
-
+@pytest.mark.usefixtures("undrawn")
 def test_plot_replaces_with_force_only(here):
     here("run", "-q", "simulation.duration=0.05", "-o", "r")
     for command in (("plot", "--what", "force", "--out", "x.svg"), ("export", "--out", "x.npz")):
@@ -61,6 +60,7 @@ def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
     assert (tmp_path / "x.svg").read_text().count(">gsta 2<") == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -131,6 +131,7 @@ def test_signals_and_components_are_drawn_by_their_names(log, tmp_path):
         assert np.isin(values, columns[name]).all()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_window_of_time_is_drawn_from_its_first_to_its_last_sample(log, tmp_path, monkeypatch):
     seen = {}
 

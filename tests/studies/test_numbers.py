@@ -13,8 +13,6 @@ from short_study import HERE
 from uvms_mj import InputError, Study
 from uvms_mj.studies.report.tables import latex, statistics, to_csv, to_latex
 
-pytestmark = pytest.mark.drawn
-
 METRICS = ("contact.peak_N", "effort_N2s", "final.position_m.x")
 
 

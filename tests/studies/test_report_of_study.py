@@ -398,6 +398,7 @@ def test_the_worst_runs_have_their_command(frame, text):
     assert f"--row {first} --viewer" in flat
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("place", ["name", "description", "message", "label", "folder"])
 def test_names_are_text_wherever_they_are(few, place):
     plan, frame = few
@@ -415,6 +416,7 @@ def test_names_are_text_wherever_they_are(few, place):
     assert HOSTILE in "".join(complete_by_itself(text).text).replace("'\"'\"'", "'")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_folder_of_the_user_is_on_the_page(tmp_path):
     paths = []
     for name in ("one.xml", "two.xml"):
@@ -433,6 +435,7 @@ def test_no_folder_of_the_user_is_on_the_page(tmp_path):
     assert "vehicle.model two.xml" in flat
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("rows", [0, 1, 5, 30])
 def test_a_study_that_is_not_done_has_a_page(few, rows):
     plan, frame = few
@@ -440,6 +443,7 @@ def test_a_study_that_is_not_done_has_a_page(few, rows):
     assert f"{40 - rows} of 40 runs are not done yet" in flat
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_all_of_whose_runs_failed_has_a_page(few):
     plan, frame = few
     lost = frame.assign(status="failed", message="ZeroDivisionError")
