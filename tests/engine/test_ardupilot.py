@@ -187,6 +187,7 @@ def test_a_frame_is_stepped_once_and_the_log_has_its_number_and_pulse_widths(tmp
         np.testing.assert_array_equal(trace[signal.name], again[signal.name])
 
 
+@pytest.mark.slow
 def test_lost_repeated_and_late_packets_neither_step_twice_nor_lose_a_frame():
     random = np.random.default_rng(0)
     clean, _, _ = session(500, pwm=forward)

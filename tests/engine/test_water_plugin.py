@@ -140,6 +140,7 @@ def test_a_push_at_rest_is_that_of_the_wall(exported):
     np.testing.assert_allclose(force[0], 20.0, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_random_vehicles_are_those_of_attach(exported):
     """Each with its own records in its own model: one library."""
     random = np.random.default_rng(5)
