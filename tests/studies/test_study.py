@@ -116,6 +116,24 @@ def test_a_study_that_is_done_runs_nothing(whole):
     assert {path: path.stat().st_mtime_ns for path in whole.folder.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.parametrize("written", [0, 1, 2])
+def test_a_study_that_was_killed_before_its_first_run_can_be_started_again(whole, written, tmp_path, monkeypatch):
+    put, left = results.put, written
+
+    def killed(path, write):
+        nonlocal left
+        if not left:
+            raise KeyboardInterrupt
+        left -= 1
+        put(path, write)
+
+    monkeypatch.setattr(results, "put", killed)
+    with pytest.raises(KeyboardInterrupt):
+        Study(whole.plan).run(tmp_path, executor=HERE)
+    monkeypatch.undo()
+    same(Study(whole.plan).run(tmp_path, executor=HERE).folder, whole.folder)
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped", "emptied", "exchanged", "of another study"])
 def test_a_damaged_part_is_run_again(whole, study_file, tmp_path, damage):
     folder = tmp_path / "other"

@@ -13,7 +13,7 @@ from pandas.testing import assert_frame_equal
 from forked import started
 from short_study import HERE
 from short_tuning import force_at, stiffness_for, tuning_text
-from uvms_mj import InputError, Scenario, simulate
+from uvms_mj import InputError, Scenario, Study, simulate
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune.search import JOURNAL
 from uvms_mj.studies.tune.tuning import FOUND, TRIALS
@@ -164,6 +164,12 @@ def test_a_folder_of_another_tuning_is_refused(whole, tuning_file):
     other = Tuning.load(path, {"tune.seed": 2})
     with pytest.raises(InputError, match=r"differs in gain\[0\]\.high, tune\.seed; choose another folder"):
         other.run(whole, executor=HERE)
+
+
+def test_a_study_does_not_begin_in_the_folder_of_a_tuning(whole, tuning_file):
+    study = Study(Tuning.load(tuning_file(duration=0.5)).plan)
+    with pytest.raises(InputError, match=r"has the results of a tune\.toml; choose another folder"):
+        study.run(whole, executor=HERE)
 
 
 def test_every_error_of_a_file_is_reported_at_once(tuning_file):

@@ -280,11 +280,11 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
         return None
     from ..studies.pool.bundle import StudyBundle
     from ..studies.pool.execution import estimate
-    from ..studies.results import refuse_another, share_done
+    from ..studies.results import STUDY, refuse_another, share_done
 
     bundle = StudyBundle.of(study.plan)
     if not dry_run:
-        refuse_another(folder, study.plan, bundle)
+        refuse_another(folder / STUDY, study.plan, bundle)
     bundle.plan()  # as a worker will
     plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
     expected = estimate(plan, size)

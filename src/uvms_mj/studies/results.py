@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .pool.bundle import StudyBundle
 
-STUDY, VERSION = "study.toml", "version.json"
+STUDY, TUNING, VERSION = "study.toml", "tune.toml", "version.json"
 _MOST_PARTS = 1000
 _TYPES = {
     "contact.touches": pa.int64(),
@@ -85,14 +85,11 @@ class StudyFolder:
         self.folder, self._schema, self._digest = folder, schema_of(plan), bundle.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        about = refuse_another(folder, plan, bundle)
+        begin(folder / STUDY, plan, bundle)
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
                 left.unlink()
-        if not (folder / STUDY).exists():
-            put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
-            put(folder / STUDY, lambda file: file.write(tomli_w.dumps(plan.tables).encode()))
 
     def statuses(self, i: int) -> list[str]:
         """The statuses of the rows of a block that is done; empty without a sound part."""
@@ -132,12 +129,32 @@ class StudyFolder:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
-def refuse_another(folder: Path, plan: "Plan", bundle: "StudyBundle") -> dict[str, Any]:
-    """The contents of version.json. Raises InputError if a folder has another study."""
-    about = about_of(plan, bundle)
-    if (folder / STUDY).exists() or (folder / "rows").exists():
-        check_same(folder / STUDY, plan.tables, about)
-    return about
+def begin(path: Path, plan: "Plan", bundle: "StudyBundle", tables: Mapping[str, Any] | None = None, *free: str) -> None:
+    """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun.
+
+    Args:
+        path: the file, study.toml or tune.toml.
+        tables: the contents of the file; default: the tables of the plan.
+        free: keys that may differ from those that the folder was begun with.
+
+    Raises:
+        InputError: the folder has another study.
+    """
+    refuse_another(path, plan, bundle, tables, *free)
+    put(path.with_name(VERSION), lambda file: file.write(json.dumps(about_of(plan, bundle), indent=1).encode()))
+    put(path, lambda file: file.write(tomli_w.dumps(tables or plan.tables).encode()))
+
+
+def refuse_another(
+    path: Path, plan: "Plan", bundle: "StudyBundle", tables: Mapping[str, Any] | None = None, *free: str
+) -> None:
+    """Raise InputError if the folder of a file was begun with another one; otherwise as :func:`begin`."""
+    folder = path.parent
+    begun = [each for each in (STUDY, TUNING) if (folder / each).exists()]
+    if begun == [path.name] or any(folder.glob("rows/part-*.parquet")):
+        check_same(path, tables or plan.tables, about_of(plan, bundle), free)
+    elif begun:
+        raise InputError(f"{folder}: has the results of a {begun[0]}; choose another folder")
 
 
 def share_done(folder: Path, plan: "Plan") -> float:

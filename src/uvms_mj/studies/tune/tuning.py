@@ -1,7 +1,6 @@
 """``Tuning``: gains for a stated objective and constraints over a study's runs."""
 
 import contextlib
-import json
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
@@ -9,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import tomli_w
-
 from ...errors import InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ...views.progress import following
 from ..plan import Plan
 from ..pool.bundle import StudyBundle
 from ..pool.executors import executor_of
-from ..results import VERSION, about_of, check_same, put
+from ..results import TUNING, begin, put
 from ..study import Study
 from .problem import Outcome, Problem, Trial, fields_of, outcome, refused, rows, with_gains
 from .search import Journal, search
@@ -25,7 +22,7 @@ from .search import Journal, search
 if TYPE_CHECKING:
     import pandas as pd
 
-TUNING, TRIALS, FOUND = "tune.toml", "trials.parquet", "found.toml"
+TRIALS, FOUND = "trials.parquet", "found.toml"
 Progress = Callable[[int, int, "float | None"], None]
 """Called with the number of trials done, their total, and the best feasible value so far."""
 
@@ -104,11 +101,7 @@ class Tuning(Problem):
             executor_of(executor, workers) as pool,
         ):
             bundle = StudyBundle.of(self.plan)
-            about = about_of(self.plan, bundle)
-            if any((folder / name).exists() for name in (TUNING, VERSION)):
-                check_same(folder / TUNING, self.tables, about, free=("tune.trials",))
-            put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
-            put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
+            begin(folder / TUNING, self.plan, bundle, self.tables, "tune.trials")
             journal = self._journal(folder)
             self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
