@@ -82,7 +82,7 @@ CALLS = {
     "new": ("cli.new.write_new",),
     "keys": ("scenario.keys",),
     "signals": ("stages.signals.RECORDED",),
-    "metrics": ("studies.plan.metrics.MEANINGS",),
+    "metrics": ("studies.plan.metrics.METRICS",),
 }
 """For each command the calls that do the same in Python."""
 

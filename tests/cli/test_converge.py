@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli import main
-from uvms_mj.studies.convergence import DEFAULT, METRICS
+from uvms_mj.studies.convergence import CONVERGING, DEFAULT
 
 
 def test_every_metric_is_a_number_of_the_runs_json(paper_run):
@@ -20,8 +20,8 @@ def test_every_metric_is_a_number_of_the_runs_json(paper_run):
             return {p for i, each in enumerate(node) for p in places(each, f"{name}[{i}]")}
         return {name}
 
-    assert set(METRICS) <= places(report)
-    assert {p for p in places(report) if p.startswith("final.")} <= set(METRICS)
+    assert set(CONVERGING) <= places(report)
+    assert {p for p in places(report) if p.startswith("final.")} <= set(CONVERGING)
 
 
 SHORT = ("--set", "simulation.duration=0.02", "--set", "wall.position=1e-4", "--set", "reference.step_time=0")

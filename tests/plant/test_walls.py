@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pressed import PUSH, M
 from uvms_mj import Controller, InputError, Scenario, Simulation, Trace, gain, simulate
-from uvms_mj.analysis.summary import METRICS
+from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.design import demanded_force
 from uvms_mj.envs import push
@@ -387,7 +387,7 @@ def test_no_force_is_demanded_along_several_normals():
     for other in ({"walls": [wall]}, {"vehicle.contact_bodies": [body]}):
         trace = run({"simulation.duration": 0.01, **other})
         assert np.isnan(demanded_force(trace.scenario))
-        assert METRICS["force_error_N"](trace) is None
+        assert NUMBERS["force_error_N"].of(trace) is None
         assert "expected" not in dict(expected_forces(trace))
         with pytest.raises(InputError, match=r"^push: force_d: .* without it, it is the one that the scenario"):
             push.Push(trace.scenario)

@@ -24,7 +24,7 @@ from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
 from uvms_mj.reproduce.bench.execution import jobs, warn_of_slow_laws
 from uvms_mj.reproduce.bench.results import broken, cell, compared, digest, document, parsed, shipped, text
 from uvms_mj.reproduce.bench.task import Entry, chosen, entries_of, tasks
-from uvms_mj.studies.plan.metrics import COMPONENTS
+from uvms_mj.studies.plan.metrics import METRICS
 from uvms_mj.studies.rows import one_row
 from wrong_law import AT_TOOL, FAULTS, WRONG
 
@@ -50,7 +50,7 @@ def test_there_are_ten_tasks_with_reason_literature_and_criteria():
         assert len(task.reason) > 100
         assert task.literature
         assert all(re.search(r"(19|20)\d\d", source) for source in task.literature)
-        assert task.criteria.keys() == task.why.keys() <= COMPONENTS.keys()
+        assert task.criteria.keys() == task.why.keys() <= METRICS.keys()
         assert task.draws == 20
         assert task.tables["design"] == {"kind": "random", "runs": 20, "seed": task.number}
         assert task.truth or not task.yardstick

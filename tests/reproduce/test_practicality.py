@@ -19,10 +19,10 @@ from uvms_mj.reproduce.practicality.results import (
     AXES,
     CLAIMS,
     DEMANDED,
+    KEPT,
     LABELS,
     LAWS,
     MAPS,
-    METRICS,
     RETUNED,
     STEPS,
     STEPS_NAME,
@@ -45,7 +45,7 @@ def planned():
 
 def rows(plan, broken=()):
     """Rows in which every run works but those of ``broken``: pairs of a condition on the row and what it changes."""
-    good = dict.fromkeys(METRICS, 0.0) | {"contact.final_N": DEMANDED, "contact.touches": 1, "contact.settled": True}
+    good = dict.fromkeys(KEPT, 0.0) | {"contact.final_N": DEMANDED, "contact.touches": 1, "contact.settled": True}
     frame = frame_of(plan, lambda given: {name: np.full(len(given["index"]), value) for name, value in good.items()})
     for condition, changes in broken:
         for name, value in changes.items():

@@ -9,7 +9,7 @@ import tomli_w
 from short_study import HERE
 from uvms_mj import InputError, Study
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.plan.metrics import COMPONENTS, MEANINGS, succeeded, successes
+from uvms_mj.studies.plan.metrics import succeeded, successes
 from uvms_mj.studies.pool.bundle import StudyBundle
 from uvms_mj.studies.rows import one_row
 from uvms_mj.studies.tune import Tuning
@@ -119,7 +119,3 @@ def test_an_objective_takes_the_same_names(tmp_path, name):
     (tmp_path / "tune.toml").write_text(tomli_w.dumps(tables))
     tuning = Tuning.load(tmp_path / "tune.toml")
     assert Tuning.from_dict(tuning.tables).objective == tuning.objective
-
-
-def test_every_metric_has_a_meaning():
-    assert list(MEANINGS) == list(COMPONENTS)

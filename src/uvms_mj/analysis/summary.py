@@ -10,6 +10,7 @@ seven.
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -76,8 +77,7 @@ def _deviations(header: "Header") -> Any:
 
 
 def _push_deviation(trace: "Trace") -> float | None:
-    """The push's standard deviation over the last half of the run, or what the trace has of it [N]; None without
-    noise."""
+    """The push's standard deviation over the last half of the run [N]; None without noise."""
     if not noisy(trace.scenario) or not len(trace):
         return None
     return float(trace.push[trace.t >= 0.5 * trace.t[-1]].std())
@@ -127,45 +127,6 @@ def _position(trace: "Trace") -> list[float] | None:
     return None if position is None else position.tolist()
 
 
-NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
-    "scenario": lambda trace: trace.scenario.name,
-    "controller": lambda trace: trace.scenario.controller.label(),
-    "status": lambda trace: trace.status.name,
-    "message": lambda trace: trace.message or None,
-    "warnings": lambda trace: [*trace.notes, *ending(trace)],
-    "steps": lambda trace: trace.steps,
-    "timestep_s": lambda trace: trace.scenario.simulation.timestep,
-    "duration_s": lambda trace: trace.duration_s,
-    "wall_time_s": lambda trace: trace.wall_time_s,
-    "real_time_factor": lambda trace: trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None,
-    "contact.first_s": lambda trace: _last("first_contact")(trace) if len(trace) and trace.touches[-1] > 0 else None,
-    "contact.touches": lambda trace: int(trace.touches[-1]) if len(trace) else 0,
-    "contact.peak_N": _last("force_peak"),
-    "contact.impulse_Ns": _last("impulse"),
-    "contact.final_N": lambda trace: _force(trace)[0],
-    "contact.settled": lambda trace: _force(trace)[1],
-    "contact.trend_N_per_s": _trend,
-    "contact.analytic_N": _analytic_N,
-    "contact.relative_error": _relative_error,
-    "noise.push_N": _push_deviation,
-    "noise.analytic_N": lambda trace: getattr(_deviations(trace.header), "push", None),
-    "noise.none_because": _no_noise_because,
-    "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
-    "saturated_s": saturated,
-    "saturated_joints_s": _saturated_joints,
-    "joints_off_target": _joints("off_target"),
-    "joints_at_stops": _joints("at_stops"),
-    "final.position_m": _last("p_WB"),
-    "final.attitude_wxyz": _last("quat_WB"),
-    "final.s": _last("s"),
-    "final.z": _last("z"),
-    "final.tau": _last("tau"),
-    "analytic.position_m": _position,
-    "analytic.none_because": lambda trace: getattr(trace.analytic, "reason", None),
-}
-"""The numbers of a summary, by their place in it."""
-
-
 def _certified_rate(trace: "Trace") -> float | None:
     """The certified rate of change of the disturbance [m/s^3, rad/s^3]; None for a law without a certificate."""
     from ..setup.base import set_up
@@ -205,7 +166,7 @@ PARTS = 60
 """Equal parts of a run's duration in the course of its push."""
 
 
-def _course(name: str) -> "Callable[[Trace], list[float] | None]":
+def _push(name: str) -> "Callable[[Trace], list[float] | None]":
     """Values of the course of the push; None if the run has no row."""
 
     def found(trace: "Trace") -> list[float] | None:
@@ -216,49 +177,166 @@ def _course(name: str) -> "Callable[[Trace], list[float] | None]":
     return found
 
 
-METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
-    **NUMBERS,
-    "certified_rate_m_per_s3": _certified_rate,
-    "chattering_N_per_s": _chattering,
-    "force_error_N": _force_error,
-    # greatest minus least pushing force over the last 0.5 s
-    "force_range_N": lambda trace: float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None,
-    # largest of X, Y and Z that the thrusters gave at any step
-    "thrust_peak_N": lambda trace: float(trace.tau_max[-1][:3].max()) if len(trace) else None,
-    "hold.bias_N": _hold("bias"),
-    "hold.error_N": _hold("error"),
-    "hold.worst_N": _hold("worst"),
-    "hold.lost_s": _hold("lost"),
-    "hold.contacts": _hold("contacts"),
-    "hold.path_error_m": _hold("path_error"),
-    "hold.turn_error_deg": _hold("turn_error"),
-    "contact.settling_s": _hold("settling"),
-    "course.mean_N": _course("mean"),
-    "course.least_N": _course("least"),
-    "course.greatest_N": _course("greatest"),
+@dataclass(frozen=True)
+class Number:
+    """A number of a run; it may also be a flag, a text, or a vector.
+
+    Attributes:
+        of: its function of a trace; None for a missing number.
+        meaning: its meaning, with its unit in brackets unless its name ends with the unit.
+        kind: float, int, bool or str.
+        size: number of its components.
+        printed: whether ``uvms-mj run --json`` prints it.
+        of_whole_run: whether it needs more than the last :data:`.metrics.AROUND_THE_END_S` of a trace.
+        not_kept: reason why a study can't keep it.
+    """
+
+    of: "Callable[[Trace], Any]"
+    meaning: str = ""
+    kind: type = float
+    size: int = 1
+    printed: bool = True
+    of_whole_run: bool = False
+    not_kept: str = ""
+
+
+def _not_kept(of: "Callable[[Trace], Any]", why: str) -> Number:
+    return Number(of, not_kept=why)
+
+
+_SAME, _COLUMN = "is the same for many runs; see the scenario", "is a column of every row; leave it out"
+_FOLLOWS = "follows from steps and simulation.timestep; leave it out"
+_OF_JOINTS = "has a number for each joint; take it from a function of the trace"
+_WALL_TIME = "differs from one execution to the next, and rows must not"
+_of_study = functools.partial(Number, printed=False)
+_course = functools.partial(Number, size=PARTS, printed=False, of_whole_run=True)
+
+NUMBERS: Mapping[str, Number] = {
+    "scenario": _not_kept(lambda trace: trace.scenario.name, _SAME),
+    "controller": _not_kept(lambda trace: trace.scenario.controller.label(), _SAME),
+    "status": _not_kept(lambda trace: trace.status.name, _COLUMN),
+    "message": _not_kept(lambda trace: trace.message or None, _COLUMN),
+    "warnings": _not_kept(lambda trace: [*trace.notes, *ending(trace)], _SAME),
+    "steps": _not_kept(lambda trace: trace.steps, _COLUMN),
+    "timestep_s": _not_kept(lambda trace: trace.scenario.simulation.timestep, _FOLLOWS),
+    "duration_s": _not_kept(lambda trace: trace.duration_s, _FOLLOWS),
+    "wall_time_s": _not_kept(lambda trace: trace.wall_time_s, _WALL_TIME),
+    "real_time_factor": _not_kept(
+        lambda trace: trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None, _WALL_TIME
+    ),
+    "contact.first_s": Number(
+        lambda trace: _last("first_contact")(trace) if len(trace) and trace.touches[-1] > 0 else None,
+        "time of the first touch; none without a touch",
+    ),
+    "contact.touches": Number(
+        lambda trace: int(trace.touches[-1]) if len(trace) else 0, "number of times that the push begins", kind=int
+    ),
+    "contact.peak_N": Number(_last("force_peak"), "largest push"),
+    "contact.impulse_Ns": Number(_last("impulse"), "integral of the push over time"),
+    "contact.final_N": Number(lambda trace: _force(trace)[0], "mean push over the last 0.5 s"),
+    "contact.settled": Number(
+        lambda trace: _force(trace)[1], "true or false: whether the push has settled at the end", kind=bool
+    ),
+    "contact.trend_N_per_s": Number(_trend, "rate of change of the push at the end, by its trend; none without one"),
+    "contact.analytic_N": Number(
+        _analytic_N, "push at rest in closed form; none without a closed form or without contact at rest"
+    ),
+    "contact.relative_error": Number(
+        _relative_error, "of contact.final_N against contact.analytic_N [1]; none unless the push has settled"
+    ),
+    "noise.push_N": Number(
+        _push_deviation,
+        "standard deviation of the push over the last half of the run, with white noise of a sensor",
+        of_whole_run=True,
+    ),
+    "noise.analytic_N": Number(
+        lambda trace: getattr(_deviations(trace.header), "push", None), "the same in closed form"
+    ),
+    "noise.none_because": Number(_no_noise_because, "text: why the noise has no closed form", kind=str),
+    "effort_N2s": Number(
+        lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
+        "integral of X^2 + Y^2 + Z^2 of the thrust over time",
+    ),
+    "saturated_s": Number(saturated, "time with a thruster at its limit"),
+    "saturated_joints_s": _not_kept(_saturated_joints, _OF_JOINTS),
+    "joints_off_target": _not_kept(_joints("off_target"), _OF_JOINTS),
+    "joints_at_stops": _not_kept(_joints("at_stops"), _OF_JOINTS),
+    "final.position_m": Number(_last("p_WB"), "p_WB at the end", size=3),
+    "final.attitude_wxyz": Number(_last("quat_WB"), "quat_WB at the end [1]", size=4),
+    "final.s": Number(_last("s"), "sliding variable at the end [m/s, rad/s]", size=6),
+    "final.z": Number(
+        _last("z"),
+        "state z of a super-twisting law at the end, which takes up the disturbance [m/s^2, rad/s^2]",
+        size=6,
+    ),
+    "final.tau": Number(_last("tau"), "wrench of the thrusters at the end [N, N m]", size=6),
+    "analytic.position_m": Number(_position, "p_WB at rest in closed form", size=3),
+    "analytic.none_because": Number(
+        lambda trace: getattr(trace.analytic, "reason", None), "text: why the rest has no closed form", kind=str
+    ),
+    "certified_rate_m_per_s3": _of_study(
+        _certified_rate, "rate of disturbance for which the law is certified; none for other laws"
+    ),
+    "chattering_N_per_s": _of_study(_chattering, "sum of the chattering indices of X, Y and Z over the last second"),
+    "force_error_N": _of_study(
+        _force_error, "contact.final_N, settled or not, minus the demanded force; none with several walls"
+    ),
+    "force_range_N": _of_study(
+        lambda trace: float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None,
+        "greatest minus least push over the last 0.5 s",
+    ),
+    "thrust_peak_N": _of_study(
+        lambda trace: float(trace.tau_max[-1][:3].max()) if len(trace) else None,
+        "largest of X, Y and Z that the thrusters gave at any step",
+    ),
+    "hold.bias_N": _of_study(
+        _hold("bias"), "mean push over the last 5 s minus the demanded push |F_d|; none if F_d demands none"
+    ),
+    "hold.error_N": _of_study(
+        _hold("error"), "root mean square over the last 5 s of the push's deviation from |F_d|, the largest of each row"
+    ),
+    "hold.worst_N": _of_study(_hold("worst"), "largest deviation of the push from |F_d| at any step of the last 5 s"),
+    "hold.lost_s": _of_study(_hold("lost"), "time without contact in the last 5 s"),
+    "hold.contacts": _of_study(_hold("contacts"), "least number of contacts that press in the last 5 s [1]"),
+    "hold.path_error_m": _of_study(
+        _hold("path_error"), "largest distance from the reference across F_d in the last 5 s"
+    ),
+    "hold.turn_error_deg": _of_study(_hold("turn_error"), "largest angle from the desired attitude in the last 5 s"),
+    "contact.settling_s": _of_study(
+        _hold("settling"),
+        "time from the first touch until the push stays within a fifth of |F_d|; none if never",
+        of_whole_run=True,
+    ),
+    "course.mean_N": _course(_push("mean"), "mean push in each sixtieth of the run"),
+    "course.least_N": _course(_push("least"), "least push in each sixtieth of the run, at every step"),
+    "course.greatest_N": _course(_push("greatest"), "greatest push in each sixtieth of the run, at every step"),
 }
-"""The numbers that a study can keep: those of a summary, and others that take longer."""
+"""The numbers of a run, by their place in its summary; the order is that of the rows of a study."""
 COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
 """The push over time, for figures."""
-OF_WHOLE_RUN = ("contact.settling_s", *COURSES)
-"""The numbers for which the last :data:`.metrics.AROUND_THE_END_S` of a trace are not enough."""
 
 
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
-    numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
-    return _finite(_tree(numbers(trace, NUMBERS))) | {"files": files}
+    numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough, of a
+    :func:`noisy` one also its last half."""
+    printed = [place for place, each in NUMBERS.items() if each.printed]
+    return _finite(_tree(numbers(trace, printed))) | {"files": files}
 
 
 def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
-    """The numbers of :data:`METRICS` at these places, by place. Only these are computed."""
-    return {place: METRICS[place](trace) for place in places}
+    """The numbers of :data:`NUMBERS` at these places, by place. Only these are computed."""
+    return {place: NUMBERS[place].of(trace) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:
     """The summary of a run without a step. All other numbers than the given ones, by their places, are zero or None."""
     nothing = dict.fromkeys(("steps", "contact.touches"), 0) | dict.fromkeys(("duration_s", "wall_time_s"), 0.0)
-    blank = dict.fromkeys(NUMBERS) | nothing | {"warnings": [], "contact.settled": False}
+    blank = (
+        dict.fromkeys(place for place, each in NUMBERS.items() if each.printed)
+        | nothing
+        | {"warnings": [], "contact.settled": False}
+    )
     return _tree(blank | dict(values)) | {"files": files}
 
 

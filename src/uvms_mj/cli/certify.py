@@ -182,11 +182,11 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
     console = Console(as_json, quiet)
     with bad_input():
         from ..engine.run import LawError
-        from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
+        from ..studies.convergence import CONVERGING, DEFAULT, NotCompletedError
         from ..studies.convergence import converge as runs_of
 
         if "list" in metrics:
-            click.echo("\n".join(METRICS))
+            click.echo("\n".join(CONVERGING))
             return
         scenario, mjcf, *_ = chosen(**asked, log_rate=None)
         try:

@@ -307,14 +307,14 @@ def metrics(words: tuple[str, ...]) -> None:
 
 def metric_list() -> Table:
     """The metrics that a study can keep."""
-    from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
+    from ..studies.plan.metrics import METRICS, columns_of, unit_of_column
 
     rows = []
-    for name, said in MEANINGS.items():
+    for name, each in METRICS.items():
         parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
         shown = parts if len(parts) < 10 else [parts[0], "..", parts[-1]]
         columns = "" if parts == [name] else f"; .{', .'.join(shown)}"
-        rows.append((name, unit_of_column(name), said + columns))
+        rows.append((name, unit_of_column(name), each.meaning + columns))
     return Table("Metrics of a run", ("name", "unit", "meaning"), rows, fixed=("name",), width=80)
 
 

@@ -42,9 +42,9 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in _COMPONENTS:
+        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
-        return _COMPONENTS[self.size]
+        return COMPONENTS[self.size]
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ class Signal:
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 """Components of a signal of six numbers."""
-_COMPONENTS = {1: ("",), 3: AXES[:3], 4: ("w", *AXES[:3]), 6: AXES}
+COMPONENTS = {1: ("",), 3: AXES[:3], 4: ("w", *AXES[:3]), 6: AXES}
 _WRENCH = "N, N m"
 _TWIST = "m/s, rad/s"
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.summary import summary
+from ..analysis.summary import NUMBERS, summary
 from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
 from ..errors import Fault, InputError, suggestion
@@ -49,8 +49,8 @@ ROUNDING = 1e-9
 RESOLUTION = 1e-11
 """Absolute difference below which numbers count as equal, in SI units."""
 _INSTANT = "contact.first_s"
-_VECTORS = {"final.position_m": 3, "final.attitude_wxyz": 4, "final.s": 6, "final.z": 6, "final.tau": 6}
-METRICS = (
+_VECTORS = {name: each.size for name, each in NUMBERS.items() if name.startswith("final.")}
+CONVERGING = (
     _INSTANT,
     "contact.touches",
     "contact.peak_N",
@@ -62,7 +62,7 @@ METRICS = (
     *(f"{name}[{i}]" for name, size in _VECTORS.items() for i in range(size)),
 )
 """All metrics that can be requested, by their place in the JSON of ``uvms-mj run``."""
-DEFAULT = (*METRICS[:5], "effort_N2s", "final.position_m")
+DEFAULT = (*CONVERGING[:5], "effort_N2s", "final.position_m")
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Estimate:
     """Limit of a metric for vanishing time step.
 
     Attributes:
-        name: name of the metric, as in :data:`METRICS`.
+        name: name of the metric, as in :data:`CONVERGING`.
         values: at h, h/2 and h/4; None if a run has no such number.
         order: observed order p; None if no order can be observed.
         value: the extrapolated number, or the best estimate; None if counts differ or numbers are missing.
@@ -133,7 +133,7 @@ def converge(
 
     Args:
         scenario: scenario to run; default: the paper's scenario. Its time step is the coarsest.
-        metrics: names of :data:`METRICS`; the name of a vector, e.g. ``final.position_m``, selects all components.
+        metrics: names of :data:`CONVERGING`; the name of a vector, e.g. ``final.position_m``, selects all components.
         controller: controller to use in place of the scenario's.
         mjcf: the vehicle's model, as for :func:`uvms_mj.simulate`.
         progress: True for a progress bar, or a function of the steps done in all runs and their total.
@@ -224,12 +224,12 @@ def _names(metrics: Sequence[str]) -> list[str]:
     names: list[str] = []
     faults = []
     for metric in metrics:
-        if metric in METRICS:
+        if metric in CONVERGING:
             names.append(metric)
         elif metric in _VECTORS:
             names += [f"{metric}[{i}]" for i in range(_VECTORS[metric])]
         else:
-            known = [name for name in METRICS if "[" not in name] + list(_VECTORS)
+            known = [name for name in CONVERGING if "[" not in name] + list(_VECTORS)
             faults.append(Fault(metric, f"is not a metric; {suggestion(metric, known)}"))
     if faults:
         raise InputError(faults, "metrics")

@@ -23,7 +23,7 @@ import tomli_w
 from ..errors import InputError
 from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan.metrics import COMPLETED, COMPONENTS, FLAGS, TEXTS, columns_of, unit_of_column
+from .plan.metrics import COMPLETED, METRICS, columns_of, unit_of_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,12 +34,7 @@ if TYPE_CHECKING:
 
 STUDY, TUNING, VERSION = "study.toml", "tune.toml", "version.json"
 _MOST_PARTS = 1000
-_TYPES = {
-    "contact.touches": pa.int64(),
-    **dict.fromkeys(FLAGS, pa.bool_()),
-    **dict.fromkeys(TEXTS, pa.string()),
-}
-"""Types of the metrics that are not float64."""
+_TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}
 
 
 def blocks(runs: int) -> list[range]:
@@ -52,9 +47,9 @@ def schema_of(plan: "Plan") -> pa.Schema:
     """The columns of the rows, without those of a user's metrics, whose names are known when they have run."""
     varied = [(key, _type([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)]
     metrics = [
-        (column, _TYPES.get(place, pa.float64()))
+        (column, _TYPES[METRICS[place].kind])
         for place in plan.metrics
-        if place in COMPONENTS
+        if place in METRICS
         for column in columns_of(place)
     ]
     before = [("index", pa.int64()), ("draw", pa.int64()), ("law", pa.string()), ("repeat", pa.int64())]

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.summary import OF_WHOLE_RUN, ending, numbers
+from ..analysis.summary import ending, numbers
 from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
 from ..engine.simulation import Simulation
@@ -44,7 +44,7 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
-from .plan.metrics import COMPONENTS, columns_of, succeeded, users_numbers
+from .plan.metrics import METRICS, columns_of, succeeded, users_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,7 +87,7 @@ def _blank(plan: "Plan", index: int) -> dict[str, Any]:
     varied = {key: run.values.get(key) for key in plan.varied}
     row |= varied | {"status": "", "message": "", "steps": None, "warnings": None}
     row |= {"success": False, "engine": plan.engine}
-    return row | {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
+    return row | {column: None for place in plan.metrics if place in METRICS for column in columns_of(place)}
 
 
 def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] = ()) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
         row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
         if plan.time_limit_s is not None:
             _compile(scenario, mjcf, engine)
-        short = all(place in COMPONENTS and place not in OF_WHOLE_RUN for place in plan.metrics)
+        short = all(place in METRICS and not METRICS[place].of_whole_run for place in plan.metrics)
         keep_s = AROUND_THE_END_S if short else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
@@ -191,12 +191,12 @@ def _judged(plan: "Plan", row: dict[str, Any]) -> dict[str, Any]:
 def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
     """The metrics of a run by column."""
     found: dict[str, Any] = {}
-    for place, value in numbers(trace, [place for place in plan.metrics if place in COMPONENTS]).items():
+    for place, value in numbers(trace, [place for place in plan.metrics if place in METRICS]).items():
         columns = columns_of(place)
-        each = value or [None] * len(columns) if COMPONENTS[place] else [value]
+        each = value or [None] * len(columns) if METRICS[place].size > 1 else [value]
         found |= {column: None if x != x else x for column, x in zip(columns, each, strict=True)}  # nan is no number
     for place in plan.metrics:
-        found |= {} if place in COMPONENTS else users_numbers(place, trace)
+        found |= {} if place in METRICS else users_numbers(place, trace)
     return found
 
 
@@ -204,7 +204,7 @@ CHECK = "check.parquet"
 """Name of the table of differences in the folder of a study."""
 SHARE, LEAST = 0.01, 5
 """Share of the free-body runs that are repeated, and their least number."""
-METRICS = (
+COMPARED = (
     *("contact.touches", "contact.settled", "contact.final_N", "contact.peak_N"),
     *("final.position_m", "thrust_peak_N"),
 )
@@ -238,7 +238,7 @@ def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
 
 def compared(bundle: "StudyBundle", index: int, engine: str) -> dict[str, Any]:
     """Run one run of a study in a worker and return its row with the metrics that are compared."""
-    return one_row(dataclasses.replace(bundle.plan(), metrics=METRICS, time_limit_s=None), index, engine)
+    return one_row(dataclasses.replace(bundle.plan(), metrics=COMPARED, time_limit_s=None), index, engine)
 
 
 def differences(

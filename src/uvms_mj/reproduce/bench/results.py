@@ -34,7 +34,7 @@ COSTS = (
     *("hold.path_error_m", "hold.turn_error_deg", "saturated_s", "effort_N2s", "chattering_N_per_s"),
 )
 """The metrics of which a large magnitude is bad: the result has their medians and their worst values."""
-METRICS = (*COSTS, "hold.contacts", "contact.touches")
+KEPT = (*COSTS, "hold.contacts", "contact.touches")
 """The metrics of each draw in the result."""
 
 
@@ -66,7 +66,7 @@ def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
         if row["message"]:
             each["message"] = without_folders(row["message"])
         ended = row["status"] != COMPLETED  # early: its peak and its effort are those of the time before
-        draws.append(each | {name: None if ended else rounded(_number(row.get(name))) for name in METRICS})
+        draws.append(each | {name: None if ended else rounded(_number(row.get(name))) for name in KEPT})
     passed, n = sum(each["passed"] for each in draws), len(draws)
     share = rate(passed, n, n)
     return {

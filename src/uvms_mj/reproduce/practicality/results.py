@@ -26,7 +26,7 @@ PART = 0.1
 """Largest error of the mean push, as part of the demanded one."""
 DEMANDED = 1.5
 """Push that the ideal scenario demands of a rigid wall [N]."""
-METRICS = (
+KEPT = (
     *("force_error_N", "force_range_N", "contact.final_N", "contact.peak_N", "contact.touches"),
     *("chattering_N_per_s", "saturated_s", "contact.settled"),
 )
@@ -148,7 +148,7 @@ def _plan(
         "base": {**BASE, **base, **overrides},
         "laws": [dict(law) for law in laws],
         "vary": [axis.table for axis in axes],
-        "keep": {"metrics": list(METRICS)},
+        "keep": {"metrics": list(KEPT)},
         "success": dict(SUCCESS),
         "run": {"engine": "free_body"},
     }

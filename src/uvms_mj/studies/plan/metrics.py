@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.summary import COURSES, METRICS, PARTS
+from ...analysis.summary import NUMBERS
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import is_file
 from ...quantities import leaves
 from ...stages.loader import load_file
-from ...stages.signals import AXES
+from ...stages.signals import COMPONENTS
 from .file import absolute
 
 if TYPE_CHECKING:
@@ -29,17 +29,6 @@ COMPLETED = "completed"
 SETTLED = "contact.settled"
 
 Limit = bool | tuple[float, float]
-NOT_METRICS = {
-    **dict.fromkeys(("scenario", "controller", "warnings"), "is the same for many runs; see the scenario"),
-    **dict.fromkeys(("status", "message", "steps"), "is a column of every row; leave it out"),
-    **dict.fromkeys(("timestep_s", "duration_s"), "follows from steps and simulation.timestep; leave it out"),
-    **dict.fromkeys(
-        ("saturated_joints_s", "joints_off_target", "joints_at_stops"),
-        "has a number for each joint; take it from a function of the trace",
-    ),
-    **dict.fromkeys(("wall_time_s", "real_time_factor"), "differs from one execution to the next, and rows must not"),
-}
-"""Numbers of a summary that are not metrics of a study, with the reason."""
 
 
 def metric_of(name: str) -> "Callable[[Trace], Any]":
@@ -48,13 +37,13 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
     Raises:
         InputError: there is no such metric, or the file can't be loaded.
     """
-    if name in NOT_METRICS:
-        raise InputError(f"{name!r} {NOT_METRICS[name]}")
+    if name in NUMBERS and NUMBERS[name].not_kept:
+        raise InputError(f"{name!r} {NUMBERS[name].not_kept}")
     if name in METRICS:
-        return METRICS[name]
+        return METRICS[name].of
     file, colon, word = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        hint = suggestion(name, set(METRICS) - set(NOT_METRICS))
+        hint = suggestion(name, METRICS)
         raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
     path = Path(file)
     if not is_file(path):
@@ -70,71 +59,22 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
 
 OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "success", "engine")
 """The columns of every row besides the keys that vary and the metrics."""
-COMPONENTS: Mapping[str, tuple[str, ...]] = {
-    **{name: () for name in METRICS if name not in NOT_METRICS},
-    **dict.fromkeys(("final.position_m", "analytic.position_m"), AXES[:3]),
-    **dict.fromkeys(("final.s", "final.z", "final.tau"), AXES),
-    "final.attitude_wxyz": ("w", *AXES[:3]),
-    **dict.fromkeys(COURSES, tuple(f"{i:02d}" for i in range(PARTS))),
-}
-"""The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
-
-
-FLAGS, TEXTS = ("contact.settled",), ("analytic.none_because", "noise.none_because")
-"""The metrics that are true or false, and those that are texts. All others are numbers."""
-
-
-MEANINGS: Mapping[str, str] = {
-    "contact.first_s": "time of the first touch; none without a touch",
-    "contact.touches": "number of times that the push begins",
-    "contact.peak_N": "largest push",
-    "contact.impulse_Ns": "integral of the push over time",
-    "contact.final_N": "mean push over the last 0.5 s",
-    "contact.settled": "true or false: whether the push has settled at the end",
-    "contact.trend_N_per_s": "rate of change of the push at the end, by its trend; none without one",
-    "contact.analytic_N": "push at rest in closed form; none without a closed form or without contact at rest",
-    "contact.relative_error": "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
-    "noise.push_N": "standard deviation of the push over the last half of the run, with white noise of a sensor",
-    "noise.analytic_N": "the same in closed form",
-    "noise.none_because": "text: why the noise has no closed form",
-    "effort_N2s": "integral of X^2 + Y^2 + Z^2 of the thrust over time",
-    "saturated_s": "time with a thruster at its limit",
-    "final.position_m": "p_WB at the end",
-    "final.attitude_wxyz": "quat_WB at the end",
-    "final.s": "sliding variable at the end [m/s, rad/s]",
-    "final.z": "state z of a super-twisting law at the end, which takes up the disturbance [m/s^2, rad/s^2]",
-    "final.tau": "wrench of the thrusters at the end [N, N m]",
-    "analytic.position_m": "p_WB at rest in closed form",
-    "analytic.none_because": "text: why the rest has no closed form",
-    "certified_rate_m_per_s3": "rate of disturbance for which the law is certified; none for other laws",
-    "chattering_N_per_s": "sum of the chattering indices of X, Y and Z over the last second",
-    "force_error_N": "contact.final_N, settled or not, minus the demanded force; none with several walls",
-    "force_range_N": "greatest minus least push over the last 0.5 s",
-    "thrust_peak_N": "largest of X, Y and Z that the thrusters gave at any step",
-    "hold.bias_N": "mean push over the last 5 s minus the demanded push |F_d|; none if F_d demands none",
-    "hold.error_N": "root mean square over the last 5 s of the push's deviation from |F_d|, the largest of each row",
-    "hold.worst_N": "largest deviation of the push from |F_d| at any step of the last 5 s",
-    "hold.lost_s": "time without contact in the last 5 s",
-    "hold.contacts": "least number of contacts that press in the last 5 s [1]",
-    "hold.path_error_m": "largest distance from the reference across F_d in the last 5 s",
-    "hold.turn_error_deg": "largest angle from the desired attitude in the last 5 s",
-    "contact.settling_s": "time from the first touch until the push stays within a fifth of |F_d|; none if never",
-    "course.mean_N": "mean push in each sixtieth of the run",
-    "course.least_N": "least push in each sixtieth of the run, at every step",
-    "course.greatest_N": "greatest push in each sixtieth of the run, at every step",
-}
-"""What each of :data:`COMPONENTS` is. Its unit is that of :func:`unit_of_column`, or in brackets."""
+METRICS = {name: each for name, each in NUMBERS.items() if not each.not_kept}
+"""The numbers that a study can keep, most of them of ``uvms-mj run --json``."""
 
 
 def columns_of(place: str) -> list[str]:
-    """The columns of a metric of :data:`COMPONENTS`."""
-    return [f"{place}.{each}" for each in COMPONENTS[place]] or [place]
+    """The columns of a metric of :data:`METRICS`."""
+    size = METRICS[place].size
+    if size == 1:
+        return [place]
+    return [f"{place}.{each}" for each in COMPONENTS.get(size) or [f"{i:02d}" for i in range(size)]]
 
 
 def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
     """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]
-    tables = {place.partition(".")[0] for place in (*COMPONENTS, *varied)}
+    tables = {place.partition(".")[0] for place in (*METRICS, *varied)}
     return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
 
 
@@ -147,7 +87,7 @@ def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, s
         for written, called in ((name, function), (absolute(name, folder), metric)):
             if written == called or written.startswith(f"{called}."):
                 column = function + written.removeprefix(called)
-                if metric in COMPONENTS and column not in (metric, *columns_of(metric)):
+                if metric in METRICS and column not in (metric, *columns_of(metric)):
                     raise InputError(f"is not a component of {metric}: {', '.join(columns_of(metric))}")
                 return metric, column
     raise InputError(f"is not one of keep.metrics; {suggestion(name, [each.rpartition(':')[2] for each in metrics])}")
@@ -205,7 +145,7 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, fault
         place = f"success.{name}"
         try:
             metric, column = kept_column(name, metrics, folder)
-            if metric in COMPONENTS and column not in columns_of(metric):
+            if metric in METRICS and column not in columns_of(metric):
                 raise InputError(f"has components: give {' or '.join(columns_of(metric))}")
             if column in found:
                 raise InputError("is given twice")
@@ -217,15 +157,16 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, fault
 
 def _limit(value: Any, metric: str) -> Limit:
     """A limit of a metric. Raises InputError if it is not one."""
-    wanted = "true or false" if metric in FLAGS else "a range [low, high]"
-    if metric in TEXTS:
+    kind = METRICS[metric].kind if metric in METRICS else None
+    wanted = "true or false" if kind is bool else "a range [low, high]"
+    if kind is str:
         raise InputError("is a text, which has no limits")
-    if metric in COMPONENTS and isinstance(value, bool) != (metric in FLAGS):
+    if kind is not None and isinstance(value, bool) != (kind is bool):
         raise InputError(f"{shortened(value)} must be {wanted}")
     if isinstance(value, bool):
         return value
     if not _is_range(value):
-        either = "" if metric in COMPONENTS else "true, false, or "
+        either = "" if kind is not None else "true, false, or "
         raise InputError(f"{shortened(value)} must be {either}{wanted}")
     return float(value[0]), float(value[1])
 

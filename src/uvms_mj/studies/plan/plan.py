@@ -34,7 +34,7 @@ from .file import (
     with_absolute_values,
 )
 from .laws import KeyChecks, Law, base_of, combination_faults, laws_of, split_overrides
-from .metrics import COMPONENTS, Limit, column_is_taken, kept_column, limits, metric_of
+from .metrics import METRICS, Limit, column_is_taken, kept_column, limits, metric_of
 from .places import overrides_at, unit_of
 
 MOST_RUNS = 10_000_000
@@ -392,7 +392,7 @@ def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault
             if name in metrics[:i]:
                 raise InputError(f"{name!r} is given twice")
             metric_of(name)
-            if name not in COMPONENTS and column_is_taken(name, metrics[:i], varied):
+            if name not in METRICS and column_is_taken(name, metrics[:i], varied):
                 raise InputError(f"{name!r}: a column of the rows has this name already; rename the function")
         except InputError as error:
             yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)

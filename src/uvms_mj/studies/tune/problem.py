@@ -20,7 +20,7 @@ from ...quantities import STRICT, Number, Real, doc, overrides_of, within
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, absolute, below_high, entries, read, used_with, valid, words_of
 from ..plan.laws import Law, base_of, laws_of, split_overrides
-from ..plan.metrics import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
+from ..plan.metrics import METRICS, columns_of, kept_column, metric_of
 from ..plan.places import Place, missing, overlap, overrides_at, parsed, unit_of, value_at
 from ..pool.bundle import StudyBundle
 from ..pool.execution import run_by_run
@@ -362,9 +362,9 @@ def _with_metrics(
     for place, each in measures:
         try:
             metric = _metric(each.metric, kept, folder)
-            if metric in COMPONENTS and each.metric not in columns_of(metric):
+            if metric in METRICS and each.metric not in columns_of(metric):
                 raise InputError(f"{each.metric!r} has components; {suggestion(each.metric, columns_of(metric))}")
-            if metric in TEXTS:
+            if metric in METRICS and METRICS[metric].kind is str:
                 raise InputError(f"{metric!r} is a text, not a number")
         except InputError as error:
             faults += [Fault(f"{place}.metric", fault.message) for fault in error.faults]
@@ -381,7 +381,7 @@ def _metric(name: str, kept: list[str], folder: Path) -> str:
     file, colon, word = name.rpartition(":")
     whole = f"{file}:{word.partition('.')[0]}" if colon else name
     parent = name.rpartition(".")[0]
-    metric_of(metric := parent if parent in COMPONENTS else whole)
+    metric_of(metric := parent if parent in METRICS else whole)
     return metric
 
 
