@@ -13,7 +13,7 @@ import click
 
 from uvms_mj import simulate
 from uvms_mj.cli import main as uvms_mj
-from uvms_mj.cli.common import Table
+from uvms_mj.cli.common import Listing
 from uvms_mj.cli.listing import (
     key_list,
     metric_list,
@@ -281,7 +281,7 @@ def _page(parts: Sequence[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _listed(listed: Table) -> str:
+def _listed(listed: Listing) -> str:
     return _table(listed.columns, listed.rows)
 
 

@@ -11,8 +11,8 @@ from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
     Console,
+    Listing,
     Stop,
-    Table,
     bad_input,
     end,
     ended,
@@ -152,7 +152,7 @@ def _tables(report: dict[str, Any]) -> None:
         values = (found[name][i] for name in heads)
         rows.append((axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values)))
     title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
-    Table(title, ("axis", *heads.values()), rows, right=[*heads.values()], fixed=("axis",)).show()
+    Listing(title, ("axis", *heads.values()), rows, right=[*heads.values()], fixed=("axis",)).show()
 
 
 @command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
@@ -217,4 +217,4 @@ def _numbers(found: "Convergence") -> dict[str, object]:
 def _table(found: "Convergence") -> None:
     heads, *rows = found.table()
     right = [head for head in heads if head.startswith(("h =", "order"))]
-    Table(found.title, heads, rows, right=right, fixed=(heads[0], "tends to"), width=60).show()
+    Listing(found.title, heads, rows, right=right, fixed=(heads[0], "tends to"), width=60).show()

@@ -242,7 +242,7 @@ class Console:
 
 
 @dataclass(frozen=True)
-class Table:
+class Listing:
     """A table as data: a command prints it, and a page of the reference has it.
 
     Attributes:
@@ -293,9 +293,9 @@ class Table:
             rich.console.Console(width=width, markup=False, highlight=False).print(table)
 
 
-def facts(title: str, rows: Iterable[Sequence[Any]], **looks: Any) -> Table:
+def facts(title: str, rows: Iterable[Sequence[Any]], **looks: Any) -> Listing:
     """A table of names and values."""
-    return Table(title, (), [*rows], width=60, **looks)
+    return Listing(title, (), [*rows], width=60, **looks)
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
@@ -320,7 +320,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     ]
     facts("contents of the log", [(name, printable(value)) for name, value in rows]).show()
     topics = [(each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics]
-    Table("topics", ("topic", "type", "frame", "unit", "meaning"), topics, fixed=("topic", "type"), width=60).show()
+    Listing("topics", ("topic", "type", "frame", "unit", "meaning"), topics, fixed=("topic", "type"), width=60).show()
 
 
 def print_verdicts(
@@ -336,7 +336,7 @@ def print_verdicts(
     for row in rows:
         unit, verdict = "" if row.claim.unit == "1" else f" {row.claim.unit}", row.verdict.name
         shown.append((*cells(row, number(row.measured.value) + unit), Text(verdict, style=colours[verdict])))
-    Table(title, (*heads, "verdict"), shown, fixed=("verdict",), ruled=True).show()
+    Listing(title, (*heads, "verdict"), shown, fixed=("verdict",), ruled=True).show()
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from .common import Resumed, Stop, Table, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
+from .common import Listing, Resumed, Stop, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
 from .folders import alone_in, folder_for, move_aside
 from .options import (
     asked_for,
@@ -236,7 +236,7 @@ def _errors_of_the_pool(found: dict[str, Any]) -> None:
         for name, mean in found["mean_rms_pitch_deg"].items()
     ]
     title = f"{len(found['trials'])} trials: rms error of the pitch"
-    Table(title, ("model", *heads), rows, right=heads, fixed=heads).show()
+    Listing(title, ("model", *heads), rows, right=heads, fixed=heads).show()
     click.echo(f"height fitted on {', '.join(found['fitted_on'])}, and judged on the others")
     if found["disagreeing"]:
         differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))
@@ -338,7 +338,7 @@ def _draws_passed(found: "Mapping[str, Any]") -> None:
         (law["label"], *(f"{c['passed']}/{c['draws']}" if c["runs"] else "-" for c in law["tasks"].values()))
         for law in found["laws"]
     ]
-    Table(f"{found['benchmark']}: draws passed", ("law", *heads), rows, right=heads, fixed=heads, width=40).show()
+    Listing(f"{found['benchmark']}: draws passed", ("law", *heads), rows, right=heads, fixed=heads, width=40).show()
     click.echo("; ".join(f"{task['number']} {name}" for name, task in tasks.items()))
     for law in found["laws"]:
         whys = {cell["reason"]: name for name, cell in law["tasks"].items() if not cell["runs"]}
@@ -401,7 +401,7 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
         heads = ("task", pair["first"], pair["second"], "only first", "only second", "difference", "95 % interval")
         rows = [tuple(sentences(name, task)) for name, task in pair["tasks"].items()]
         title = f"{pair['first']} and {pair['second']}: draws passed"
-        Table(title, heads, rows, right=heads[1:], width=80).show()
+        Listing(title, heads, rows, right=heads[1:], width=80).show()
     for note in found["notes"]:
         click.echo(printable(f"note: {note}"), err=True)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .common import Table, bad_input, facts, printable, warn
+from .common import Listing, bad_input, facts, printable, warn
 from .options import command, json_option
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _print_stages(listed: "Sequence[type[Stage]]") -> None:
         click.echo()
 
 
-def stage_list(cls: "type[Stage]") -> Table:
+def stage_list(cls: "type[Stage]") -> Listing:
     """The settings of a stage, with notes on its states."""
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
     summary_line = (written or "").strip().splitlines()
@@ -121,7 +121,7 @@ def stage_list(cls: "type[Stage]") -> Table:
     notes: tuple[str, ...] = (f"all other settings as in {preset_of}",) if preset_of else ()
     if cls.states:
         notes += ("states: " + ", ".join(f"{name} ({size})" for name, size in cls.states.items()),)
-    return Table(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes, width=80)
+    return Listing(title, (cls.room.setting, "default", "unit", "meaning"), rows, notes, width=80)
 
 
 def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
@@ -173,13 +173,13 @@ def keys(words: tuple[str, ...]) -> None:
         listed.show(_wanted(words, meanings, "key", str.startswith, near, of_a_stage))
 
 
-def key_list() -> Table:
+def key_list() -> Listing:
     """The keys of a scenario. Of a stage, only the keys that all stages of its table have."""
     from ..scenario import keys as scenario_keys
 
     title = "Keys of a scenario; `uvms-mj stages` lists the settings of each stage"
     rows = [(key, toml_value(default), meaning) for key, default, meaning in scenario_keys()]
-    return Table(title, ("key", "default", "meaning"), rows)
+    return Listing(title, ("key", "default", "meaning"), rows)
 
 
 def _wanted(
@@ -234,7 +234,7 @@ def signals(words: tuple[str, ...]) -> None:
         listed.show(wanted)
 
 
-def stage_signals(table: str) -> tuple[Table, Table]:
+def stage_signals(table: str) -> tuple[Listing, Listing]:
     """The signals that a stage of this table of a scenario receives and sets."""
     from ..scenario import STAGES
 
@@ -246,7 +246,7 @@ def stage_signals(table: str) -> tuple[Table, Table]:
     )
 
 
-def signal_list(title: str, listed: "Iterable[Signal]") -> Table:
+def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
     """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints or contacts."""
     from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
 
@@ -257,10 +257,10 @@ def signal_list(title: str, listed: "Iterable[Signal]") -> Table:
         counted = "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
         shape = " x ".join(str(length) if length else counted for length in signal.shape)
         rows.append((signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning))
-    return Table(title, ("name", "shape", "unit", "frame", "meaning"), rows, fixed=("name", "shape"), width=80)
+    return Listing(title, ("name", "shape", "unit", "frame", "meaning"), rows, fixed=("name", "shape"), width=80)
 
 
-def recorded_signals() -> list[Table]:
+def recorded_signals() -> list[Listing]:
     """The signals that a run records, and their bands."""
     from ..stages.signals import (
         BAND,
@@ -305,7 +305,7 @@ def metrics(words: tuple[str, ...]) -> None:
         listed.show(_wanted(words, meanings, "metric", str.__eq__, meanings))
 
 
-def metric_list() -> Table:
+def metric_list() -> Listing:
     """The metrics that a study can keep."""
     from ..studies.plan.metrics import METRICS, columns_of, unit_of_column
 
@@ -315,7 +315,7 @@ def metric_list() -> Table:
         shown = parts if len(parts) < 10 else [parts[0], "..", parts[-1]]
         columns = "" if parts == [name] else f"; .{', .'.join(shown)}"
         rows.append((name, unit_of_column(name), each.meaning + columns))
-    return Table("Metrics of a run", ("name", "unit", "meaning"), rows, fixed=("name",), width=80)
+    return Listing("Metrics of a run", ("name", "unit", "meaning"), rows, fixed=("name",), width=80)
 
 
 @command()
@@ -362,7 +362,7 @@ def _print_list(about: dict[str, dict[str, Any]]) -> None:
         rows.append((name, masses, *numbers, remarks))
     title = "Vehicles: --set vehicle.model=NAME; `uvms-mj vehicles NAME` lists the numbers of one"
     columns = ("name", "mass, displaced [kg]", "thrusters", "axes", "joints", "source, licence, trust")
-    Table(title, columns, rows, fixed=("name",), width=80, ruled=True).show()
+    Listing(title, columns, rows, fixed=("name",), width=80, ruled=True).show()
 
 
 def _print_one(name: str, each: dict[str, Any]) -> None:
@@ -377,7 +377,7 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
         limits = "none" if least == greatest == "none" else f"{least} .. {greatest}"
         thrusters.append((printable(thruster), *(f"{round(x, 4) + 0.0:.4g}" for x in given["wrench"]), limits))
     title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
-    Table(title, ("name", *AXES, "limits [N]"), thrusters, fixed=("name", *AXES), width=80).show()
+    Listing(title, ("name", *AXES, "limits [N]"), thrusters, fixed=("name", *AXES), width=80).show()
     if each["links"]:
         print_arm(each)
 
@@ -390,7 +390,7 @@ def print_arm(about: dict[str, Any]) -> None:
     joints = [
         (printable(link["joint"]), printable(link["name"]), link["type"], *_joint(link)) for link in about["links"]
     ]
-    Table("Joints, from the base outwards", columns, joints, fixed=("joint", "moves"), width=80).show()
+    Listing("Joints, from the base outwards", columns, joints, fixed=("joint", "moves"), width=80).show()
     for link in about["links"]:
         rows = [*coefficient_rows(link)]
         if link["strip_theory"]:
@@ -403,7 +403,7 @@ def print_arm(about: dict[str, Any]) -> None:
         sites.append((printable(name), *place, f"{site['radius']:.4g}", far))
     if sites:
         heads = ("site", "carried by", "position [m]", "radius [m]", "reach from the first joint [m]")
-        Table("Sites that can be the tool: --set task.frame=NAME", heads, sites, fixed=("site",), width=80).show()
+        Listing("Sites that can be the tool: --set task.frame=NAME", heads, sites, fixed=("site",), width=80).show()
 
 
 def _joint(link: dict[str, Any]) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ import click
 
 from .common import (
     EXIT_ENGINES_DIFFER,
+    Listing,
     Resumed,
-    Table,
     bad_input,
     draw_to_files,
     printable,
@@ -270,7 +270,7 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
         (printable(" ".join(filter(None, heads))), *("-" if value != value else f"{value:.4g}" for value in values))
         for heads, values in found.items()
     ]
-    Table(study.plan_of_results.name, ("", *laws), rows, right=laws, width=60).show()
+    Listing(study.plan_of_results.name, ("", *laws), rows, right=laws, width=60).show()
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
@@ -386,7 +386,7 @@ def _table(study: "Study") -> None:
     from ..studies.plan.metrics import in_words
 
     heads, *rows = study.table()
-    Table(study.plan.name, heads, rows, right=heads[1:], fixed=heads, width=60).show()
+    Listing(study.plan.name, heads, rows, right=heads[1:], fixed=heads, width=60).show()
     click.echo(f"{in_words(study.plan.success, 'contact.settled' in study.frame)}")
 
 

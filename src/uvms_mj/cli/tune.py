@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_ENGINES_DIFFER, Resumed, Table, bad_input, draw_to_files, printable
+from .common import EXIT_ENGINES_DIFFER, Listing, Resumed, bad_input, draw_to_files, printable
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
 from .study import duration, engines_differ, finite, pool_of
@@ -174,7 +174,7 @@ def _numbers(tuning: "Tuning", trial: Any) -> dict[str, Any]:
     }
 
 
-def _table(tuning: "Tuning", baseline: Any, best: Any) -> Table:
+def _table(tuning: "Tuning", baseline: Any, best: Any) -> Listing:
     """The baseline beside the best trial."""
     shown = [("the file's own", baseline), *([] if best is None else [(f"found, trial {best.number}", best)])]
     heads, trials = [head for head, _ in shown], [trial for _, trial in shown]
@@ -183,4 +183,4 @@ def _table(tuning: "Tuning", baseline: Any, best: Any) -> Table:
         for name, *values in tuning.compared(trials)
     ]
     rows.append(("state", *(trial.outcome.state for trial in trials)))
-    return Table(tuning.name, ("", *heads), rows, right=heads, width=60)
+    return Listing(tuning.name, ("", *heads), rows, right=heads, width=60)

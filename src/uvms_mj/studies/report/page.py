@@ -169,9 +169,7 @@ WEAK = 0.3
 """A sensitivity below this is not named."""
 
 
-def findings(
-    data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Sequence[tables.Failure]
-) -> list[str]:
+def findings(data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Table) -> list[str]:
     """What the numbers show: differences between laws, the strongest influences, the most frequent failure."""
     return [*_differences(pairs), *_influences(data, found), *_failures(failures)]
 
@@ -206,10 +204,11 @@ def _influences(data: StudyRows, found: Sensitivities) -> list[str]:
     return [f"Strongest influence, by {what}: {'; '.join(parts)}."] if parts else []
 
 
-def _failures(failures: Sequence[tables.Failure]) -> list[str]:
-    if not failures:
+def _failures(failures: Table) -> list[str]:
+    if not failures.rows:
         return []
-    total, first = sum(each.runs for each in failures), failures[0]
-    message = f": {first.message.rstrip('.')}" if first.message else ""
-    which = "all" if first.runs == total else f"most often {first.runs}"
-    return [f"{total} runs did not complete, {which} of {first.law}, {first.status}{message}."]
+    total = sum(cells[2] for _, cells in failures.rows)
+    law, (status, message, runs, *_) = failures.rows[0]
+    why = "" if message == "–" else f": {message.rstrip('.')}"
+    which = "all" if runs == total else f"most often {runs}"
+    return [f"{total} runs did not complete, {which} of {law}, {status}{why}."]

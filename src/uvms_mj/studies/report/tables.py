@@ -91,9 +91,8 @@ def quantiles(data: StudyRows) -> list[Table]:
         for law, at in data.rows.items():
             values = data.values(metric)[at]
             values = values[np.isfinite(values)]
-            numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else []
-            cells = [number(each, digits_of(numbers)) for each in numbers] or ["–"] * (len(heads) - 1)
-            rows.append((law, [len(values), *cells]))
+            numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else [np.nan] * (len(heads) - 1)
+            rows.append((law, [len(values), *(number(each, digits_of(numbers)) for each in numbers)]))
         found.append(Table(metric.label, heads, rows))
     return found
 
@@ -127,20 +126,8 @@ def signed(value: float) -> str:
     return ("+" if value >= ROUNDING else "") + short(value)
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Runs of a law that ended alike: status, message with its numbers left out, an example."""
-
-    law: str
-    status: str
-    message: str
-    runs: int
-    share: str
-    row: int
-
-
-def failures(data: StudyRows) -> tuple[list[Failure], int]:
-    """The most frequent failures, and the number of further kinds."""
+def failures(data: StudyRows) -> tuple[Table, int]:
+    """The most frequent failures, alike but for the numbers of their messages, and the number of further kinds."""
     lost = data.frame[~data.completed]
     alike = lost["message"].fillna("").map(lambda text: _NUMBER.sub("…", str(text)))
     found = []
@@ -148,9 +135,10 @@ def failures(data: StudyRows) -> tuple[list[Failure], int]:
         one = group.iloc[0]
         message = str(one["message"] or "") if len(group) == 1 else alike[group.index[0]]
         share = f"{100.0 * len(group) / len(data.rows[law]):.3g} %"
-        found.append(Failure(law, status, message, len(group), share, int(one["index"])))
-    found.sort(key=lambda each: -each.runs)
-    return found[:MOST_FAILURES], max(0, len(found) - MOST_FAILURES)
+        found.append((law, [status, message or "–", len(group), share, int(one["index"])]))
+    found.sort(key=lambda each: -each[1][2])
+    listed = Table("law", ["status", "message", "runs", "share", "e.g. row"], found[:MOST_FAILURES])
+    return listed, max(0, len(found) - MOST_FAILURES)
 
 
 @dataclass(frozen=True)
