@@ -34,6 +34,12 @@ WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
 
 
+def pytest_ignore_collect(collection_path, config):
+    """With the marker bits alone, files that have no such test are not even read."""
+    within = collection_path.relative_to(Path(__file__).parent).parts if config.option.markexpr == "bits" else ()
+    return True if within and within[0] not in FOR_EACH_COMMIT else None
+
+
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name != "test_site.py")  # the longest begins first: no worker waits
     for item in items:

@@ -29,6 +29,7 @@ def scenario_with(law: str, name: str, overrides, **settings) -> Scenario:
     return Scenario.load("push_wall", overrides | tables, law)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["bluerov1", "bluerov2_heavy"])
 @pytest.mark.parametrize(
     ("law", "own", "settings"),

@@ -64,6 +64,7 @@ def test_joints_begin_to_drift_as_fast_as_estimated(direction, vehicle):
     assert np.abs(estimated - measured).max() < 0.1 * measured.max()
 
 
+@pytest.mark.slow
 def test_joints_follow_the_tool_as_fast_as_estimated():
     """In still water: the largest speed of the joints as the tool moves by 0.1 m."""
     base = {"wall.present": False, "current.speed": 0.0, "simulation.duration": 6.0} | COARSE
@@ -105,6 +106,7 @@ def test_what_the_posture_the_motors_or_the_thrusters_cannot_hold_is_named_befor
     assert reason in note
 
 
+@pytest.mark.slow
 def test_the_warning_reaches_the_run():
     folding = {"posture.order": ["attitude"], "current.direction_deg": 0.0}
     with Simulation(Scenario.load("tool_push", folding)) as sim:

@@ -170,6 +170,7 @@ def test_at_a_tool_inertia_and_damping_follow_the_arm(at_tool):
         assert np.abs(sim.signals.M_hat - first).max() > 0.05 * np.abs(first).max()
 
 
+@pytest.mark.slow
 def test_at_a_tool_the_law_needs_no_force(at_tool):
     settings = at_tool | {"estimates.inertia": 1.2, "simulation.duration": 0.5}
     wrong = settings | {"navigation.name": "sensors", "navigation.force_bias": [3.0, -2.0, 1.0]}

@@ -68,6 +68,7 @@ def test_it_stands_a_current_from_above():
     check_rest(in_current(np.array([0.0, 0.0, -0.5])))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize("azimuth", [60.0])
 def test_the_alpha_5_holds_its_tool_where_its_gears_do_not_stick(azimuth):

@@ -103,6 +103,7 @@ def test_friction_of_the_gears_and_other_laws_have_no_closed_form(model, tmp_pat
         assert reason in state.reason
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_wall_of_the_list_is_the_same_wall_at_the_tool(model):
     """With friction, in flight, impact and rest, but for the inerter of MuJoCo's pair."""

@@ -102,6 +102,7 @@ CROSS[1, 5], CROSS[2, 4], CROSS[4, 2], CROSS[5, 1] = 1.5, -1.5, 0.4, -0.4
 """As between sway and yaw, heave and pitch of a vehicle with fins, at BlueROV1's size."""
 
 
+@pytest.mark.slow
 def test_the_loop_is_the_twins_with_cross_damping(tmp_path):
     """In the plant and, wrong by a factor, in the law's estimate; without the cross terms it is another motion."""
     plain = TwinParameters(

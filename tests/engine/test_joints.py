@@ -52,6 +52,7 @@ def scenario(tmp_path):
 # motors
 
 
+@pytest.mark.slow
 def test_the_time_of_a_motor_at_its_limit_is_counted_at_every_step(scenario):
     """Of the shoulder, whose limit is 9 N m and then that of its torque-speed line; the jaw gives up to 20 N."""
     push = {"joints.name": scenario.push, "joints.push": 8.999, "joints.begins": 0.25, "simulation.duration": 1.0}
@@ -181,6 +182,7 @@ def test_the_velocity_interface_holds_a_velocity_against_the_weight(scenario):
 # the encoder
 
 
+@pytest.mark.slow
 def test_the_interface_is_given_what_the_encoder_reads(scenario):
     """A biased encoder: the joint rests beside its target by the bias."""
     own = {"encoder.name": "encoder", "encoder.bias": [0.02, -0.003], "simulation.duration": 1.0}

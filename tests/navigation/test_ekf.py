@@ -48,6 +48,7 @@ def band(degrees):
     return chi2.ppf([0.025, 0.975], degrees * SEEDS) / SEEDS
 
 
+@pytest.mark.slow
 def test_the_filter_is_consistent_over_50_seeds():
     """The mean NEES of 15 states, and the mean of the squares of the 8 innovations of an instant, in their 95 % bands:
     before the contact, at the impact and after it. The band is 10 % wide: a filter that takes its noise for 0.8 or

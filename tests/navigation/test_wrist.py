@@ -63,6 +63,7 @@ def test_a_tree_that_tumbles_in_a_current_gives_the_wrench_of_the_twin(scenario,
         assert np.array_equal(sim.signals.wrench_m_S, sim.signals.wrench_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
     """In the frame of a turned site beside the link's origin."""
@@ -127,6 +128,7 @@ def swing(tmp_path, timestep, compensation, **others):
     return simulate(Scenario.load("push_wall", overrides))
 
 
+@pytest.mark.slow
 def test_the_derived_force_of_a_swing_without_contact(tmp_path):
     """Inertia and water are mistaken for a contact if the weight alone is compensated. With the whole model a
     first-order error of the differences is left."""

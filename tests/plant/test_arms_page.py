@@ -34,6 +34,7 @@ def scenario(tmp_path, *parts: str) -> Scenario:
     return Scenario.load(str(tmp_path / "mine.toml"), {"simulation.duration": 6.0})
 
 
+@pytest.mark.slow
 def test_the_joints_go_where_the_scenario_of_the_page_says(tmp_path):
     trace = simulate(scenario(tmp_path, MOVES))
     assert np.allclose(trace.q[0], [0.5, -1.0], atol=1e-12)

@@ -65,6 +65,7 @@ def energy(trace: Trace, k: int) -> float:
     return float(total)
 
 
+@pytest.mark.slow
 def test_walls_store_and_return_the_energy_of_all_links(loose):
     """Energy plus the work on the walls stays the same, but for the error of first order of the time step."""
     errors = []

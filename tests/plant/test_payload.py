@@ -37,6 +37,7 @@ def test_mujoco_carries_the_payloads_of_the_true_vehicle(scenario, factor):
     np.testing.assert_allclose(true.arm.links[2].mass * true.arm.links[2].r_g, moment, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_payload_acts_and_the_law_does_not_know_it(scenario):
     """At rest the true joint torques of weight and buoyancy are those of the file plus those of the payload."""
     with Simulation(scenario) as loaded, Simulation(scenario.updated({"vehicle.payloads": []})) as bare:

@@ -132,6 +132,7 @@ def lauv() -> TwinParameters:
     )
 
 
+@pytest.mark.slow
 def test_lauvs_cross_damping_is_that_of_the_matrix_equation(rng):
     """MuJoCo's acceleration equals that of the matrix equation at 200 random states. The cross terms are not small."""
     parameters, missing = lauv(), []

@@ -183,6 +183,7 @@ def test_a_study_varies_a_parameter_of_an_fmu(pd, in_python, tmp_path):
     assert frames[0].equals(frames[1])
 
 
+@pytest.mark.slow
 def test_a_benchmark_takes_an_fmu(pd, in_python, tmp_path):
     laws = bench([pd, "label=unit", in_python], tmp_path / "out", only=["two_contacts"], draws=1, workers=1)["laws"]
     cells = [law["tasks"]["two_contacts"] for law in laws]

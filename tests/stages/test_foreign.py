@@ -187,6 +187,7 @@ def test_a_library_is_the_c_file_that_it_was_made_of(tmp_path):
     assert "struct signals" in b.header.law.code
 
 
+@pytest.mark.slow
 def test_a_study_varies_a_gain_in_c_as_one_in_python(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_new("law", "in_c", language="c")
