@@ -94,10 +94,14 @@ def _engine(request):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Figures are made and written as empty pictures: tests/views lays them out and draws them."""
-    for name in ("layout_engine.ConstrainedLayoutEngine.execute", "figure.Figure.draw"):
-        monkeypatch.setattr(f"matplotlib.{name}", lambda *_: None)
-    monkeypatch.setattr("uvms_mj.views.figures.compose.place", lambda *_: None)
+    """Figures and scenes are made and written as empty pictures: tests/views lays them out and draws them."""
+    for name in (
+        "matplotlib.layout_engine.ConstrainedLayoutEngine.execute",
+        "matplotlib.figure.Figure.draw",
+        "uvms_mj.views.figures.compose.place",
+        "mujoco.mjr_render",
+    ):
+        monkeypatch.setattr(name, lambda *_: None)
 
 
 @cache
