@@ -23,7 +23,7 @@ import tomli_w
 from ..errors import InputError
 from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan.metrics import COMPLETED, METRICS, columns_of, unit_of_column
+from .plan.metrics import AFTER, BEFORE, COMPLETED, METRICS, columns_of, unit_of_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,17 +45,12 @@ def blocks(runs: int) -> list[range]:
 
 def schema_of(plan: "Plan") -> pa.Schema:
     """The columns of the rows, without those of a user's metrics, whose names are known when they have run."""
-    varied = [(key, _type([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)]
-    metrics = [
-        (column, _TYPES[METRICS[place].kind])
-        for place in plan.metrics
-        if place in METRICS
-        for column in columns_of(place)
-    ]
-    before = [("index", pa.int64()), ("draw", pa.int64()), ("law", pa.string()), ("repeat", pa.int64())]
-    after = [("status", pa.string()), ("message", pa.string()), ("steps", pa.int64()), ("warnings", pa.int64())]
-    after += [("success", pa.bool_()), ("engine", pa.string())]
-    return pa.schema([*before, ("seed", pa.int64()), *varied, *after, *metrics])
+    varied = {key: _type([point[i] for point in plan.points]) for i, key in enumerate(plan.varied)}
+    metrics = {
+        column: METRICS[place].kind for place in plan.metrics if place in METRICS for column in columns_of(place)
+    }
+    kinds = {**BEFORE, **varied, **AFTER, **metrics}
+    return pa.schema([(column, _TYPES.get(kind, kind)) for column, kind in kinds.items()])
 
 
 def _type(values: list[Any]) -> pa.DataType:
@@ -279,9 +274,6 @@ def frame(folder: Path) -> "pd.DataFrame":
 
 NOT_DONE = "not done"
 """Status of a run without a row."""
-_TEXTS, _ENDS = ("status", "message", "engine"), ("status", "message", "steps", "warnings", "engine")
-"""Columns of texts, and columns that also a run that did not complete has."""
-_OF_ROWS = ("draw", "law", "repeat", "seed")
 
 
 def dataset(plan: "Plan", frame: "pd.DataFrame") -> "xr.Dataset":
@@ -296,9 +288,11 @@ def dataset(plan: "Plan", frame: "pd.DataFrame") -> "xr.Dataset":
     axes, coordinates = _design(plan)
     dims = (*axes, "law", "repeat")
     shape = (*axes.values(), len(plan.laws), plan.repeats)
-    rows = frame.set_index("index").drop(columns=[*_OF_ROWS, *plan.varied])
+    rows = frame.set_index("index").drop(columns=[*(name for name in BEFORE if name != "index"), *plan.varied])
     completed = rows["status"] == COMPLETED
-    rows = rows.apply(lambda column: column if column.name in _ENDS else column.where(completed))
+    rows = rows.apply(
+        lambda column: column if column.name in AFTER and column.name != "success" else column.where(completed)
+    )
     rows = rows.reindex(range(plan.runs)).fillna({"status": NOT_DONE})
     variables: dict[str, Any] = {name: (dims, _plain(column).reshape(shape)) for name, column in rows.items()}
     found = xr.Dataset(
@@ -316,7 +310,7 @@ def dataset(plan: "Plan", frame: "pd.DataFrame") -> "xr.Dataset":
 
 def _plain(column: "pd.Series") -> np.ndarray:
     """Texts with None for missing ones; numbers and flags as floats with nan."""
-    if column.name in _TEXTS or column.map(lambda value: isinstance(value, str)).any():
+    if AFTER.get(column.name) is str or column.map(lambda value: isinstance(value, str)).any():
         return column.astype(object).where(column.notna(), None).to_numpy()
     return column.to_numpy(dtype=float, na_value=np.nan)
 

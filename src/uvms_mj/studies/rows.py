@@ -44,7 +44,7 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
-from .plan.metrics import METRICS, columns_of, succeeded, users_numbers
+from .plan.metrics import AFTER, BEFORE, METRICS, columns_of, succeeded, users_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,10 +83,9 @@ def log_of(bundle: "StudyBundle", index: int, engine: str) -> bytes:
 
 def _blank(plan: "Plan", index: int) -> dict[str, Any]:
     run = plan.run(index)
-    row = {"index": index, "draw": run.draw, "law": run.law, "repeat": run.repeat, "seed": run.seed}
-    varied = {key: run.values.get(key) for key in plan.varied}
-    row |= varied | {"status": "", "message": "", "steps": None, "warnings": None}
-    row |= {"success": False, "engine": plan.engine}
+    row = dict(zip(BEFORE, (index, run.draw, run.law, run.repeat, run.seed), strict=True))
+    row |= {key: run.values.get(key) for key in plan.varied} | dict.fromkeys(AFTER)
+    row |= {"status": "", "message": "", "success": False, "engine": plan.engine}
     return row | {column: None for place in plan.metrics if place in METRICS for column in columns_of(place)}
 
 

@@ -57,8 +57,15 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
     return functions[word]
 
 
-OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "success", "engine")
-"""The columns of every row besides the keys that vary and the metrics."""
+BEFORE: Mapping[str, type] = {"index": int, "draw": int, "law": str, "repeat": int, "seed": int}
+"""The columns of every row that stand before the keys that vary, with their types."""
+AFTER: Mapping[str, type] = {
+    **dict.fromkeys(("status", "message"), str),
+    **dict.fromkeys(("steps", "warnings"), int),
+    **{"success": bool, "engine": str},
+}
+"""The columns that stand between the keys that vary and the metrics."""
+OF_ROWS = (*BEFORE, *AFTER)
 METRICS = {name: each for name, each in NUMBERS.items() if not each.not_kept}
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``."""
 
@@ -75,7 +82,9 @@ def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> 
     """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]
     tables = {place.partition(".")[0] for place in (*METRICS, *varied)}
-    return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
+    return (
+        column in (*BEFORE, *AFTER) or column in tables or any(column == other.rpartition(":")[2] for other in others)
+    )
 
 
 def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:
