@@ -59,7 +59,7 @@ def test_rows_hide_nothing_of_the_steps(every_step, rows):
 
 
 def test_the_course_is_the_push_in_parts(every_step, rows):
-    found = hold.course(rows)
+    found = hold.course(rows, PARTS)
     steps = np.arange(len(every_step) - 1) * PARTS // (len(every_step) - 1)
     parts = [every_step.push[1:][steps == i] for i in range(PARTS)]
     assert np.allclose(found["mean"], [part.mean() for part in parts], atol=0.15)  # half a step

@@ -17,7 +17,6 @@ from ..physics.frames import rotation_matrix
 from ..records.header import Status
 from ..records.trace import Trace
 from .metrics import settling_time
-from .summary import PARTS
 
 HOLD_S = 5.0
 """Length of the hold [s]."""
@@ -133,12 +132,12 @@ def settling(trace: Trace) -> float | None:
     return None if since is None else max(0.0, since - float(trace.first_contact[-1]))
 
 
-def course(trace: Trace) -> dict[str, np.ndarray]:
-    """Mean, least and greatest push (60,) in each sixtieth of the run's duration, at every step [N]; nan after the end
+def course(trace: Trace, parts: int) -> dict[str, np.ndarray]:
+    """Mean, least and greatest push (parts,) in equal parts of the run's duration, at every step [N]; nan after the end
     of a run that ended early. They need the whole run."""
-    edges = np.linspace(0.0, trace.scenario.simulation.duration, PARTS + 1)
+    edges = np.linspace(0.0, trace.scenario.simulation.duration, parts + 1)
     at = np.minimum(np.searchsorted(trace.t, edges - 1e-9), len(trace) - 1)
-    found = {name: np.full(PARTS, np.nan) for name in ("mean", "least", "greatest")}
+    found = {name: np.full(parts, np.nan) for name in ("mean", "least", "greatest")}
     low, high = trace.band("push")
     for i, (a, b) in enumerate(itertools.pairwise(at)):
         if b > a and trace.t[b] >= edges[i + 1] - 1e-6 * edges[-1]:

@@ -172,7 +172,7 @@ def _push(name: str) -> "Callable[[Trace], list[float] | None]":
     def found(trace: "Trace") -> list[float] | None:
         from .hold import course
 
-        return course(trace)[name].tolist() if len(trace) else None
+        return course(trace, PARTS)[name].tolist() if len(trace) else None
 
     return found
 

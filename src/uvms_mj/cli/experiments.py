@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from .common import Listing, Resumed, Stop, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
-from .folders import alone_in, folder_for, move_aside
+from .folders import folder_for, move_aside
 from .options import (
     asked_for,
     command,
@@ -61,6 +61,8 @@ def paper(
     running = source is None
     place = Path(source or out or "")
     with filling(place, lambda: "" if running else "; the logs are complete: redraw with --from"):
+        from ..files import locked
+
         jobs = _jobs(arguments, settings, out, source)
         from ..reproduce.paper import runs as study
         from ..reproduce.paper import write
@@ -69,7 +71,7 @@ def paper(
         if source is not None:
             runs = study.load(logs, jobs)
         folder = folder_for(out or source or "")
-        with alone_in(folder):
+        with locked(folder):
             if running:
                 figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
                 move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")

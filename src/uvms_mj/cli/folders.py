@@ -6,7 +6,7 @@ import itertools
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,16 +35,6 @@ def folder_for(name: str) -> Path:
     return folder
 
 
-@contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder against other runs. The lock belongs to the process and leaves no file. Raises InputError if
-    another run is writing there."""
-    from ..files import locked
-
-    with locked(folder):
-        yield
-
-
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
     """Move earlier results to a subfolder: logs are not overwritten, and old pictures not mixed with new logs."""
     earlier = [path for path in paths if path.exists()]
@@ -59,17 +49,17 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
 
 
 class RunFolder:
-    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml. With a log go its
-    figures and exports that have the names which the commands choose."""
+    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
 
-    def __init__(self, folder: Path, files: dict[str, Path]) -> None:
-        """``files`` gets the paths of the run's files, by kind, when these may be overwritten."""
-        self.folder, self.files = folder, files
+    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str] = ()) -> None:
+        """``files`` gets the paths of the run's files, by kind, when these may be overwritten. ``made`` are the names
+        of files that are made from a log, and go with it."""
+        self.folder, self.files, self.made = folder, files, made
 
     def begin(self, header: "Header") -> None:
         paths = {"mcap": self.folder / LOG, "scenario": self.folder / SCENARIO}
-        made = _made_from_a_log() if paths["mcap"].exists() else ()
-        move_aside(self.folder, (*paths.values(), *(self.folder / name for name in made)), "the earlier run")
+        made = [self.folder / name for name in self.made] if paths["mcap"].exists() else []
+        move_aside(self.folder, (*paths.values(), *made), "the earlier run")
         self.files |= paths
         paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
 
@@ -78,14 +68,6 @@ class RunFolder:
 
     def end(self, outcome: Any) -> None:
         pass
-
-
-def _made_from_a_log() -> list[str]:
-    """The names of the files that commands write beside a log unless they are given others."""
-    from .logs import FORMATS
-    from .plot import WHATS
-
-    return [*(f"{what}.png" for what in WHATS), *(str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4"))]
 
 
 def output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, warn
-from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
+from .folders import LOG, RunFolder, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
@@ -51,9 +51,11 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
+            from ..files import locked
+
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             folder, made = output_folder(out, scenario)
-            with alone_in(folder):
+            with locked(folder):
                 try:
                     status = run_and_report(
                         scenario,
@@ -174,8 +176,11 @@ def run_and_report(
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.mcap import McapLog
+    from .logs import FORMATS
+    from .plot import WHATS
 
-    sinks: list[Sink] = [RunFolder(folder, files), McapLog(folder / LOG)]
+    made = [f"{what}.png" for what in WHATS] + [str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4")]
+    sinks: list[Sink] = [RunFolder(folder, files, made), McapLog(folder / LOG)]
     if viewer:
         from ..views.rerun import LiveView
 
@@ -334,6 +339,7 @@ def sitl(
     """
     from ..engine.ardupilot import PORT, ArduPilot, given_motors, motors_of, steps_of
     from ..errors import InputError
+    from ..files import locked
     from ..scenario import Scenario
     from ..setup.base import set_up
     from ..studies.rows import chosen_engine
@@ -359,7 +365,7 @@ def sitl(
         steps = steps_of(rate, scenario.simulation.timestep)
         place = PORT + 10 * instance if port is None else port
         folder, made = output_folder(out, scenario)
-        with alone_in(folder):
+        with locked(folder):
             peer = ArduPilot(channels, signs, steps, depth, place, host)
             try:
                 if not quiet:
