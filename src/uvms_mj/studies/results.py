@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import json
 import math
+import operator
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -131,8 +132,11 @@ def begin(path: Path, plan: "Plan", bundle: "StudyBundle", tables: Mapping[str, 
         InputError: the folder has another study.
     """
     refuse_another(path, plan, bundle, tables, *free)
-    put(path.with_name(VERSION), lambda file: file.write(json.dumps(about_of(plan, bundle), indent=1).encode()))
-    put(path, lambda file: file.write(tomli_w.dumps(tables or plan.tables).encode()))
+    about = json.dumps(about_of(plan, bundle), indent=1)
+    for each, text in ((path.with_name(VERSION), about), (path, tomli_w.dumps(tables or plan.tables))):
+        data = text.encode()
+        if not each.exists() or each.read_bytes() != data:
+            put(each, operator.methodcaller("write", data))
 
 
 def refuse_another(
