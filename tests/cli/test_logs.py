@@ -42,7 +42,8 @@ def test_info_prints_the_runs_table_again_and_what_the_log_holds(command, log):
     assert report["rows"] == 301
     assert report["signals"]["tau"] == {"shape": [6], "unit": "N, N m", "frame": "B"}
     assert "run.json" in report["attachments"]
-    assert command("info", log, "--show", "scenario.toml").stdout == trace.scenario.to_toml()
+    assert (shown := command("info", log, "--show", "scenario.toml").stdout) == trace.scenario.to_toml()
+    assert json.loads(command("info", log, "--show", "scenario.toml", "--json").stdout) == {"scenario.toml": shown}
     assert "did you mean 'scenario.toml'" in command("info", log, "--show", "scenaro.toml").stderr
 
 

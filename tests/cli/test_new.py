@@ -133,6 +133,13 @@ def test_a_name_that_is_not_a_plain_word_is_refused(here, tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["numpy", "uvms_mj", "json"])
+def test_a_name_that_would_hide_a_module_is_refused(here, tmp_path, name):
+    done = here("new", "law", name)
+    assert (done.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert done.stderr.startswith(f"error: NAME {name!r}: is a module")
+
+
 @pytest.mark.parametrize(("word", "kind"), [("controller", "law"), ("navigation", "sensor"), ("guidance", "reference")])
 def test_a_table_and_its_words_name_the_kind_of_file(here, word, kind):
     assert here("new", word, "mine").stdout == here("new", kind, "mine", "--force").stdout

@@ -29,6 +29,22 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(here, study_file):
     assert [path.name for path in Path().iterdir()] == ["s.toml"]
 
 
+def test_a_dry_run_says_what_the_folder_has(here, study_file):
+    assert here("study", "s.toml", "--out", "out", "--quiet").exit_code == 0
+    assert "time: every run is done" in here("study", "s.toml", "--out", "out", "--dry-run").stdout
+    other = here("study", "s.toml", "--out", "out", "--dry-run", "design.seed=9")
+    assert (other.exit_code, other.stdout) == (2, "")
+    assert "which differs in design.seed; choose another folder" in other.stderr
+
+
+def test_a_table_says_how_many_runs_are_done(here, study_file):
+    assert here("study", "s.toml", "--out", "out", "--quiet").exit_code == 0
+    Path("out/rows/part-00001.parquet").unlink()
+    assert "s: 3 of 4 runs" in here("study", "table", "out").stdout
+    here("study", "table", "out", "--out", "t.tex")
+    assert Path("t.tex").read_text().startswith("% study s: 3 of 4 runs\n")
+
+
 def test_a_study_prints_its_head_and_a_table_or_one_object(here, study_file):
     done = here("study", "s.toml", "--out", "out", "design.runs=3", "-j", "1")
     assert done.exit_code == 0, done.output

@@ -20,8 +20,9 @@ from pandas.testing import assert_frame_equal
 
 from forked import ended, started
 from short_study import HERE, study_text
-from uvms_mj import InputError, Scenario, Study, simulate
+from uvms_mj import InputError, Scenario, Study, files, simulate
 from uvms_mj.studies import results
+from uvms_mj.studies.pool import bundle
 from uvms_mj.studies.pool.execution import kept
 from uvms_mj.studies.pool.executors import WorkerLost, Workers
 
@@ -156,6 +157,33 @@ def test_a_damaged_part_is_run_again(whole, study_file, tmp_path, damage):
     study.run(folder, executor=HERE)
     assert study.damaged == ("part-00003.parquet",)
     same(whole.folder, folder)
+
+
+@pytest.mark.parametrize(
+    ("stray", "said"), [("copy", r"two parts have the row 3"), ("other", "a part of another study")]
+)
+def test_a_part_that_is_not_the_studys_counts_no_run(whole, study_file, stray, said, tmp_path):
+    folder = tmp_path / "out"
+    shutil.copytree(whole.folder, folder)
+    if stray == "copy":
+        shutil.copy(folder / "rows" / "part-00003.parquet", folder / "rows" / "part-00003 (copy).parquet")
+    else:
+        other = Study.load(study_file(runs=6), {"design.seed": 9}).run(tmp_path / "other", executor=HERE)
+        shutil.copy(other.folder / "rows" / "part-00004.parquet", folder / "rows")
+    with pytest.raises(InputError, match=said):
+        _ = Study.load(folder).frame
+
+
+def test_a_shipped_vehicle_is_a_part_of_the_study(whole, tmp_path, monkeypatch):
+    models = {**files.shipped("models"), "bluerov1": tmp_path / "bluerov1.xml"}
+    models["bluerov1"].write_text(files.shipped("models")["bluerov1"].read_text().replace('mass="7.31"', 'mass="8.31"'))
+    monkeypatch.setattr(bundle, "shipped", lambda kind: models)
+    bundle.code.cache_clear()
+    try:
+        with pytest.raises(InputError, match=r"begun with other code: vehicles \w+ then, \w+ now"):
+            Study(whole.plan).run(whole.folder, executor=HERE)
+    finally:
+        bundle.code.cache_clear()
 
 
 def test_a_flipped_bit_is_found_or_changes_nothing(whole, tmp_path):

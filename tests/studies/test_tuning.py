@@ -15,7 +15,7 @@ from short_study import HERE
 from short_tuning import force_at, stiffness_for, tuning_text
 from uvms_mj import InputError, Scenario, Study, simulate
 from uvms_mj.studies.tune import Tuning
-from uvms_mj.studies.tune.search import JOURNAL
+from uvms_mj.studies.tune.search import JOURNAL, optuna
 from uvms_mj.studies.tune.tuning import FOUND, TRIALS
 
 AT_LEAST_10_N = """
@@ -166,9 +166,22 @@ def test_a_folder_of_another_tuning_is_refused(whole, tuning_file):
         other.run(whole, executor=HERE)
 
 
+def test_a_tuning_goes_on_with_the_same_search_alone(whole, tuning_file, monkeypatch):
+    monkeypatch.setattr(optuna(), "__version__", "0.0")
+    with pytest.raises(InputError, match=r"begun with other code: optuna [\d.]+ then, 0\.0 now"):
+        Tuning.load(tuning_file(duration=0.5)).run(whole, executor=HERE)
+
+
+def test_a_tuning_does_not_begin_in_the_folder_of_a_study(tuning_file, tmp_path):
+    tuning = Tuning.load(tuning_file(duration=0.5))
+    Study(tuning.plan).run(tmp_path / "out", executor=HERE)
+    with pytest.raises(InputError, match=r"has the results of a study; choose another folder"):
+        tuning.run(tmp_path / "out", executor=HERE)
+
+
 def test_a_study_does_not_begin_in_the_folder_of_a_tuning(whole, tuning_file):
     study = Study(Tuning.load(tuning_file(duration=0.5)).plan)
-    with pytest.raises(InputError, match=r"has the results of a tune\.toml; choose another folder"):
+    with pytest.raises(InputError, match=r"has the results of a tuning; choose another folder"):
         study.run(whole, executor=HERE)
 
 

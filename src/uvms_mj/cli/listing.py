@@ -169,7 +169,7 @@ def keys(words: tuple[str, ...]) -> None:
 
         listed = key_list()
         near = {part for key, *_ in listed.rows for part in (key, *key.split("."))}
-        meanings = {key: meaning for key, _, meaning in listed.rows}
+        meanings = {key: meaning for key, *_, meaning in listed.rows}
         listed.show(_wanted(words, meanings, "key", str.startswith, near, of_a_stage))
 
 
@@ -301,7 +301,7 @@ def metrics(words: tuple[str, ...]) -> None:
     """
     with bad_input():
         listed = metric_list()
-        meanings = {name: said for name, _, said in listed.rows}
+        meanings = {name: said for name, *_, said in listed.rows}
         listed.show(_wanted(words, meanings, "metric", str.__eq__, meanings))
 
 

@@ -49,7 +49,13 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         if show is not None:
             if show not in files:
                 raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
-            sys.stdout.buffer.write(files[show])
+            if not as_json:
+                sys.stdout.buffer.write(files[show])
+                return
+            try:
+                click.echo(json.dumps({show: files[show].decode()}))
+            except UnicodeDecodeError:
+                raise InputError(f"--show {show}: is no text; leave out --json") from None
             return
         trace = Trace.of(header, rows, outcome)
         say_if_truncated(log, trace)

@@ -1,6 +1,7 @@
 """``uvms-mj new``: a commented file of the user's own, which runs as it is."""
 
 import keyword
+import sys
 from pathlib import Path
 
 import click
@@ -92,12 +93,14 @@ def write_new(
         return _in_c(kind, name, out, origin, force)
     cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
     if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
-        hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
-        raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
+        hint = "must be a word of letters a to z, digits and _ that begins with a letter, and not one of Python's own"
+        raise InputError(f"NAME {name!r}: {hint}, as my_{kind}; --out names a folder")
     if kind != "vehicle" and (origin or thrusters):
         raise InputError(f"{'--from' if origin else '--thrusters'}: is for a vehicle, not for a {kind}")
     template, use = KINDS[kind]
     path = Path(out or ".", f"{name}{Path(template).suffix}")
+    if kind in IN_C and name in {*sys.stdlib_module_names, "uvms_mj", "numpy", "scipy", "mujoco", "matplotlib"}:
+        raise InputError(f"NAME {name!r}: is a module, which this file would hide; choose another name, as my_{kind}")
     refuse_existing("NAME", path, force)
     source = Path(__file__).parent / "templates" / f"{template}.txt"
     text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)

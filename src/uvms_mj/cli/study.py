@@ -270,7 +270,7 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
         (printable(" ".join(filter(None, heads))), *("-" if value != value else f"{value:.4g}" for value in values))
         for heads, values in found.items()
     ]
-    Listing(study.plan_of_results.name, ("", *laws), rows, right=laws, width=60).show()
+    Listing(study.title, ("", *laws), rows, right=laws, width=60).show()
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
@@ -280,11 +280,10 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
         return None
     from ..studies.pool.bundle import StudyBundle
     from ..studies.pool.execution import estimate
-    from ..studies.results import STUDY, refuse_another, share_done
+    from ..studies.results import STUDY, about_of, refuse_another, share_done
 
     bundle = StudyBundle.of(study.plan)
-    if not dry_run:
-        refuse_another(folder / STUDY, study.plan, bundle)
+    refuse_another(folder / STUDY, study.plan.tables, about_of(study.plan, bundle))
     bundle.plan()  # as a worker will
     plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
     expected = estimate(plan, size)
@@ -292,9 +291,12 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
         return expected
     rest = f" for the last {1.0 - done:.0%}, the others are done" if done else ""
     workers = f"{size} worker{'s' if size > 1 else ''}"
+    time = (
+        f"about {duration(expected.seconds * (1.0 - done))} on {workers}{rest}" if done < 1.0 else "every run is done"
+    )
     lines = [
         plan.text(),
-        f"time: about {duration(expected.seconds * (1.0 - done))} on {workers}{rest}",
+        f"time: {time}",
         f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
     ]
     click.echo(printable("\n".join(lines)), err=not dry_run)

@@ -66,6 +66,7 @@ def tune(dry_run: bool, workers: int | None, scheduler: str | None, as_json: boo
     with bad_input():
         tuning, folder = _chosen(**asked)
     with resumed.filling(folder):
+        tuning.refuse_another(folder)
         with pool_of(scheduler, workers) as executor:
             if dry_run or not (as_json or quiet):
                 _head(tuning, executor.size, folder, dry_run, as_json)

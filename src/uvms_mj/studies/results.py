@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .pool.bundle import StudyBundle
 
 STUDY, TUNING, VERSION = "study.toml", "tune.toml", "version.json"
+_NOUNS = {STUDY: "study", TUNING: "tuning"}
 _MOST_PARTS = 1000
 _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}
 
@@ -76,7 +77,7 @@ class StudyFolder:
         self.folder, self._schema, self._digest = folder, schema_of(plan), bundle.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        begin(folder / STUDY, plan, bundle)
+        begin(folder / STUDY, plan.tables, about_of(plan, bundle))
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
@@ -120,40 +121,38 @@ class StudyFolder:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
-def begin(path: Path, plan: "Plan", bundle: "StudyBundle", tables: Mapping[str, Any] | None = None, *free: str) -> None:
+def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], *free: str) -> None:
     """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun.
 
     Args:
         path: the file, study.toml or tune.toml.
-        tables: the contents of the file; default: the tables of the plan.
+        tables: its contents.
+        about: the contents of version.json, of :func:`about_of`.
         free: keys that may differ from those that the folder was begun with.
 
     Raises:
         InputError: the folder has another study.
     """
-    refuse_another(path, plan, bundle, tables, *free)
-    about = json.dumps(about_of(plan, bundle), indent=1)
-    for each, text in ((path.with_name(VERSION), about), (path, tomli_w.dumps(tables or plan.tables))):
+    refuse_another(path, tables, about, *free)
+    for each, text in ((path.with_name(VERSION), json.dumps(about, indent=1)), (path, tomli_w.dumps(tables))):
         data = text.encode()
         if not each.exists() or each.read_bytes() != data:
             put(each, operator.methodcaller("write", data))
 
 
-def refuse_another(
-    path: Path, plan: "Plan", bundle: "StudyBundle", tables: Mapping[str, Any] | None = None, *free: str
-) -> None:
+def refuse_another(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], *free: str) -> None:
     """Raise InputError if the folder of a file was begun with another one; otherwise as :func:`begin`."""
     folder = path.parent
-    begun = [each for each in (STUDY, TUNING) if (folder / each).exists()]
-    if begun == [path.name] or any(folder.glob("rows/part-*.parquet")):
-        check_same(path, tables or plan.tables, about_of(plan, bundle), free)
-    elif begun:
-        raise InputError(f"{folder}: has the results of a {begun[0]}; choose another folder")
+    begun = [name for name in _NOUNS if (folder / name).exists()]
+    if begun and path.name not in begun:
+        raise InputError(f"{folder}: has the results of a {_NOUNS[begun[0]]}; choose another folder")
+    if begun or any(folder.glob("rows/part-*.parquet")):
+        check_same(path, tables, about, free)
 
 
 def share_done(folder: Path, plan: "Plan") -> float:
     """Share of a study's blocks that have a part in a folder."""
-    parts = len(list((folder / "rows").glob("part-*.parquet")))  # those of another study are refused
+    parts = len(list((folder / "rows").glob("part-*.parquet")))
     return min(1.0, parts / len(blocks(plan.runs)))
 
 
@@ -193,26 +192,28 @@ def units_of(folder: Path, keys: Sequence[str]) -> dict[str, str]:
     return {key: unit for key, unit in units.items() if unit.isprintable() and len(unit) < 40}
 
 
-def check_same(path: Path, tables: Mapping[str, Any], about: dict[str, Any], free: Sequence[str] = ()) -> None:
+def check_same(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], free: Sequence[str]) -> None:
     """Raise InputError unless a folder has the same file, begun with the same code and files. The file at ``path`` was
     written from the tables of its study; nothing that it names is imported. Keys in ``free`` may differ."""
-    folder = path.parent
+    folder, noun = path.parent, _NOUNS[path.name]
     then = version_of(folder)
     try:
         before = parsed_toml(text_of(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder}: has results that can't be read: {error}; choose another folder") from None
+    if not before:
+        raise InputError(f"{path}: is empty; choose another folder")
     old, new = (dict(leaves(each)) for each in (before, tomllib.loads(tomli_w.dumps(tables))))
     keys = [key for key in {**old, **new} if key not in free and old.get(key) != new.get(key)]
     if keys:
         its_name = before.get("name")
-        differs = f"contains the {path.stem} {its_name!r}, which differs in {', '.join(keys[:8])}"
+        differs = f"contains the {noun} {its_name!r}, which differs in {', '.join(keys[:8])}"
         raise InputError(f"{folder}: {differs}; choose another folder")
     code, files = changes(then, about)
     if code:
         raise InputError(f"{folder}: was begun with other code: {'; '.join(code)}; choose another folder")
     if then["study"] != about["study"]:
-        raise InputError(f"{folder}: since its {path.stem} began, {', '.join(files)} changed; choose another folder")
+        raise InputError(f"{folder}: since its {noun} began, {', '.join(files)} changed; choose another folder")
 
 
 def changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[list[str], list[str]]:
@@ -263,17 +264,26 @@ def _checksum(table: pa.Table) -> str:
 
 
 def frame(folder: Path) -> "pd.DataFrame":
-    """The rows that a study's folder has, sorted by index. Raises InputError if it has none, or a part is damaged."""
-    tables = []
+    """The rows that a study's folder has, sorted by index. Raises InputError if it has none, or a part is damaged, of
+    another study, or a copy."""
+    tables, study = [], None
+    with contextlib.suppress(InputError):
+        study = version_of(folder)["study"].encode()
     for path in sorted((folder / "rows").glob("part-*.parquet")):
         try:
             tables.append(read(path))
         except (OSError, ValueError, pa.ArrowException) as error:
-            raise InputError(f"{path}: damaged ({error}); the command that began the study computes it again") from None
+            again = "without it the command that began the study computes its rows again"
+            raise InputError(f"{path}: damaged ({error}); {again}") from None
+        study = study or tables[-1].schema.metadata[b"study"]
+        if tables[-1].schema.metadata[b"study"] != study:
+            raise InputError(f"{path}: is a part of another study")
     if not tables:
         raise InputError(f"{folder}: has no rows yet")
-    whole = pa.concat_tables(tables, promote_options="default")
-    return whole.replace_schema_metadata().to_pandas()
+    whole = pa.concat_tables(tables, promote_options="default").replace_schema_metadata().to_pandas()
+    if (twice := whole["index"][whole["index"].duplicated()]).size:
+        raise InputError(f"{folder / 'rows'}: two parts have the row {twice.iloc[0]}: one is a copy")
+    return whole
 
 
 NOT_DONE = "not done"

@@ -143,6 +143,12 @@ class Study:
 
         return dataset(self.plan_of_results, self.frame)
 
+    @property
+    def title(self) -> str:
+        """Its name, and the number of its runs, those that are done and all."""
+        plan, done = self.plan_of_results, len(self.frame)
+        return f"{plan.name}: {done} runs" if done == plan.runs else f"{plan.name}: {done} of {plan.runs} runs"
+
     def table(self) -> list[tuple[str, ...]]:
         """The table of the results, its heads first: of each law its runs, by how they ended, and its successes."""
         plan, rows = self.plan_of_results, self.frame
@@ -197,8 +203,7 @@ class Study:
         ending."""
         from .report import tables
 
-        plan = self.plan_of_results
-        tables.write(self.statistics(metrics), Path(path), f"study {plan.name}: {plan.runs} runs")
+        tables.write(self.statistics(metrics), Path(path), f"study {self.title}")
 
     def report(self, path: str | os.PathLike | None = None) -> Path:
         """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...engine.native.compilation import source_files
 from ...errors import Fault, InputError
+from ...files import shipped
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
 from ...stages.base import Stage, listed_files, wrong_files
@@ -39,13 +40,15 @@ _NO_NUMBERS = (
 
 @functools.cache
 def code() -> dict[str, str]:
-    """Versions of everything that affects a row, and a digest of this package's sources and presets."""
+    """Versions of everything that affects a row, and digests of this package's sources with their presets, and of its
+    vehicles."""
     digest = hashlib.sha256()
     presets = (path for room in ("actuation", "navigation") for path in (_PACKAGE / room).glob("*.toml"))
     for path in sorted([*_PACKAGE.rglob("*.py"), *presets]):
         if not path.relative_to(_PACKAGE).as_posix().startswith(_NO_NUMBERS):
             digest.update(path.read_bytes())
-    return versions() | {"sources": digest.hexdigest()[:12]}
+    vehicles = hashlib.sha256(b"".join(path.read_bytes() for _, path in sorted(shipped("models").items())))
+    return versions() | {"sources": digest.hexdigest()[:12], "vehicles": vehicles.hexdigest()[:12]}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """``Tuning``: gains for a stated objective and constraints over a study's runs."""
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
@@ -14,15 +15,17 @@ from ...views.progress import following
 from ..plan import Plan
 from ..pool.bundle import StudyBundle
 from ..pool.executors import executor_of
-from ..results import TUNING, begin, put
+from ..results import TUNING, about_of, begin, put, refuse_another
 from ..study import Study
 from .problem import Outcome, Problem, Trial, fields_of, outcome, refused, rows, with_gains
-from .search import Journal, search
+from .search import Journal, optuna, search
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TRIALS, FOUND = "trials.parquet", "found.toml"
+_FREE = "tune.trials"
+"""Key that may change: more trials go on with the same search."""
 Progress = Callable[[int, int, "float | None"], None]
 """Called with the number of trials done, their total, and the best feasible value so far."""
 
@@ -101,10 +104,21 @@ class Tuning(Problem):
             executor_of(executor, workers) as pool,
         ):
             bundle = StudyBundle.of(self.plan)
-            begin(folder / TUNING, self.plan, bundle, self.tables, "tune.trials")
+            begin(folder / TUNING, self.tables, self._about(bundle), _FREE)
             journal = self._journal(folder)
             self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
+
+    def refuse_another(self, folder: Path) -> None:
+        """Raise InputError if a folder has another tuning, or a study."""
+        refuse_another(folder / TUNING, self.tables, self._about(StudyBundle.of(self.plan)), _FREE)
+
+    def _about(self, bundle: StudyBundle) -> dict[str, Any]:
+        """The contents of version.json. Trials also depend on the search, which rows don't."""
+        about = about_of(self.plan, bundle)
+        sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))))
+        about["code"] |= {"search": sources.hexdigest()[:12], "optuna": optuna().__version__}
+        return about
 
     def _journal(self, folder: Path) -> Journal:
         return Journal(folder, self.plan.name, self.objective.direction)
