@@ -172,6 +172,13 @@ def test_a_tuning_goes_on_with_the_same_search_alone(whole, tuning_file, monkeyp
         Tuning.load(tuning_file(duration=0.5)).run(whole, executor=HERE)
 
 
+def test_fewer_trials_than_are_done_are_refused(whole, tuning_file):
+    before = (whole / "tune.toml").read_text()
+    with pytest.raises(InputError, match=r"tune.trials: 2, and .* has 12 already"):
+        Tuning.load(tuning_file(duration=0.5), {"tune.trials": 2}).run(whole, executor=HERE)
+    assert (whole / "tune.toml").read_text() == before
+
+
 def test_a_tuning_does_not_begin_in_the_folder_of_a_study(tuning_file, tmp_path):
     tuning = Tuning.load(tuning_file(duration=0.5))
     Study(tuning.plan).run(tmp_path / "out", executor=HERE)

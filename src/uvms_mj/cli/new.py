@@ -237,4 +237,4 @@ def _kind_of(word: str) -> str:
     for kind in KINDS:
         if word in tables and tables[word] == tables.get(kind):
             return kind
-    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, (*KINDS, EXAMPLE))}")
+    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, (*KINDS, HEADER_OF, EXAMPLE))}")

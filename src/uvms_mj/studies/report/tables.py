@@ -249,7 +249,8 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
     known = {metric.name: metric for metric in data.metrics}
     for name in metrics:
         if name not in known:
-            raise InputError(f"metrics: the study has no {name!r}; {suggestion(name, known)}")
+            there = "keeps it, but it is no number" if name in frame else "does not keep it"
+            raise InputError(f"metrics: {name!r}: the study {there}; {suggestion(name, known)}")
     chosen = [known[name] for name in metrics] or list(data.varying[:HEAD_METRICS])
     rates = figures.success_rates(data)
     rows: dict[str, dict[tuple[str, str], float]] = {}

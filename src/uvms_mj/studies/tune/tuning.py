@@ -18,7 +18,7 @@ from ..pool.executors import executor_of
 from ..results import TUNING, about_of, begin, put, refuse_another
 from ..study import Study
 from .problem import Outcome, Problem, Trial, fields_of, outcome, refused, rows, with_gains
-from .search import Journal, optuna, search
+from .search import JOURNAL, Journal, optuna, search
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +104,12 @@ class Tuning(Problem):
             executor_of(executor, workers) as pool,
         ):
             bundle = StudyBundle.of(self.plan)
-            begin(folder / TUNING, self.tables, self._about(bundle), _FREE)
+            about = self._about(bundle)
+            refuse_another(folder / TUNING, self.tables, about, _FREE)
+            done = len(self.trials(folder)) if (folder / JOURNAL).exists() else 0
+            if done > self.search.trials:
+                raise InputError(f"tune.trials: {self.search.trials}, and {folder} has {done} already; give as many")
+            begin(folder / TUNING, self.tables, about, _FREE)
             journal = self._journal(folder)
             self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
