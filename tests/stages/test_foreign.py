@@ -15,7 +15,7 @@ from uvms_mj.engine.native.shared_library import compiler
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.foreign import Records, header
-from uvms_mj.studies.pool.bundle import StudyBundle
+from uvms_mj.studies.bundle import StudyBundle
 from uvms_mj.studies.study import Study
 
 PD = """

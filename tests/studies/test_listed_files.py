@@ -9,8 +9,8 @@ import tomli_w
 from short_study import HERE
 from uvms_mj import InputError, McapLog, Scenario, Study, Trace, simulate
 from uvms_mj.records.mcap import read_files
+from uvms_mj.studies.bundle import StudyBundle
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.pool.bundle import StudyBundle
 
 STAGES = """
 from dataclasses import dataclass

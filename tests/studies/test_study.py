@@ -21,8 +21,7 @@ from pandas.testing import assert_frame_equal
 from forked import ended, started
 from short_study import HERE, study_text
 from uvms_mj import InputError, Scenario, Study, files, simulate
-from uvms_mj.studies import results
-from uvms_mj.studies.pool import bundle
+from uvms_mj.studies import bundle, results
 from uvms_mj.studies.pool.execution import kept
 from uvms_mj.studies.pool.executors import WorkerLost, Workers
 

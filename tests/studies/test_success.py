@@ -8,9 +8,9 @@ import tomli_w
 
 from short_study import HERE
 from uvms_mj import InputError, Study
+from uvms_mj.studies.bundle import StudyBundle
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.plan.metrics import succeeded, successes
-from uvms_mj.studies.pool.bundle import StudyBundle
 from uvms_mj.studies.rows import one_row
 from uvms_mj.studies.tune import Tuning
 

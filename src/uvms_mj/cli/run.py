@@ -246,8 +246,8 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     another stage or the vehicle is named anew.
     """
     from ..errors import InputError
+    from ..studies.bundle import StudyBundle, changed_files
     from ..studies.plan import Plan
-    from ..studies.pool.bundle import StudyBundle, changed_files
     from ..studies.results import STUDY, about_of, changes, version_of
     from ..studies.rows import chosen_engine
     from ..studies.study import Study

@@ -278,7 +278,7 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
     folder has another study."""
     if not dry_run and (as_json or quiet):
         return None
-    from ..studies.pool.bundle import StudyBundle
+    from ..studies.bundle import StudyBundle
     from ..studies.pool.execution import estimate
     from ..studies.results import STUDY, about_of, refuse_another, share_done
 

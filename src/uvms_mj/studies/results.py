@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from .bundle import StudyBundle
     from .plan import Plan
-    from .pool.bundle import StudyBundle
 
 STUDY, TUNING, VERSION = "study.toml", "tune.toml", "version.json"
 _NOUNS = {STUDY: "study", TUNING: "tuning"}

@@ -49,8 +49,8 @@ from .plan.metrics import AFTER, BEFORE, METRICS, columns_of, succeeded, users_n
 if TYPE_CHECKING:
     import pandas as pd
 
+    from .bundle import StudyBundle
     from .plan import Plan
-    from .pool.bundle import StudyBundle
 
 
 STATUSES = ("completed", "unstable", "failed", "refused", "timed_out", "lost")

@@ -13,9 +13,9 @@ from ..errors import InputError
 from ..files import is_folder, locked
 from ..views.notebook import block
 from ..views.progress import following
+from .bundle import StudyBundle
 from .plan import Plan
 from .plan.metrics import SETTLED, in_words, successes
-from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
 from .results import STUDY, StudyFolder, frame, units_of, version_of

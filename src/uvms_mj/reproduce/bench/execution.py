@@ -23,10 +23,10 @@ from ...control.task import Schedule
 from ...engine.run import PlainPythonWarning
 from ...engine.simulation import Simulation
 from ...errors import Fault, InputError
+from ...studies.bundle import code
 from ...studies.pages import Picture, Table, number, rendered, write
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
-from ...studies.pool.bundle import code
 from ...studies.pool.executors import executor_of
 from ...studies.report.tables import latex
 from ...studies.study import Study

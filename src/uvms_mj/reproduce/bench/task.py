@@ -16,9 +16,9 @@ from ...errors import Fault, InputError, shortened, suggestion
 from ...files import parse_setting, plain, tables_of
 from ...quantities import leaves
 from ...stages.foreign import parted
+from ...studies.bundle import StudyBundle
 from ...studies.plan import Plan
 from ...studies.plan.file import absolute
-from ...studies.pool.bundle import StudyBundle
 from .. import PAGE as PAGE
 
 NAME = "Contact-10"

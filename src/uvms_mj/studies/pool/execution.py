@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from ...engine.run import LawError, simulate
 from ...errors import InputError
 from ...scenario import Scenario
+from ..bundle import StudyBundle
 from ..results import StudyFolder, blocks, frame, put, schema_of
 from ..rows import CHECK, LEAST, SHARE, checked, chosen_engine, compared, differences, log_of, lost_row, rows_of, sample
-from .bundle import StudyBundle
 from .executors import WorkerLost, each_call
 
 if TYPE_CHECKING:

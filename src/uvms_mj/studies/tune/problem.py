@@ -17,12 +17,12 @@ from pydantic import dataclasses as pydantic_dataclasses
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import plain
 from ...quantities import STRICT, Number, Real, doc, overrides_of, within
+from ..bundle import StudyBundle
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, absolute, below_high, entries, read, used_with, valid, words_of
 from ..plan.laws import Law, base_of, laws_of, split_overrides
 from ..plan.metrics import METRICS, columns_of, kept_column, metric_of
 from ..plan.places import Place, missing, overlap, overrides_at, parsed, unit_of, value_at
-from ..pool.bundle import StudyBundle
 from ..pool.execution import run_by_run
 from ..pool.executors import WorkerLost, each_call, size_of
 from ..rows import lost_row, one_row

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ...views.progress import following
+from ..bundle import StudyBundle
 from ..plan import Plan
-from ..pool.bundle import StudyBundle
 from ..pool.executors import executor_of
 from ..results import TUNING, about_of, begin, put, refuse_another
 from ..study import Study

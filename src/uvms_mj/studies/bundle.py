@@ -16,21 +16,21 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ...engine.native.compilation import source_files
-from ...errors import Fault, InputError
-from ...files import shipped
-from ...plant.mjcf import Mjcf
-from ...records.header import versions
-from ...stages.base import Stage, listed_files, wrong_files
-from ...stages.foreign import SUFFIXES, parted
-from ...stages.loader import load_file
+from ..engine.native.compilation import source_files
+from ..errors import Fault, InputError
+from ..files import shipped
+from ..plant.mjcf import Mjcf
+from ..records.header import versions
+from ..stages.base import Stage, listed_files, wrong_files
+from ..stages.foreign import SUFFIXES, parted
+from ..stages.loader import load_file
 
 if TYPE_CHECKING:
-    from ..plan import Plan
+    from .plan import Plan
 
 _HERE = "<files>/"
 """Beginning of a path in the tables of a bundle, in place of the worker's folder."""
-_PACKAGE = Path(__file__).parents[2]
+_PACKAGE = Path(__file__).parents[1]
 _NO_NUMBERS = (
     *("cli", "envs", "reproduce", "views"),
     *(f"studies/{name}" for name in ("pages", "report", "tune")),
@@ -76,7 +76,7 @@ class StudyBundle:
 
     def plan(self) -> "Plan":
         """Unpack the plan on a worker, once a process. Raises InputError if this worker has other code."""
-        from ..plan import Plan
+        from .plan import Plan
 
         ours = code()
         other = [f"{name} {ours.get(name)} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
