@@ -192,7 +192,7 @@ def units_of(folder: Path, keys: Sequence[str]) -> dict[str, str]:
     return {key: unit for key, unit in units.items() if unit.isprintable() and len(unit) < 40}
 
 
-def check_same(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], free: Sequence[str]) -> None:
+def check_same(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], free: Sequence[str] = ()) -> None:
     """Raise InputError unless a folder has the same file, begun with the same code and files. The file at ``path`` was
     written from the tables of its study; nothing that it names is imported. Keys in ``free`` may differ."""
     folder, noun = path.parent, _NOUNS[path.name]
