@@ -118,7 +118,7 @@ def test_a_benchmark_on_a_cluster_has_the_same_bytes(dask, here, tmp_path):
 
 
 def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_path, monkeypatch):
-    from uvms_mj.studies import bundle as bundle
+    from uvms_mj.studies import bundle
 
     ours = bundle.code() | {"sources": "000000000000"}
     monkeypatch.setattr(bundle, "code", lambda: ours)

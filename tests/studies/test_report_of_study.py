@@ -121,10 +121,10 @@ def test_the_interval_of_a_median_covers_it_for_any_distribution(rng):
         assert 0.94 <= np.mean([each.low <= true <= each.high for each in found]) <= 0.99
 
 
-@pytest.mark.parametrize("n", [8, 120])
-def test_the_interval_of_a_rank_correlation_covers_it(rng, n):
+@pytest.mark.parametrize(("n", "most"), [(8, 0.98), (120, 0.97)])
+def test_the_interval_of_a_rank_correlation_covers_it(rng, n, most):
     """Of a normal pair, Spearman's correlation is 6/pi asin(rho/2). With eight pairs, an interval that forgets the 3 of
-    Fisher's z covers it in 0.90 of the draws."""
+    Fisher's z covers it in 0.90 of the draws, the right one in 0.965."""
     rho = 0.6
     true = 6.0 / math.pi * math.asin(rho / 2.0)
     hits = []
@@ -132,7 +132,7 @@ def test_the_interval_of_a_rank_correlation_covers_it(rng, n):
         x, y = rng.multivariate_normal([0.0, 0.0], [[1.0, rho], [rho, 1.0]], n).T
         found = rank_correlation(x, np.exp(y))  # ranks do not see a monotonic function
         hits.append(found.low <= true <= found.high)
-    assert 0.93 <= np.mean(hits) <= 0.98
+    assert 0.93 <= np.mean(hits) <= most
 
 
 def test_the_indices_of_ishigamis_function_are_its_closed_form():

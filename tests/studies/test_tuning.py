@@ -1,7 +1,9 @@
 """Tuning: a known optimum is found, limits hold, an interrupted search goes on as if it had not been."""
 
 import contextlib
+import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -14,8 +16,9 @@ from forked import started
 from short_study import HERE
 from short_tuning import force_at, stiffness_for, tuning_text
 from uvms_mj import InputError, Scenario, Study, simulate
+from uvms_mj.studies.results import VERSION
 from uvms_mj.studies.tune import Tuning
-from uvms_mj.studies.tune.search import JOURNAL, optuna
+from uvms_mj.studies.tune.search import JOURNAL
 from uvms_mj.studies.tune.tuning import FOUND, TRIALS
 
 AT_LEAST_10_N = """
@@ -166,10 +169,15 @@ def test_a_folder_of_another_tuning_is_refused(whole, tuning_file):
         other.run(whole, executor=HERE)
 
 
-def test_a_tuning_goes_on_with_the_same_search_alone(whole, tuning_file, monkeypatch):
-    monkeypatch.setattr(optuna(), "__version__", "0.0")
-    with pytest.raises(InputError, match=r"begun with other code: optuna [\d.]+ then, 0\.0 now"):
-        Tuning.load(tuning_file(duration=0.5)).run(whole, executor=HERE)
+@pytest.mark.parametrize("name", ["search", "optuna", "vehicles"])
+def test_a_tuning_goes_on_with_the_same_code_alone(whole, tuning_file, tmp_path, name):
+    folder = tmp_path / "out"
+    shutil.copytree(whole, folder)
+    about = json.loads((folder / VERSION).read_text())
+    about["code"][name] = "0.0"
+    (folder / VERSION).write_text(json.dumps(about))
+    with pytest.raises(InputError, match=rf"begun with other code: {name} 0\.0 then, [\w.]+ now"):
+        Tuning.load(tuning_file(duration=0.5)).run(folder, executor=HERE)
 
 
 def test_fewer_trials_than_are_done_are_refused(whole, tuning_file):

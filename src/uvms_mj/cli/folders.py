@@ -51,7 +51,7 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
 class RunFolder:
     """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
 
-    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str] = ()) -> None:
+    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str]) -> None:
         """``files`` gets the paths of the run's files, by kind, when these may be overwritten. ``made`` are the names
         of files that are made from a log, and go with it."""
         self.folder, self.files, self.made = folder, files, made

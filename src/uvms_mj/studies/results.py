@@ -77,7 +77,9 @@ class StudyFolder:
         self.folder, self._schema, self._digest = folder, schema_of(plan), bundle.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        begin(folder / STUDY, plan.tables, about_of(plan, bundle))
+        begun = (folder / STUDY, plan.tables, about_of(plan, bundle))
+        refuse_another(*begun)
+        begin(*begun)
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
@@ -121,19 +123,9 @@ class StudyFolder:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
-def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], *free: str) -> None:
-    """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun.
-
-    Args:
-        path: the file, study.toml or tune.toml.
-        tables: its contents.
-        about: the contents of version.json, of :func:`about_of`.
-        free: keys that may differ from those that the folder was begun with.
-
-    Raises:
-        InputError: the folder has another study.
-    """
-    refuse_another(path, tables, about, *free)
+def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun. The
+    arguments are those of :func:`refuse_another`, which comes first."""
     for each, text in ((path.with_name(VERSION), json.dumps(about, indent=1)), (path, tomli_w.dumps(tables))):
         data = text.encode()
         if not each.exists() or each.read_bytes() != data:
@@ -141,7 +133,14 @@ def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], *free
 
 
 def refuse_another(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], *free: str) -> None:
-    """Raise InputError if the folder of a file was begun with another one; otherwise as :func:`begin`."""
+    """Raise InputError if a folder was begun with another study or tuning.
+
+    Args:
+        path: the file of this one in the folder, study.toml or tune.toml.
+        tables: its contents.
+        about: the contents of version.json, of :func:`about_of`.
+        free: keys that may differ.
+    """
     folder = path.parent
     begun = [name for name in _NOUNS if (folder / name).exists()]
     if begun and path.name not in begun:

@@ -82,9 +82,7 @@ def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> 
     """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]
     tables = {place.partition(".")[0] for place in (*METRICS, *varied)}
-    return (
-        column in (*BEFORE, *AFTER) or column in tables or any(column == other.rpartition(":")[2] for other in others)
-    )
+    return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
 
 
 def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:

@@ -104,19 +104,18 @@ class Tuning(Problem):
             executor_of(executor, workers) as pool,
         ):
             bundle = StudyBundle.of(self.plan)
-            about = self._about(bundle)
-            refuse_another(folder / TUNING, self.tables, about, _FREE)
-            done = len(self.trials(folder)) if (folder / JOURNAL).exists() else 0
-            if done > self.search.trials:
-                raise InputError(f"tune.trials: {self.search.trials}, and {folder} has {done} already; give as many")
-            begin(folder / TUNING, self.tables, about, _FREE)
+            self.refuse_another(folder)
+            begin(folder / TUNING, self.tables, self._about(bundle))
             journal = self._journal(folder)
             self._search(journal, bundle, pool, advance)
             self._write(folder, [_trial(each) for each in journal.trials], pool)
 
     def refuse_another(self, folder: Path) -> None:
-        """Raise InputError if a folder has another tuning, or a study."""
+        """Raise InputError if a folder has another tuning, a study, or more trials than are asked for."""
         refuse_another(folder / TUNING, self.tables, self._about(StudyBundle.of(self.plan)), _FREE)
+        done = len(self.trials(folder)) if (folder / JOURNAL).exists() else 0
+        if done > self.search.trials:
+            raise InputError(f"tune.trials: {self.search.trials}, and {folder} has {done} already; give as many")
 
     def _about(self, bundle: StudyBundle) -> dict[str, Any]:
         """The contents of version.json. Trials also depend on the search, which rows don't."""
