@@ -297,7 +297,7 @@ class Pipeline:
         if interface is not None:
             encoded = self.part("joints", encoder_signals(shape.joints))
             self._add("encoder", scenario.encoder, self.field("encoder"), encoded)
-        if shape.wrist:
+        if scenario.wrist.runs:
             self._add("felt", WristLoad(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
             self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
             known, derived = self.part(base, CLOCK + MEASURED[:4]), self.part(base, MEASURED[4:])

@@ -107,11 +107,10 @@ class Shape:
     Attributes:
         joints, thrusters: how many the vehicle has.
         carriers: frames that contact bodies are fixed to.
-        carried: whether one of them is not B.
+        carried: whether one of them may be not B.
         surfaces, pairs: room for so many walls and contacts.
         resolves: whether the law's command is resolved, at a tool or with joints.
         encoded: whether the positions of the joints are measured with errors.
-        wrist: whether there is a wrist sensor.
     """
 
     joints: int = 0
@@ -122,7 +121,6 @@ class Shape:
     pairs: int = 0
     resolves: bool = False
     encoded: bool = False
-    wrist: bool = False
 
 
 def room_for(n: int) -> int:
@@ -306,7 +304,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         *_whole("stop", "stop_index"),
         ("stop_value", "f8"),
     ]
-    if shape.wrist:
+    if n:
         fields.append(("wrist", wrist_dtype(n, shape.encoded)))
     return np.dtype(fields, align=True)
 

@@ -184,18 +184,18 @@ ROWS_ROOM, BANDS_ROOM = 1 << 20, 4096
 
 
 def shape_of(setup: Setup) -> Shape:
-    """The shape of a run's record."""
+    """The shape of a run's record. Vehicles with as many joints have room for walls, contacts on links and a wrist
+    sensor, so that one machine code serves them."""
     scenario, contacts, n = setup.scenario, setup.contacts, len(setup.vehicle.arm.links)
     return Shape(
         joints=n,
         thrusters=len(setup.vehicle.thrusters),
         carriers=len(contacts.carriers),
-        carried=not all(carrier.is_B for carrier in contacts.carriers),
-        surfaces=room_for(len(contacts.surfaces) + (contacts.paper is not None)),
-        pairs=room_for(len(contacts.pairs) + (contacts.paper is not None)),
+        carried=n > 0 or not all(carrier.is_B for carrier in contacts.carriers),
+        surfaces=room_for(max(len(contacts.surfaces) + (contacts.paper is not None), n > 0)),
+        pairs=room_for(max(len(contacts.pairs) + (contacts.paper is not None), n > 0)),
         resolves=setup.at_tool or n > 0,
         encoded=n > 0 and scenario.encoder.runs,
-        wrist=scenario.wrist.runs,
     )
 
 
@@ -274,7 +274,7 @@ class RunMemory:
         if self.shape.joints:
             fill_joints(run, setup)
         fill_model(run["model"], setup)
-        if self.shape.wrist:
+        if setup.scenario.wrist.runs:
             fill_wrist(run["wrist"], setup)
 
     def record(self, row_steps: int, rows: bool = True) -> None:
@@ -421,7 +421,7 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_sensor(memory: RunMemory, setup: Setup) -> None:
-    if memory.shape.wrist:
+    if setup.scenario.wrist.runs:
         write_wrist(memory.run["wrist"], setup)
 
 
