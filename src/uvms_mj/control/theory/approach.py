@@ -85,12 +85,12 @@ class Motion(Protocol):
 def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, steps: int = _STEPS) -> Any:
     """The rest that the motion from y with a velocity (n,) relative to the reference reaches, or the reason why there
     is none. A first step beyond all times of the motion looks for the nearest root instead."""
-    t = 0.0
+    t, shortened = 0.0, False
     for _ in range(steps):
         lead = of.lead(y, t, step)
         change = _implicit(of, y, velocity, lead, step)
         if change is None:
-            step /= 4.0
+            step, shortened = step / 4.0, True
             if step < _SHORTEST:
                 return "the motion from the start can't be followed"
             continue
@@ -99,7 +99,9 @@ def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, ste
             return reason
         if t >= of.ends and step > LAST:
             return _polished(of, y)
-        step *= min(10.0 if t >= of.ends else 2.0, max(1.0, 0.5 / max(np.max(np.abs(change) / of.largest), 1e-9)))
+        most = 1.0 if shortened else 10.0 if t >= of.ends else 2.0
+        step *= min(most, max(1.0, 0.5 / max(np.max(np.abs(change) / of.largest), 1e-9)))
+        shortened = False
         if t < of.ends:
             step = min(step, _LONGEST)
     return "the motion from the start comes to no rest"
@@ -131,6 +133,8 @@ def _implicit(of: Motion, y: Any, velocity: np.ndarray, lead: np.ndarray, step: 
             left = missing(moved, at)
             if np.abs(left).max() < size:
                 break
+        else:  # at a kink, which a shorter step may not reach
+            return None
         change = moved
     return None
 

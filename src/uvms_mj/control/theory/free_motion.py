@@ -34,6 +34,7 @@ with the current on all links in d. The root is the one that the slow motion :ma
 equations reaches from the rest of a law that integrates (:mod:`.approach`).
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -318,6 +319,14 @@ class ToolBalance:
         self.sharp, self.ends = 1e-3, 0.0
         estimates = [scenario.estimates, *(scenario.estimates.of(link.name) for link in links)]
         self.inertia_hat, self.restoring_hat = [e.inertia for e in estimates], [e.restoring for e in estimates]
+        self._trees = functools.lru_cache(2)(self._tree)  # most derivatives are at the same joint positions
+
+    def _tree(self, *q: float) -> tuple[Statics, Statics, np.ndarray, np.ndarray, np.ndarray]:
+        """The tree at joint positions q, that of the law, J of the frame of the task, M_hat and its inverse."""
+        tree = Statics(self.setup.vehicle, np.array(q))
+        model = tree.with_coefficients(self.setup.nominal)
+        M = model.inertia(self.inertia_hat)
+        return tree, model, model.jacobian(self.frame), M, np.linalg.inv(M)
 
     def moved(self, y: TreePose, change: np.ndarray) -> TreePose:
         """The posture after a change (12 + n,)."""
@@ -342,21 +351,18 @@ class ToolBalance:
         """Whether the slow motion stays at a rest."""
         return decays(self.jacobian(y), self.damping)
 
-    def tool(self, y: TreePose, tree: Statics | None = None) -> Pose:
+    def tool(self, y: TreePose) -> Pose:
         """The pose of the frame of the task."""
-        p, R = (tree or Statics(self.setup.vehicle, y.q)).pose(self.frame)
+        p, R = self._trees(*y.q)[0].pose(self.frame)
         quat = np.empty(4)
         attitude(y.R_WB @ R, quat)
         return self.at_task.pose(y.p_WB + y.R_WB @ p, quat)
 
-    def commanded(self, y: TreePose, tree: Statics | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def commanded(self, y: TreePose) -> tuple[np.ndarray, np.ndarray]:
         """The generalised force (6 + n,) that is commanded, and a (6,)."""
         setup, F = self.setup, y.F
-        tree = tree or Statics(setup.vehicle, y.q)
-        model = tree.with_coefficients(setup.nominal)
-        J, M = model.jacobian(self.frame), model.inertia(self.inertia_hat)
+        _, model, J, M, M_inv = self._trees(*y.q)
         g = model.restoring(y.R_WB, setup.gravity_W, self.restoring_hat)
-        M_inv = np.linalg.inv(M)
         if setup.at_tool:
             inverse = J @ M_inv @ J.T  # of Lambda_hat
             J_bar_T = np.linalg.solve(inverse, J @ M_inv)
@@ -366,17 +372,16 @@ class ToolBalance:
             inverse, P = np.linalg.inv(M[:6, :6]), np.zeros_like(M)
             P[6:, 6:] = np.linalg.inv(M[6:, 6:])
             g_hat, kept = g[:6], np.concatenate([np.zeros(6), g[6:]])
-        F_free = F + self.tool(y, model).tau_c - g_hat
+        F_free = F + self.tool(y).tau_c - g_hat
         return J.T @ F + kept + M @ self.posture(y.p_WB, y.R_WB, y.q, M_inv, P), -inverse @ F_free
 
     def __call__(self, y: TreePose) -> np.ndarray:
         """The residual (12 + n,): the balance of the tree, then the law's."""
         setup, balance = self.setup, self.at_task
-        tree = Statics(setup.vehicle, y.q)
-        tool = self.tool(y, tree)
-        tau, a = self.commanded(y, tree)
+        (tree, _, J, *_), tool = self._trees(*y.q), self.tool(y)
+        tau, a = self.commanded(y)
         tau[:6] = self.thrust_map.T @ tau[:6]
-        tau += surroundings(setup, tree, y.p_WB, y.R_WB) + tree.jacobian(self.frame).T @ tool.tau_c
+        tau += surroundings(setup, tree, y.p_WB, y.R_WB) + J.T @ tool.tau_c
         return np.concatenate(
             [tau, setup.design.M_d @ (balance.desired_acceleration(tool) - balance.factor_inverse * a)]
         )
