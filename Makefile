@@ -6,16 +6,20 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test docs docs-serve setup system-packages clean
+.PHONY: run test checks suite docs docs-serve setup system-packages clean
 
 run: setup
 	$(BIN)/uvms-mj run --controller gsta
 
-test: setup $(if $(CI),system-packages)
+test: checks suite # at once with make -j 2
+
+checks: setup
 	$(BIN)/ruff check src tests scripts examples docs
 	$(BIN)/ruff format --check src tests scripts examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+suite: setup $(if $(CI),system-packages)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),--durations=30)
 
 docs: setup

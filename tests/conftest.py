@@ -29,6 +29,8 @@ FOR_EACH_COMMIT = {
 """Folders and modules whose tests have the marker bits unless they are slow."""
 
 
+LONGEST = {"test_site.py", "test_rerun_viewers.py", "test_pages.py", "test_bench.py", "test_video.py"}
+"""Modules that begin first, so that no worker waits for another one at the end."""
 WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 """Folders whose tests are about MuJoCo's steps. Elsewhere a run that names no engine takes free_body, which is several
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
@@ -41,7 +43,7 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: item.path.name != "test_site.py")  # the longest begins first: no worker waits
+    items.sort(key=lambda item: item.path.name not in LONGEST)
     for item in items:
         place = item.path.relative_to(Path(__file__).parent).parts[0]
         if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:

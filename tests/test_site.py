@@ -28,14 +28,14 @@ SHORTER = {
     "results/gusts.py": (('"push_wall_gusts")', '"push_wall_gusts", {"simulation.duration": 8.0})'),),
     "results/path.py": (('"follow_path")', '"follow_path", {"simulation.duration": 4.0})'),),
     "results/real_thrusters.py": (('"simulation.duration": 15.0', '"simulation.duration": 7.0'),),
-    "results/slide.py": (('"tool_slide")', '"tool_slide", {"simulation.duration": 6.0})'),),
+    "results/slide.py": (('"tool_slide")', '"tool_slide", {"simulation.duration": 3.0})'),),
     "results/stiffness_and_peak.py": (("np.logspace(3, 6, 13)", "np.logspace(3, 6, 2)"),),
     "results/study.py": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
     "results/wipe.py": (('"wipe_wall")', '"wipe_wall", {"simulation.duration": 6.0})'),),
     "notebooks/2_your_own_law.ipynb": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
     "notebooks/4_an_arm_pushes.ipynb": (
         ('("impedance", "fosm", "gsta")', '("fosm",)'),
-        ('"tool_slide")', '"tool_slide", {"simulation.duration": 6.0})'),
+        ('"tool_slide")', '"tool_slide", {"simulation.duration": 3.0})'),
     ),
     "notebooks/5_learning_to_push.ipynb": (
         ("in range(6):", "in range(1):"),
@@ -46,6 +46,10 @@ SHORTER = {
 """What makes programs of the site short: a page of docs, texts that it has, and the shorter ones."""
 PROGRAMS = sorted(str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs" / "results").glob("*.py"))
 NOTEBOOKS = sorted(str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs" / "notebooks").glob("*.ipynb"))
+LOADED = """new Promise(done => {
+    const soon = () => setTimeout(done, 200);
+    document.readyState === "complete" ? soon() : addEventListener("load", soon);
+})"""
 IN_THE_SITE = r"(added_mass|pd)\.py"
 """Programs of the gallery that the build of the site runs. The others run in this process; tests of the guides run the
 examples."""
@@ -145,7 +149,8 @@ def broken(site: Path) -> list[str]:
 
 
 def built(work: Path) -> Path:
-    """The site as ``make docs`` builds it, from a copy of the checkout's files, but for what runs in this process."""
+    """The site as ``make docs`` builds it, from a copy of the checkout's files, but for what runs in this process, and for
+    the colours of sources."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
         if (ROOT / name).is_file():
@@ -153,6 +158,7 @@ def built(work: Path) -> Path:
             (work / name).write_bytes((ROOT / name).read_bytes())
     with (work / "docs" / "conf.py").open("a") as conf:
         conf.write(f'\nnb_execution_mode = "off"\nsphinx_gallery_conf["filename_pattern"] = {IN_THE_SITE!r}\n')
+        conf.write("import source_pages\nsource_pages.get_lexer_for_filename = lambda path: source_pages.TextLexer()\n")
     build = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build/html"]
     environment = os.environ | {"MUJOCO_GL": "disable"}  # test_video.py draws the scene
     done = subprocess.run(build, cwd=work, env=environment, capture_output=True, text=True, timeout=560)
@@ -166,7 +172,7 @@ def look(browser: Chromium, site: Path, width: int) -> None:
     browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
     for page in ("index", "physics/equations", "gallery/index", "notebooks/1_first_push", "reference/keys"):
         browser("Page.navigate", url=(site / f"{page}.html").as_uri())
-        browser.evaluate("new Promise(done => setTimeout(done, 1000))")
+        browser.evaluate(LOADED)
         assert browser.evaluate("document.documentElement.scrollWidth") <= width, page
     asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
     assert len(asked) > 20

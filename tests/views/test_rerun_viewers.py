@@ -271,8 +271,8 @@ def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
             series = shown(base64.b64decode(data)) if data else {}
             if series and all(n > ENOUGH for n in series.values()):
                 break
-            time.sleep(1.0)
-        time.sleep(2.0)
+            time.sleep(0.3)
+        time.sleep(1.0)
         browser("Page.captureScreenshot", format="png")  # also collects the events up to now
     finally:
         browser.close()
