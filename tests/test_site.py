@@ -149,8 +149,8 @@ def broken(site: Path) -> list[str]:
 
 
 def built(work: Path) -> Path:
-    """The site as ``make docs`` builds it, from a copy of the checkout's files, but for what runs in this process, and for
-    the colours of sources."""
+    """The site as ``make docs`` builds it, from a copy of the checkout's files, but for what runs in this
+    process, and for the colours of sources."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
         if (ROOT / name).is_file():
