@@ -81,8 +81,11 @@ def _calls(request, monkeypatch):
         monkeypatch.setattr(one, call)
 
 
+_MUJOCO = simulation.ENGINES["mujoco"]
+
+
 def _fast(setup):
-    return simulation.ENGINES["mujoco" if refusals(setup) else "free_body"](setup)
+    return (_MUJOCO if refusals(setup) else simulation.ENGINES["free_body"])(setup)
 
 
 @pytest.fixture(scope="module", autouse=True)

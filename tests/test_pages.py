@@ -20,6 +20,7 @@ from click.testing import CliRunner
 from markdown_it import MarkdownIt
 
 from uvms_mj.cli import main
+from uvms_mj.engine.simulation import ENGINES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(page for part in ("start", "how_to") for page in sorted(ROOT.glob(f"docs/{part}/*.md")))]
@@ -77,7 +78,9 @@ def run(line: str, status: int) -> None:
     if any(re.match(pattern, line) for pattern in NOT_RUN):
         return
     if line.startswith("uvms-mj ") and not re.search("[|<>$&;]", line):
-        done = CliRunner().invoke(main, shortened(shlex.split(line)[1:]))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(ENGINES, "mujoco", ENGINES["fast"])  # see conftest.py
+            done = CliRunner().invoke(main, shortened(shlex.split(line)[1:]))
         ended, output = done.exit_code, done.output
         assert "plain Python" not in output, f"{line}: a page's own code must compile"
     else:
