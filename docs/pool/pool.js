@@ -289,7 +289,7 @@ class Pool {
     const goes = this.wants && this.seen && !this.stopped;
     this.worker.postMessage({ running: goes });
     this.play.textContent = this.wants ? "Pause" : "Play";
-    this.told_at = 0;
+    this.told_at = -Infinity; // whatever the age of the page is
     this.draw_soon();
   }
 

@@ -5,6 +5,8 @@ import pytest
 
 from uvms_mj import InputError, Scenario, Simulation
 from uvms_mj.engine.native.record import MOST_ROWS, Field, Shape, room_for, run_dtype, with_numbers
+from uvms_mj.engine.native.run_memory import shape_of
+from uvms_mj.setup.base import set_up
 
 GUSTY = {"current.deviation": [0.1, 0.1, 0.0], "disturbance.deviation": [0.5] * 6, "wall.stiffness": 2e3}
 
@@ -69,6 +71,17 @@ def test_all_numbers_of_the_image_are_fields_of_the_record_for_kernels():
 
 def test_vehicles_among_more_or_fewer_walls_share_their_code():
     assert [room_for(n) for n in (0, 1, 8, 9, 17)] == [0, 8, 8, 16, 32]
+
+
+WRIST = {"wrist.name": "sensor", "wrist.site": "tool"}
+SPHERES = [{"shape": "sphere", "position": [2.0 + k, 0.0, 0.0], "radius": 0.1} for k in range(3)]
+
+
+@pytest.mark.parametrize("other", [{"wall.present": False}, {"walls": SPHERES}, WRIST, {"task.frame": "body"}])
+def test_vehicles_with_as_many_joints_share_their_code(other):
+    """What they touch, carry and control changes numbers and stages only."""
+    shapes = [shape_of(set_up(Scenario.load("tool_push", each))) for each in ({}, other)]
+    assert shapes[0] == shapes[1]
 
 
 PLATE = {"shape": "plane", "position": [0.3, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 0.0]}

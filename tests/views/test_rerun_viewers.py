@@ -94,7 +94,7 @@ def headless(monkeypatch):
     opened: list[tuple[subprocess.Popen, int]] = []
 
     def started(options, port, lives_s):
-        opened.append((start(["--headless", *options], port, lives_s), port))
+        opened.append((start(["--headless", "--window-size", "320x240", *options], port, lives_s), port))
         return opened[-1][0]
 
     monkeypatch.setenv("DISPLAY", ":0")
