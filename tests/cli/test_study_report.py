@@ -69,7 +69,7 @@ def places(tree, prefix=""):
     return flat
 
 
-def test_a_report_is_one_page_beside_the_rows(there, folder):
+def test_a_report_is_one_page_beside_the_rows(there, folder, request):
     done = there("study", "report", "out")
     assert done.exit_code == 0, done.output
     assert done.stdout.strip() == "out/report.html"
@@ -80,6 +80,7 @@ def test_a_report_is_one_page_beside_the_rows(there, folder):
     assert "coarse" in flat
     assert "version of sources" in flat
     assert str(folder) not in text
+    request.getfixturevalue("undrawn")
     assert there("study", "report", "out").exit_code == 0  # the page is replaced
     assert there("study", "report", "out", "--out", "other.html").exit_code == 0
     assert "exists" in there("study", "report", "out", "--out", "other.html").stderr

@@ -385,8 +385,8 @@ def same(one, other):
     return one["broke"] == other["broke"] and one["hold.error_N"] == pytest.approx(other["hold.error_N"], rel=0.01)
 
 
-FIRST = 2
-"""Draws of the shipped result that are run again: all 20 of two tasks take 40 s."""
+FIRST = 1
+"""Draws of the shipped result that are run again for each law: all 20 of two tasks take 40 s."""
 
 
 @pytest.mark.slow

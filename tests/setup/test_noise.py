@@ -46,9 +46,9 @@ def compared(settings, law="impedance"):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "levels"),
-    [("force", (0.2, 1.0, 5.0)), ("position", (1e-4, 1e-3, 5e-3)), ("velocity", (1e-3, 5e-3, 2e-2))],
+    [("force", (0.2, 5.0)), ("position", (1e-4, 5e-3)), ("velocity", (1e-3, 2e-2))],
 )
-def test_three_levels_of_noise_give_the_push_its_deviation(quantity, levels):
+def test_weak_and_strong_noise_give_the_push_its_deviation(quantity, levels):
     for level in levels:
         found, trace, settled = compared(PUSHING | {f"navigation.{quantity}_noise": level})
         assert trace.push[settled].std() == pytest.approx(found.push, rel=0.03)
