@@ -41,7 +41,7 @@ $(VENV)/.installed: pyproject.toml
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --editable '.[dev]'
-	$(BIN)/python -m compileall -q -j 0 -x '/tests/|/(pip|setuptools)/' $(VENV)/lib src >/dev/null || true # on all cores; also where Python is told to keep no byte code
+	$(BIN)/python -m compileall -q -j 0 -x '/tests/|/(pip|setuptools)/' $(VENV)/lib src >/dev/null || true # what is imported, on all cores; also where Python is told to keep no byte code
 	touch $@
 
 clean:

@@ -47,9 +47,10 @@ SHORTER = {
 PROGRAMS = sorted(str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs" / "results").glob("*.py"))
 NOTEBOOKS = sorted(str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs" / "notebooks").glob("*.ipynb"))
 LOADED = """new Promise(done => {
-    const soon = () => setTimeout(done, 200);
-    document.readyState === "complete" ? soon() : addEventListener("load", soon);
+    const typeset = () => Promise.resolve(window.MathJax?.startup?.promise).then(() => setTimeout(done, 200));
+    document.readyState === "complete" ? typeset() : addEventListener("load", typeset);
 })"""
+"""A promise of a page with its equations."""
 IN_THE_SITE = r"(added_mass|pd)\.py"
 """Programs of the gallery that the build of the site runs. The others run in this process; tests of the guides run the
 examples."""
@@ -173,6 +174,7 @@ def look(browser: Chromium, site: Path, width: int) -> None:
     for page in ("index", "physics/equations", "gallery/index", "notebooks/1_first_push", "reference/keys"):
         browser("Page.navigate", url=(site / f"{page}.html").as_uri())
         browser.evaluate(LOADED)
+        assert browser.evaluate("location.pathname").endswith(f"/{page}.html")
         assert browser.evaluate("document.documentElement.scrollWidth") <= width, page
     asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
     assert len(asked) > 20

@@ -78,8 +78,8 @@ SPHERES = [{"shape": "sphere", "position": [2.0 + k, 0.0, 0.0], "radius": 0.1} f
 
 
 @pytest.mark.parametrize("other", [{"wall.present": False}, {"walls": SPHERES}, WRIST, {"task.frame": "body"}])
-def test_vehicles_with_as_many_joints_share_their_code(other):
-    """What they touch, carry and control changes numbers and stages only."""
+def test_walls_a_wrist_sensor_and_the_frame_of_the_task_change_no_code_of_an_arm(other):
+    """They change numbers and stages only."""
     shapes = [shape_of(set_up(Scenario.load("tool_push", each))) for each in ({}, other)]
     assert shapes[0] == shapes[1]
 

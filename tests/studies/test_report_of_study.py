@@ -454,7 +454,6 @@ def test_a_study_all_of_whose_runs_failed_has_a_page(few):
     assert "40 runs did not complete" in flat
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("vary", DESIGNS.values(), ids=DESIGNS)
 def test_any_design_has_a_page(vary):
     grid = all("values" in each or "number" in each for each in vary)

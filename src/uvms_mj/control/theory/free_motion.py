@@ -74,6 +74,24 @@ def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) 
     return total
 
 
+def factors_hat(setup: Any) -> tuple[list[float], list[float]]:
+    """The estimates' factors of inertia and restoring of the base and of each link."""
+    given = setup.scenario.estimates
+    bodies = [given, *(given.of(link.name) for link in setup.nominal.arm.links)]
+    return [each.inertia for each in bodies], [each.restoring for each in bodies]
+
+
+def trees_at(
+    setup: Any, q: np.ndarray, inertia_hat: Sequence[float]
+) -> tuple[Statics, Statics, np.ndarray, np.ndarray, np.ndarray]:
+    """The tree at joint positions q (n,), and that of the law; J (6, 6 + n) of the frame of the task; M_hat with its
+    factors, and its inverse."""
+    tree = Statics(setup.vehicle, q)
+    model = tree.with_coefficients(setup.nominal)
+    M_hat = model.inertia(inertia_hat)
+    return tree, model, model.jacobian(setup.plant.probe.carrier), M_hat, np.linalg.inv(M_hat)
+
+
 def beyond(links: Sequence[Any], q: np.ndarray) -> str:
     """The reason why joints can't be at q (n,); empty if they can."""
     for link, q_k in zip(links, q, strict=True):
@@ -115,9 +133,7 @@ class FreeMotion:
         n = len(self.links)
         self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
         self.largest, self.sharp, self.ends = _LARGEST, 1e-3, track.ends
-        self.posture, estimates = PostureAtRest(setup), setup.scenario.estimates
-        given = [estimates, *(estimates.of(link.name) for link in self.links)]
-        self.inertia_hat, self.restoring_hat = [e.inertia for e in given], [e.restoring for e in given]
+        self.posture, (self.inertia_hat, self.restoring_hat) = PostureAtRest(setup), factors_hat(setup)
 
     def base(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and attitude (3, 3) of B in W at joint positions q (n,)."""
@@ -128,11 +144,8 @@ class FreeMotion:
     def push(self, q: np.ndarray) -> Push:
         """What acts at joint positions q (n,)."""
         setup = self.setup
-        tree = Statics(setup.vehicle, q)
-        model, J = tree.with_coefficients(setup.nominal), tree.jacobian(self.frame)
+        tree, model, J, M_hat, M_inv = trees_at(setup, q, self.inertia_hat)
         p_WB, R_WB = self.base(q)
-        M_hat = model.inertia(self.inertia_hat)
-        M_inv = np.linalg.inv(M_hat)
         J_bar = np.linalg.solve(J @ M_inv @ J.T, J @ M_inv).T
         P = M_inv - J_bar @ (J @ M_inv)
         g_hat = model.restoring(R_WB, setup.gravity_W, self.restoring_hat)
@@ -308,8 +321,7 @@ class ToolBalance:
     Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,)."""
 
     def __init__(self, setup: Any, K: float, thrust_map: ThrustMap) -> None:
-        scenario, links = setup.scenario, setup.nominal.arm.links
-        self.setup, self.thrust_map, self.n = setup, thrust_map, len(links)
+        self.setup, self.thrust_map, self.n = setup, thrust_map, len(setup.nominal.arm.links)
         self.frame = setup.plant.probe.carrier
         self.at_task = Balance(setup, K, thrust_map)
         self.posture = PostureAtRest(setup)
@@ -317,16 +329,9 @@ class ToolBalance:
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
         self.largest = np.concatenate([np.full(6 + self.n, _LARGEST_OF_TREE), np.full(6, np.inf)])
         self.sharp, self.ends = 1e-3, 0.0
-        estimates = [scenario.estimates, *(scenario.estimates.of(link.name) for link in links)]
-        self.inertia_hat, self.restoring_hat = [e.inertia for e in estimates], [e.restoring for e in estimates]
-        self._trees = functools.lru_cache(2)(self._tree)  # most derivatives are at the same joint positions
-
-    def _tree(self, *q: float) -> tuple[Statics, Statics, np.ndarray, np.ndarray, np.ndarray]:
-        """The tree at joint positions q, that of the law, J of the frame of the task, M_hat and its inverse."""
-        tree = Statics(self.setup.vehicle, np.array(q))
-        model = tree.with_coefficients(self.setup.nominal)
-        M = model.inertia(self.inertia_hat)
-        return tree, model, model.jacobian(self.frame), M, np.linalg.inv(M)
+        self.inertia_hat, self.restoring_hat = factors_hat(setup)
+        # most derivatives are at the same joint positions
+        self._trees = functools.lru_cache(2)(lambda *q: trees_at(setup, np.array(q), self.inertia_hat))
 
     def moved(self, y: TreePose, change: np.ndarray) -> TreePose:
         """The posture after a change (12 + n,)."""

@@ -184,16 +184,17 @@ ROWS_ROOM, BANDS_ROOM = 1 << 20, 4096
 
 
 def shape_of(setup: Setup) -> Shape:
-    """The shape of a run's record. Vehicles with as many joints have room for walls, contacts on links and a wrist
-    sensor, so that one machine code serves them."""
+    """The shape of a run's record. A vehicle with joints has room for walls, a tool on any link and a wrist sensor also
+    where it has none, so that one machine code serves more scenarios."""
     scenario, contacts, n = setup.scenario, setup.contacts, len(setup.vehicle.arm.links)
+    paper, least = int(contacts.paper is not None), int(n > 0)
     return Shape(
         joints=n,
         thrusters=len(setup.vehicle.thrusters),
         carriers=len(contacts.carriers),
         carried=n > 0 or not all(carrier.is_B for carrier in contacts.carriers),
-        surfaces=room_for(max(len(contacts.surfaces) + (contacts.paper is not None), n > 0)),
-        pairs=room_for(max(len(contacts.pairs) + (contacts.paper is not None), n > 0)),
+        surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
+        pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
         encoded=n > 0 and scenario.encoder.runs,
     )
