@@ -5,6 +5,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+export PYTHONDONTWRITEBYTECODE := # byte code of what is imported is kept, also where Python is told to keep none
 
 .PHONY: run test checks suite docs docs-serve setup system-packages clean
 
@@ -16,7 +17,7 @@ test: checks suite # at once with make -j 2
 checks: setup
 	$(BIN)/ruff check src tests scripts examples docs
 	$(BIN)/ruff format --check src tests scripts examples docs
-	$(BIN)/mypy
+	$(BIN)/pyrefly check
 	$(BIN)/lint-imports
 
 suite: setup $(if $(CI),system-packages)
@@ -40,9 +41,9 @@ $(VENV)/.installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --disable-pip-version-check --quiet --no-compile --editable '.[dev]'
-	$(BIN)/python -m compileall -q -j 0 -x '/tests/|/(pip|setuptools)/' $(VENV)/lib src >/dev/null || true # what is imported, on all cores; also where Python is told to keep no byte code
+	$(BIN)/pip install --disable-pip-version-check --quiet uv # it installs in a tenth of pip's time
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --editable '.[dev]' || $(BIN)/pip install --quiet --editable '.[dev]' # an index may be known to pip alone
 	touch $@
 
 clean:
-	rm -rf $(VENV) docs/_build .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -386,7 +386,7 @@ def many_environments(rounds: int) -> list[dict]:
             else:
                 env = gymnasium.make_vec("uvms_mj/PushWall-v0", n, overrides=overrides, engine=engine)
             env.reset(seed=0)
-            action = np.full(env.action_space.shape, 0.1)
+            action = np.full(env.action_space.shape or (), 0.1)
             found = [_seconds(env.step, action) for _ in range(20 * max(2, rounds // 4))]
             env.close()
             rows.append({"what": what, "timestep": timestep, "a_second": max(1, n) / statistics.median(found)})

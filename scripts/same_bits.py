@@ -65,7 +65,9 @@ def compare(folder: Path) -> None:
     for name in RUNS:
         trace, before = run(name), np.load(folder / f"{name}.npz")
         apart = [
-            signal for signal in before if signal not in trace or trace[signal].tobytes() != before[signal].tobytes()
+            signal
+            for signal in before
+            if signal not in trace.arrays or trace[signal].tobytes() != before[signal].tobytes()
         ]
         differs |= bool(apart)
         click.echo(f"{name}: {f'differs in {chr(44).join(apart)}' if apart else 'equal'}")

@@ -5,6 +5,7 @@ The pushes under ArduSub are measured: ardusub_push.csv has their rows. GSTA run
 
 import functools
 from collections.abc import Iterator
+from typing import Any
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -88,9 +89,10 @@ def draw(axes: dict[str, Axes]) -> None:
 
 
 def main() -> None:
+    mosaic: list[Any] = [[f"{name} {side}" for side in "ag"] for name in ("push", "command", "place")]
     with styled():
         figure, axes = plt.subplot_mosaic(
-            [[f"{name} {side}" for side in "ag"] for name in ("push", "command", "place")],
+            mosaic,
             figsize=(PAGE_IN, 4.6),
             sharex=True,
             layout="constrained",

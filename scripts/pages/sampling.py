@@ -115,7 +115,7 @@ def old_forces(axes: Axes) -> None:
             late["simulation.timestep"] = h
             found, setup = measured({"wall.stiffness": stiffness, "simulation.duration": 40.0, **late})
             holds = found < QUIET_N
-            style = {"marker": "o", "color": HOLDS} if holds else {"marker": "x", "color": FAILS}
+            style: dict[str, Any] = {"marker": "o", "color": HOLDS} if holds else {"marker": "x", "color": FAILS}
             axes.plot(1e3 * ForceAge.of(setup).age, stiffness, linestyle="none", markersize=4.5, **style)
     ages = np.geomspace(1e-4, 0.08, 50)
     D_d = set_up(Scenario()).design.D_d[0, 0]

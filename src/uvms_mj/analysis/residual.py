@@ -165,7 +165,7 @@ def experienced(trace: Trace) -> Experienced | str:
         return "the run diverged"
     if len(trace) < 4:
         return "fewer than four samples"
-    if not trace.scenario.current.constant and "v_c_W" not in trace:
+    if not trace.scenario.current.constant and "v_c_W" not in trace.arrays:
         return "the motion of the water was not recorded: run the scenario itself, not a reset of another one"
     apart = float(np.diff(trace.t).max())
     if trace.header.row_steps > 1 and apart > ROWS_S:

@@ -419,11 +419,12 @@ def _arange(at: Arrays, *numbers: Whole) -> Value:
 
 def _as_type(at: Arrays, value: Value, base: np.dtype | None) -> Value:
     """A new array with these numbers, of another type if one is given."""
-    if base in (None, value.kind.base):
+    kind = value.kind.base if base is None else base
+    if kind == value.kind.base:
         return at.copied(value) if not value.fresh else value
 
     def typed(number: Value) -> Value:
-        return at.as_integer(number) if base == INT else scalar(at.converted(number, base), base)
+        return at.as_integer(number) if kind == INT else scalar(at.converted(number, kind), kind)
 
     return at.elementwise(typed, value)
 

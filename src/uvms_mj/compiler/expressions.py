@@ -46,7 +46,8 @@ class Expressions(Arrays):
         self.constants: dict[str, Value] = {}  # names that stand for one number
         self.assigned: set[str] = set()  # names that have a value here, whichever way led here
         self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
-        self.names = {name: value for names in inspect.getclosurevars(function)[2::-1] for name, value in names.items()}
+        seen = inspect.getclosurevars(function)
+        self.names = {**seen.builtins, **seen.globals, **seen.nonlocals}
 
     # names
 

@@ -88,8 +88,7 @@ _remembered = functools.lru_cache(maxsize=64)(Channel)
 
 def channel_of(stage: Any, quantity: str) -> Channel:
     """The channel of a quantity, by the settings of a stage."""
-    kind: Any = type(stage)  # mypy does not see that the class is hashable
-    return _remembered(*_settings_of(kind, quantity)(stage))
+    return _remembered(*_settings_of(type(stage), quantity)(stage))
 
 
 @functools.lru_cache(maxsize=64)

@@ -24,6 +24,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -239,7 +240,7 @@ def _link(
     speed = numeric(model, f"{joint_name}.speed_limit", 1, faults, np.array([np.inf]))[0]
     if speed <= 0.0:
         faults.append(Fault(f"{joint_name}.speed_limit", f"{speed:g}: must be positive"))
-    arrays = {
+    arrays: dict[str, Any] = {
         "p_0": R_WP.T @ (data.xpos[body] - data.xpos[carrier]),
         "R_0": R_WP.T @ R_WL,
         "axis": model.jnt_axis[joint].copy(),

@@ -34,7 +34,7 @@ import types
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
-from typing import Annotated, Any, ClassVar, get_type_hints
+from typing import Annotated, Any, ClassVar, cast, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, StrictBool, TypeAdapter, ValidationError, with_config
@@ -134,7 +134,7 @@ class Stage:
     def __post_init__(self) -> None:
         table, noun = self.room.table, self.room.setting
         place = f"the {noun}s of {self.label()}"
-        kind: Any = type(self)  # mypy does not see that the class is hashable
+        kind = type(self)
         try:
             valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
@@ -308,8 +308,7 @@ def validator(cls: Any) -> TypeAdapter:
     if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
         hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
-    make: Any = TypedDict
-    shape = make("shape", {field.name: hints[field.name] for field in dataclasses.fields(cls)})
+    shape = cast(Any, TypedDict)("shape", {field.name: hints[field.name] for field in dataclasses.fields(cls)})
     return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))
 
 

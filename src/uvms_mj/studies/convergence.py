@@ -105,7 +105,9 @@ class Convergence:
 
     def table(self) -> list[tuple[str, ...]]:
         """The table of the estimates, its heads first."""
-        found = [("metric", *(f"h = {h:g} s" for h in self.timesteps), "order", "tends to", "remark")]
+        found: list[tuple[str, ...]] = [
+            ("metric", *(f"h = {h:g} s" for h in self.timesteps), "order", "tends to", "remark")
+        ]
         for each in self.estimates:
             values = ("-" if value is None else f"{value:.7g}" for value in each.values)
             order = "-" if each.order is None else f"{each.order:.2f}"

@@ -66,19 +66,19 @@ class Motion(Protocol):
     def __call__(self, y: Any, /) -> np.ndarray:
         """F (n,)."""
 
-    def jacobian(self, y: Any) -> np.ndarray:
+    def jacobian(self, y: Any, /) -> np.ndarray:
         """The derivative (n, n) of F by the coordinates from y."""
 
-    def stable(self, y: Any) -> bool:
+    def stable(self, y: Any, /) -> bool:
         """Whether the motion stays at a root of F."""
 
-    def moved(self, y: Any, change: np.ndarray) -> Any:
+    def moved(self, y: Any, change: np.ndarray, /) -> Any:
         """y after a change (n,) of the coordinates."""
 
-    def passed(self, t: float, y: Any) -> str:
+    def passed(self, t: float, y: Any, /) -> str:
         """Called after each step. Returns the reason why the motion can't go on, or an empty text."""
 
-    def lead(self, y: Any, t: float, step: float) -> np.ndarray:
+    def lead(self, y: Any, t: float, step: float, /) -> np.ndarray:
         """Set the reference to that of t + step. Returns its change (n,) since t in the coordinates from y."""
 
 

@@ -59,7 +59,7 @@ def _number(value: Any) -> float:
 
 def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
     """What a law does on a task, from its rows."""
-    draws = []
+    draws: list[dict[str, Any]] = []
     for row in frame.to_dict("records"):
         broke = broken(task, row)
         each = {"draw": row["draw"], "seed": row["seed"], "passed": not broke, "broke": broke, "status": row["status"]}

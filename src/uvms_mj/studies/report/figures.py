@@ -324,7 +324,7 @@ def maps(data: StudyRows, pair: tuple[Factor, Factor], metrics: Sequence[Metric]
 
 def _row(
     figure: Figure,
-    row: Sequence[Axes],
+    row: np.ndarray,
     data: StudyRows,
     laws: Sequence[str],
     pair: tuple[Factor, Factor],

@@ -130,7 +130,7 @@ def failures(data: StudyRows) -> tuple[Table, int]:
     """The most frequent failures, alike but for the numbers of their messages, and the number of further kinds."""
     lost = data.frame[~data.completed]
     alike = lost["message"].fillna("").map(lambda text: _NUMBER.sub("…", str(text)))
-    found = []
+    found: list[tuple[str, list[Any]]] = []
     for (law, status, _), group in lost.groupby([lost["law"], lost["status"], alike], sort=False):
         one = group.iloc[0]
         message = str(one["message"] or "") if len(group) == 1 else alike[group.index[0]]

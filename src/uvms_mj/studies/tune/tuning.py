@@ -218,5 +218,5 @@ def _shown(done: int, total: int, best: float | None) -> dict[str, Any]:
 def _trial(each: Any) -> Trial:
     """A trial of Optuna as ours."""
     found = each.user_attrs["outcome"]
-    tuples = {name: tuple(found[name]) for name in ("constraints", "violations")}
+    tuples: dict[str, Any] = {name: tuple(found[name]) for name in ("constraints", "violations")}
     return Trial(each.number, each.params, Outcome(**{**found, **tuples}))

@@ -55,7 +55,7 @@ def scene(scenario: Scenario) -> Figure:
     if speed.any():
         (ax,) = figure.axes
         tail = start + np.array([0.0, 0.0, 0.45])
-        (x, y), tip = view[:2] @ tail, view[:2] @ (tail + speed * _SECOND)
+        (x, y), tip = view[:2] @ tail, tuple(view[:2] @ (tail + speed * _SECOND))
         look: dict[str, Any] = {"color": "#{:02x}{:02x}{:02x}".format(*BLUE), "arrowstyle": "-|>", "linewidth": 1.4}
         ax.annotate("", tip, (x, y), arrowprops=look | {"shrinkA": 0.0, "shrinkB": 0.0})
         ax.text(x, y + 0.16, f"current {np.linalg.norm(speed):.3g} m/s", ha="center", fontsize=SMALL)

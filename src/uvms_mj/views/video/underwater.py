@@ -145,7 +145,7 @@ def _pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.ndarr
 
 
 def model_of(
-    header: Header, centre: Sequence[float], extent: float = 1.0, floor: float = FLOOR, samples: int = 8
+    header: Header, centre: Sequence[float] | np.ndarray, extent: float = 1.0, floor: float = FLOOR, samples: int = 8
 ) -> mujoco.MjModel:
     """A model of the run's vehicle and walls for drawing only.
 
