@@ -91,12 +91,7 @@ def draw(axes: dict[str, Axes]) -> None:
 def main() -> None:
     mosaic: list[Any] = [[f"{name} {side}" for side in "ag"] for name in ("push", "command", "place")]
     with styled():
-        figure, axes = plt.subplot_mosaic(
-            mosaic,
-            figsize=(PAGE_IN, 4.6),
-            sharex=True,
-            layout="constrained",
-        )
+        figure, axes = plt.subplot_mosaic(mosaic, figsize=(PAGE_IN, 4.6), sharex=True, layout="constrained")
         draw(axes)
     written(figure, "autopilot")
 

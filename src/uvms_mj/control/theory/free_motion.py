@@ -135,9 +135,9 @@ class FreeMotion:
         self.largest, self.sharp, self.ends = _LARGEST, 1e-3, track.ends
         self.posture, (self.inertia_hat, self.restoring_hat) = PostureAtRest(setup), factors_hat(setup)
 
-    def base(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and attitude (3, 3) of B in W at joint positions q (n,)."""
-        p, R = Statics(self.setup.vehicle, q).pose(self.frame)
+    def base(self, tree: Statics) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) and attitude (3, 3) of B in W for the tree in a posture."""
+        p, R = tree.pose(self.frame)
         R_WB = self.held.R_WB @ R.T
         return self.held.position - R_WB @ p, R_WB
 
@@ -145,7 +145,7 @@ class FreeMotion:
         """What acts at joint positions q (n,)."""
         setup = self.setup
         tree, model, J, M_hat, M_inv = trees_at(setup, q, self.inertia_hat)
-        p_WB, R_WB = self.base(q)
+        p_WB, R_WB = self.base(tree)
         J_bar = np.linalg.solve(J @ M_inv @ J.T, J @ M_inv).T
         P = M_inv - J_bar @ (J @ M_inv)
         g_hat = model.restoring(R_WB, setup.gravity_W, self.restoring_hat)
@@ -303,7 +303,8 @@ def tool_rest(setup: Any, K: float, thrust_map: ThrustMap, track: Track) -> Stea
         return f"behind the tool, {q}"
     tool, tau, s = track.end, free.push(q).tau, np.zeros(6)
     if np.isfinite(K):
-        y = approach(of, TreePose(*free.base(q), q, np.zeros(6)), np.zeros(12 + of.n), _FIRST_OF_TREE, _STEPS_OF_TREE)
+        start = TreePose(*free.base(Statics(setup.vehicle, q)), q, np.zeros(6))
+        y = approach(of, start, np.zeros(12 + of.n), _FIRST_OF_TREE, _STEPS_OF_TREE)
         if isinstance(y, str):
             return f"behind the tool, {y}"
         tool, tau, s = of.tool(y), of.commanded(y)[0], of.sliding(y)
