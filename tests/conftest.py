@@ -18,10 +18,13 @@ from uvms_mj.cli import main
 from uvms_mj.engine import simulation
 from uvms_mj.engine.engines import refusals
 
+gc.set_threshold(20_000, 20, 20)  # to search for garbage as often as Python does would be a tenth of all work
+
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")
 
 
+HERE = Path(__file__).parent
 FOR_EACH_COMMIT = {
     *("actuation", "analysis", "compiler", "control", "engine", "envs", "guidance", "navigation", "physics", "plant"),
     *("setup", "stages", "test_borders.py", "test_house.py", "test_refusals.py", "test_scenario.py"),
@@ -36,24 +39,37 @@ WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
 
 
+def _is_read(name, config):
+    """Whether a folder or module of the tests is read: with the marker bits alone, only what has such tests."""
+    return config.option.markexpr != "bits" or name in FOR_EACH_COMMIT
+
+
+def pytest_configure(config):
+    """Each worker begins to read at another place, so that it finds byte code that another one has made."""
+    worker = getattr(config, "workerinput", None)
+    if worker and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        names = sorted({path.relative_to(HERE).parts[0] for path in HERE.rglob("test_*.py")})
+        names = [name for name in names if _is_read(name, config)]
+        first = len(names) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        config.args = [str(HERE / name) for name in (*names[first:], *names[:first])]
+
+
 def pytest_ignore_collect(collection_path, config):
-    """With the marker bits alone, files that have no such test are not even read."""
-    within = collection_path.relative_to(Path(__file__).parent).parts if config.option.markexpr == "bits" else ()
-    return True if within and within[0] not in FOR_EACH_COMMIT else None
+    within = collection_path.relative_to(HERE).parts
+    return True if within and not _is_read(within[0], config) else None
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: item.path.name not in LONGEST)
+    items.sort(key=lambda item: (item.path.name not in LONGEST, item.path))
     for item in items:
-        place = item.path.relative_to(Path(__file__).parent).parts[0]
+        place = item.path.relative_to(HERE).parts[0]
         if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:
             item.add_marker("bits")
 
 
 def pytest_collection_finish():
-    """What was imported stays; to search it for garbage again and again would be a tenth of all work."""
+    """What was imported stays."""
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 _HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -91,7 +107,7 @@ def _fast(setup):
 @pytest.fixture(scope="module", autouse=True)
 def _engine(request):
     with pytest.MonkeyPatch.context() as patch:
-        if request.path.relative_to(Path(__file__).parent).parts[0] not in WITH_MUJOCO:
+        if request.path.relative_to(HERE).parts[0] not in WITH_MUJOCO:
             patch.setitem(simulation.ENGINES, "fast", _fast)
             patch.setitem(simulate.__kwdefaults__, "engine", "fast")
         yield

@@ -29,6 +29,10 @@ CHANGED = {
 }
 
 
+STILL = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+"""Of a reader who wants less motion: the page begins paused."""
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
@@ -47,6 +51,7 @@ def browser(site, tmp_path_factory):
     browser = Chromium(tmp_path_factory.mktemp("browser"))
     for domain in ("Page", "Network", "Runtime", "Log"):
         browser(f"{domain}.enable")
+    browser("Emulation.setEmulatedMedia", features=STILL)
     browser("Page.navigate", url=(site / "pool.html").as_uri())
     browser.evaluate("new Promise((done) => (document.readyState === 'complete' ? done() : (onload = done)))")
     yield browser
@@ -237,7 +242,7 @@ def test_the_pool_is_small_and_asks_nobody(browser, site):
 @needs_chromium
 def test_the_page_follows_the_readers_wishes(browser, site):
     """It begins paused for who wants less motion, and has the theme of the page around it."""
-    browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    browser("Emulation.setEmulatedMedia", features=STILL)
     browser("Page.navigate", url=(site / "pool.html").as_uri())
     shown = browser.evaluate(
         """new Promise((done) => {

@@ -134,6 +134,8 @@ class FreeMotion:
         self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
         self.largest, self.sharp, self.ends = _LARGEST, 1e-3, track.ends
         self.posture, (self.inertia_hat, self.restoring_hat) = PostureAtRest(setup), factors_hat(setup)
+        # of a pose that is held and joint positions: a derivative begins where the push is known
+        self._pushes = functools.lru_cache(2)(lambda held, *q: self._push(np.array(q)))
 
     def base(self, tree: Statics) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and attitude (3, 3) of B in W for the tree in a posture."""
@@ -143,6 +145,9 @@ class FreeMotion:
 
     def push(self, q: np.ndarray) -> Push:
         """What acts at joint positions q (n,)."""
+        return self._pushes(self.held, *q)
+
+    def _push(self, q: np.ndarray) -> Push:
         setup = self.setup
         tree, model, J, M_hat, M_inv = trees_at(setup, q, self.inertia_hat)
         p_WB, R_WB = self.base(tree)

@@ -250,7 +250,8 @@ class Loop:
         found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, normal[:, None], outer)) / _EPS
         if not amplitudes:
             return found[None]
-        return found + np.array([out @ law.by_s(S * right) / S for S in amplitudes]) @ found[-self.m :]
+        by_s = law.by_s(np.array([S * right for S in amplitudes]))
+        return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
     def _step(self, drag: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """A time step of x, nu and the states of the lag, which the acceleration by the command follows."""
@@ -393,7 +394,8 @@ class _Law:
         vars(self.state).update({name: np.array(value) for name, value in about})
         self.states = [*vars(self.state).values(), *([self.zeta.zeta] if slides else [])]
         self.rate = [*vars(self.rates).values(), *([self.zeta_dot.zeta] if slides else [])]
-        self.ends = np.cumsum([len(each) for each in self.states])
+        sizes = [len(each) for each in self.states]
+        self.places = [slice(end - size, end) for end, size in zip(np.cumsum(sizes), sizes, strict=True)]
         self.base = np.concatenate([*self.states, np.zeros(0)])
         self.n = len(self.base)
         self.D, self.D_hat = (each.D_linear for each in (setup.vehicle, setup.nominal))
@@ -405,17 +407,25 @@ class _Law:
         return np.array([self._given(y) - at_rest for y in given.T]).T
 
     def by_s(self, s: np.ndarray) -> np.ndarray:
-        """The change (12 + 2 n, columns) under each column (6,) in place of s = 0."""
+        """The changes (B, 12 + 2 n, columns) under each column of s (B, 6, columns) in place of s = 0."""
         at_rest = self._given(np.zeros(18 + self.n))
-        return np.array([self._command(each) - at_rest for each in s.T]).T
+
+        def change(s: np.ndarray) -> np.ndarray:
+            self._set(self.base)
+            return self._command(s) - at_rest
+
+        return np.array([[change(column) for column in one.T] for one in s]).transpose(0, 2, 1)
+
+    def _set(self, states: np.ndarray) -> None:
+        for state, place in zip(self.states, self.places, strict=True):
+            state[:] = states[place]
 
     def _given(self, y: np.ndarray) -> np.ndarray:
         signals, half = self.signals, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
         signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.D @ signals.nu
         signals.s = np.zeros(6)
-        for each, value in zip(self.states, np.split(self.base + y[18:], self.ends), strict=False):
-            each[:] = value
+        self._set(self.base + y[18:])
         if self.kind.uses_task:
             self.task.step(self.task_gains, self.zeta, signals, self.zeta_dot, signals)
         self.s = signals.s

@@ -133,19 +133,23 @@ class Block:
 
 class Format:
     """The channels of a log and the layout of its rows. ``names`` are the topics in their order; default: a new log's.
-    Raises KeyError if a topic is unknown, or no topic has a signal."""
+    Raises KeyError if a topic is unknown, or no topic has a signal.
+
+    Messages of constant values are made only where they are written: who reads a log needs no closed form.
+
+    Attributes:
+        number, types: channel and ROS 2 type of each topic, in their order.
+        row_records, arrow_records: the messages of a row, and those of the force arrows.
+    """
 
     def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
         self.header = header
-        once, self.once_values = topics.once(header)
-        self.arrows, sampled = topics.arrows(), topics.sampled(header)
-        known = {topic.name: topic for topic in (*once, self.arrows, *sampled)}
-        self.topics = tuple(known.values()) if names is None else tuple(known[name] for name in names)
-        self.number = {topic.name: i + 1 for i, topic in enumerate(self.topics)}
-        self.row_records, self.once_records, self.arrow_records = (
-            Records([(self.number[topic.name], topic) for topic in self.topics if topic in group])
-            for group in (sampled, once, (self.arrows,))
-        )
+        self._rows = {topic.name: topic for topic in topics.sampled(header)}
+        self._arrows = {topic.name: topic for topic in (topics.arrows(),)}
+        types = topics.ONCE | {name: topic.type for name, topic in (self._arrows | self._rows).items()}
+        names = [*self._once, *self._arrows, *self._rows] if names is None else names
+        self.number, self.types = {name: i + 1 for i, name in enumerate(names)}, {name: types[name] for name in names}
+        self.row_records, self.arrow_records = self._records(self._rows), self._records(self._arrows)
         self._places = [self.row_records.place_of(signal.name) for signal in header.signals[1:]]  # t is the log time
         self.timestep, steps = header.scenario.simulation.timestep, header.scenario.steps
         self.most_rows = -(-steps // header.row_steps) + 1
@@ -153,6 +157,26 @@ class Format:
         self.arrow_every = max(1, round(1.0 / (topics.ARROWS_HZ * self.timestep * header.row_steps)))
         """Number of rows from one message of force arrows to the next."""
         self._block = functools.lru_cache(maxsize=2)(self._new_block)
+
+    def _records(self, group: Mapping[str, Topic]) -> Records:
+        return Records([(number, group[name]) for name, number in self.number.items() if name in group])
+
+    @functools.cached_property
+    def _once(self) -> dict[str, Topic]:
+        """The topics of constant values. :attr:`once_values` are their numbers."""
+        once, self.once_values = topics.once(self.header)
+        return {topic.name: topic for topic in once}
+
+    @functools.cached_property
+    def once_records(self) -> Records:
+        """The messages of constant values."""
+        return self._records(self._once)
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics in their order."""
+        known = self._once | self._arrows | self._rows
+        return tuple(known[name] for name in self.number)
 
     def times(self, first_row: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Time [s] and log time [ns] of n rows (n,)."""
@@ -209,7 +233,7 @@ class Format:
                 return False
             channels.append(channel)
             at += 9 + length
-        return at == len(data) and channels == list(self.once_records.channels)
+        return at == len(data) and channels == [number for name, number in self.number.items() if name in topics.ONCE]
 
     def rows_of(self, raw: np.ndarray, first_row: int) -> np.ndarray | None:
         """Rows (n, width) of a chunk's bytes, equal bit for bit to those given to :meth:`block`.

@@ -213,10 +213,10 @@ class _Reader:
 
     def _chunk(self, format: Format, chunk: Chunk) -> None:
         """Read the rows of a chunk, which must continue the rows before it."""
-        limit = 2 * max(CHUNK_BYTES, format.row_records.size, format.once_records.size)
+        size, most = chunk.uncompressed_size, 2 * max(CHUNK_BYTES, format.row_records.size)
         try:
-            fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == chunk.uncompressed_size
-            if not fits or chunk.uncompressed_size > limit:
+            fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == size
+            if not fits or (size > most and size > 2 * format.once_records.size):
                 raise InputError("is damaged: a chunk has an impossible size")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, allow_extra_data=False)
         except zstandard.ZstdError as error:
@@ -264,7 +264,7 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
             found[channel.topic] = channel.id, kinds.get(channel.schema_id)
     with contextlib.suppress(KeyError):  # of a topic or a signal
         format = Format(header, list(found))
-        if found == {t.name: (format.number[t.name], t.type.replace("/", "/msg/")) for t in format.topics}:
+        if found == {name: (format.number[name], kind.replace("/", "/msg/")) for name, kind in format.types.items()}:
             return format
     version = header.versions.get("uvms-mj", "of another version")
     raise InputError(f"was written by uvms-mj {version}, whose topics differ from this version's")

@@ -191,6 +191,17 @@ def arrows() -> Topic:
     return Topic("/markers/forces", _MARKERS, "map", "m", meaning, forces())
 
 
+ONCE = {
+    "/tf_static": _TF,
+    "/current": _VECTOR,
+    "/markers/vehicle": _MARKERS,
+    "/markers/surroundings": _MARKERS,
+    "/analytic/contact": _WRENCH,
+    "/analytic/position": "geometry_msgs/PointStamped",
+}
+"""Topics of constant values and their types. A log has those of the closed form if there is one."""
+
+
 def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     """The topics of constant values, with one message at the start, and the values for their holes."""
     scene, analytic = scene_of(header), header.analytic
@@ -199,10 +210,10 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     meaning = "velocity of the current" if header.scenario.current.constant else "constant part of the current"
     shapes, around = vehicles(scene), surroundings(scene)
     topics = [
-        Topic("/tf_static", _TF, "map", "m, 1", "pose of the wall's face in map", wall),
-        Topic("/current", _VECTOR, "map", "m/s", meaning, current),
-        Topic("/markers/vehicle", _MARKERS, "base_link", "m", "geoms of the vehicle", shapes),
-        Topic("/markers/surroundings", _MARKERS, "map", "m", "the wall, and the current as an arrow", around),
+        ("/tf_static", "map", "m, 1", "pose of the wall's face in map", wall),
+        ("/current", "map", "m/s", meaning, current),
+        ("/markers/vehicle", "base_link", "m", "geoms of the vehicle", shapes),
+        ("/markers/surroundings", "map", "m", "the wall, and the current as an arrow", around),
     ]
     values = {
         "face": np.array([wall_face(header), 0.0, 0.0]),
@@ -212,14 +223,15 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     if isinstance(analytic, SteadyState):
         if "f_normal" not in header.by_name:  # the force is along x
             text = "closed form of the contact force at rest"
-            topics.append(Topic("/analytic/contact", _WRENCH, "map", "N", text, ros2.stamped("map", "force", 3, 6)))
+            topics.append(("/analytic/contact", "map", "N", text, ros2.stamped("map", "force", 3, 6)))
             values["force"] = np.array([-analytic.force, 0.0, 0.0])
         if analytic.position is not None:  # a user's law may predict the force only
             whose = "the tool's" if header.task_frame[0] == "p_WT" else "B's"
-            text, kind = f"closed form of {whose} position at rest", "geometry_msgs/PointStamped"
-            topics.append(Topic("/analytic/position", kind, "map", "m", text, ros2.stamped("map", "position", 3)))
+            text = f"closed form of {whose} position at rest"
+            topics.append(("/analytic/position", "map", "m", text, ros2.stamped("map", "position", 3)))
             values["position"] = analytic.position
-    return tuple(dataclasses.replace(topic, latched=True) for topic in topics), values
+    made = (Topic(name, ONCE[name], frame, unit, text, message, True) for name, frame, unit, text, message in topics)
+    return tuple(made), values
 
 
 def frame_of(link: LinkGeometry) -> str:

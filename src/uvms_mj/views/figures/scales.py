@@ -221,12 +221,6 @@ def _size(ax: Axes, inset: Inset) -> tuple[float, float]:
     return (0.48 if wide > 2.0 else 0.4), inset.height * (1.0 if high > 1.5 else 0.85)
 
 
-def _crossings(x: np.ndarray, y: np.ndarray, edge: float) -> np.ndarray:
-    """The values of y where a line through points (n,) crosses x = ``edge``."""
-    at = np.flatnonzero((x[:-1] < edge) != (x[1:] < edge))
-    return y[at] + (edge - x[at]) / (x[at + 1] - x[at]) * (y[at + 1] - y[at])
-
-
 def _taken(ax: Axes) -> np.ndarray:
     """Cells (row from below, column) of an axes that lines and bands pass through, as ones."""
     taken = np.zeros((CELLS, CELLS), dtype=int)
@@ -238,11 +232,21 @@ def _taken(ax: Axes) -> np.ndarray:
         good = np.isfinite(x) & np.isfinite(y)
         if not good.any():
             continue
-        x, y = x[good], y[good]
-        for i in range(CELLS):
-            inside = [y[(x >= edges[i]) & (x <= edges[i + 1])], *(_crossings(x, y, edge) for edge in edges[i : i + 2])]
-            low = min(each.min(initial=np.inf) for each in inside)
-            high = max(each.max(initial=-np.inf) for each in inside)
-            if high >= 0.0 and low <= 1.0:
-                taken[max(0, int(low * CELLS) - 1) : int(min(high, 2.0) * CELLS) + 2, i] = 1
+        low, high = _band(x[good], y[good], edges)
+        for i in np.flatnonzero((high >= 0.0) & (low <= 1.0)):
+            taken[max(0, int(low[i] * CELLS) - 1) : int(min(high[i], 2.0) * CELLS) + 2, i] = 1
     return taken
+
+
+def _band(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest y (m,) of a line through points (n,) between each two of the edges (m + 1,) of x."""
+    left, right = np.searchsorted(edges, x), np.searchsorted(edges, x, "right")
+    crossed = np.abs(np.diff(right))
+    at = np.repeat(np.arange(len(crossed)), crossed)
+    edge = np.minimum(right[:-1], right[1:])[at] + np.arange(len(at)) - (np.cumsum(crossed) - crossed)[at]
+    there = y[at] + (edges[edge] - x[at]) / (x[at + 1] - x[at]) * (y[at + 1] - y[at])
+    low, high = np.full(len(edges) + 1, np.inf), np.full(len(edges) + 1, -np.inf)
+    room, values = np.concatenate([left, right, edge, edge + 1]), np.concatenate([y, y, there, there])
+    np.minimum.at(low, room, values)
+    np.maximum.at(high, room, values)
+    return low[1:-1], high[1:-1]
