@@ -327,15 +327,16 @@ class Mjcf:
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path, ships = known[str(model)], True
         path = Path(os.path.abspath(path))
-        if path not in _found or not _found[path][0].unchanged():
+        files, found = _found.pop(path, (None, None))
+        if files is None or found is None or not files.unchanged():
             files = ModelFiles(path)
             found = cls(path.name, files.flat(), ships)
             if len(found.files) > 1:
                 found._check_against(path)
-            if len(_found) >= _MOST_FOUND:
-                _found.clear()
-            _found[path] = files, found
-        return _found[path][1]
+        _found[path] = files, found  # the last one now
+        for oldest in list(_found)[:-_MOST_FOUND]:
+            _found.pop(oldest, None)
+        return found
 
     def _check_against(self, path: Path) -> None:
         """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which
