@@ -31,10 +31,13 @@ SHORTER = {
     "results/slide.py": (('"tool_slide")', '"tool_slide", {"simulation.duration": 3.0})'),),
     "results/stiffness_and_peak.py": (("np.logspace(3, 6, 13)", "np.logspace(3, 6, 2)"),),
     "results/study.py": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
+    "results/tool.py": (('"tool_push")', '"tool_push", {"simulation.duration": 6.0})'),),
     "results/wipe.py": (('"wipe_wall")', '"wipe_wall", {"simulation.duration": 6.0})'),),
     "notebooks/2_your_own_law.ipynb": (('"runs": 24', '"runs": 2'), SHORT_STUDY),
     "notebooks/4_an_arm_pushes.ipynb": (
+        ('load("tool_push")', 'load("tool_push", {"simulation.duration": 6.0})'),
         ('("impedance", "fosm", "gsta")', '("fosm",)'),
+        ('load("tool_push", controller=law)', 'load("tool_push", {"simulation.duration": 6.0}, law)'),
         ('"tool_slide")', '"tool_slide", {"simulation.duration": 3.0})'),
     ),
     "notebooks/5_learning_to_push.ipynb": (

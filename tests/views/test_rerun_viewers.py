@@ -264,7 +264,7 @@ def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
     try:
         for domain in ("Page", "Network"):
             browser(f"{domain}.enable")
-        browser("Emulation.setDeviceMetricsOverride", width=800, height=560, deviceScaleFactor=1, mobile=False)
+        browser("Emulation.setDeviceMetricsOverride", width=560, height=400, deviceScaleFactor=1, mobile=False)
         browser("Page.navigate", url=server.address)
         deadline, series = time.monotonic() + 120.0, {}
         while time.monotonic() < deadline:
