@@ -21,7 +21,7 @@ checks: setup
 	$(BIN)/lint-imports
 
 suite: setup $(if $(CI),system-packages)
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(if $(CI),--durations=30)
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(if $(CI),--durations=30) # three for two cores: some tests wait
 
 docs: setup
 	$(BIN)/sphinx-build -W --keep-going -q -d docs/_build/doctrees docs docs/_build/html
