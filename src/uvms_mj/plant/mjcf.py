@@ -327,16 +327,17 @@ class Mjcf:
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path, ships = known[str(model)], True
         path = Path(os.path.abspath(path))
-        files, found = _found.pop(path, (None, None))
-        if files is None or found is None or not files.unchanged():
+        kept = _found.pop(path, None)
+        if kept is None or not kept[0].unchanged():
             files = ModelFiles(path)
             found = cls(path.name, files.flat(), ships)
             if len(found.files) > 1:
                 found._check_against(path)
-        _found[path] = files, found  # the last one now
+            kept = files, found
+        _found[path] = kept  # the last one now
         for oldest in list(_found)[:-_MOST_FOUND]:
             _found.pop(oldest, None)
-        return found
+        return kept[1]
 
     def _check_against(self, path: Path) -> None:
         """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which

@@ -145,9 +145,10 @@ class Format:
     def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
         self.header = header
         self._rows = {topic.name: topic for topic in topics.sampled(header)}
-        self._arrows = {topic.name: topic for topic in (topics.arrows(),)}
+        arrows = topics.arrows()
+        self._arrows = {arrows.name: arrows}
         types = topics.ONCE | {name: topic.type for name, topic in (self._arrows | self._rows).items()}
-        names = [*self._once, *self._arrows, *self._rows] if names is None else names
+        names = [*self._once[0], *self._arrows, *self._rows] if names is None else names
         self.number, self.types = {name: i + 1 for i, name in enumerate(names)}, {name: types[name] for name in names}
         self.row_records, self.arrow_records = self._records(self._rows), self._records(self._arrows)
         self._places = [self.row_records.place_of(signal.name) for signal in header.signals[1:]]  # t is the log time
@@ -162,20 +163,20 @@ class Format:
         return Records([(number, group[name]) for name, number in self.number.items() if name in group])
 
     @functools.cached_property
-    def _once(self) -> dict[str, Topic]:
-        """The topics of constant values. :attr:`once_values` are their numbers."""
-        once, self.once_values = topics.once(self.header)
-        return {topic.name: topic for topic in once}
+    def _once(self) -> tuple[dict[str, Topic], dict[str, np.ndarray]]:
+        """The topics of constant values, and the values for their holes."""
+        once, values = topics.once(self.header)
+        return {topic.name: topic for topic in once}, values
 
     @functools.cached_property
     def once_records(self) -> Records:
         """The messages of constant values."""
-        return self._records(self._once)
+        return self._records(self._once[0])
 
     @property
     def topics(self) -> tuple[Topic, ...]:
         """The topics in their order."""
-        known = self._once | self._arrows | self._rows
+        known = self._once[0] | self._arrows | self._rows
         return tuple(known[name] for name in self.number)
 
     def times(self, first_row: int, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +191,7 @@ class Format:
         """The messages of constant values, at time zero."""
         zero = np.zeros(1, np.int64)
         block = Block([(self.once_records, 1)])
-        block.fill(self.once_records, {name: value[None] for name, value in self.once_values.items()}, zero, zero)
+        block.fill(self.once_records, {name: value[None] for name, value in self._once[1].items()}, zero, zero)
         return block
 
     def _new_block(self, into: int, n: int) -> Block:

@@ -213,7 +213,7 @@ class _Reader:
 
     def _chunk(self, format: Format, chunk: Chunk) -> None:
         """Read the rows of a chunk, which must continue the rows before it."""
-        size, most = chunk.uncompressed_size, 2 * max(CHUNK_BYTES, format.row_records.size)
+        size, most = chunk.uncompressed_size, 2 * max(CHUNK_BYTES, format.row_records.size)  # of rows
         try:
             fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == size
             if not fits or (size > most and size > 2 * format.once_records.size):

@@ -230,8 +230,9 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             text = f"closed form of {whose} position at rest"
             topics.append(("/analytic/position", "map", "m", text, ros2.stamped("map", "position", 3)))
             values["position"] = analytic.position
-    made = (Topic(name, ONCE[name], frame, unit, text, message, True) for name, frame, unit, text, message in topics)
-    return tuple(made), values
+    return tuple(
+        Topic(name, ONCE[name], frame, unit, text, message, latched=True) for name, frame, unit, text, message in topics
+    ), values
 
 
 def frame_of(link: LinkGeometry) -> str:
