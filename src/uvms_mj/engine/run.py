@@ -17,7 +17,7 @@ from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf, mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
-from ..records.trace import Trace
+from ..records.trace import Columns, Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
@@ -172,8 +172,7 @@ class _Run:
             outcome, raised = self._outcome()
             self._take_rows()
             self.writing.end(outcome)
-        kept = np.concatenate(self.blocks) if self.blocks else np.zeros((0, header.width))
-        trace = Trace.of(header, kept, outcome)
+        trace = Trace(header, Columns(header, [*self.blocks]), outcome)
         if isinstance(raised, StageFault):
             raise LawError(outcome.message, trace) from raised.__cause__
         if raised is not None:

@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +28,28 @@ class UnknownSignal(KeyError):
         return str(self.args[0])  # without the quotes that KeyError puts around a key
 
 
+class Columns(Mapping[str, np.ndarray]):
+    """The signals of blocks of rows (n, width), one after the other. Each becomes an array when it is read first: few
+    are, of the many of a run."""
+
+    def __init__(self, header: Header, blocks: Sequence[np.ndarray]) -> None:
+        self.header, self.blocks, self.made = header, blocks or [np.zeros((0, header.width))], dict[str, np.ndarray]()
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.made:
+            place, shape = self.header.places[name], self.header.by_name[name].shape
+            array = np.concatenate([block[:, place] for block in self.blocks])
+            array.setflags(write=False)
+            self.made[name] = array.reshape(len(array), *shape)
+        return self.made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.header.places)
+
+    def __len__(self) -> int:
+        return len(self.header.places)
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each a read-only array (n, ...).
@@ -45,12 +66,7 @@ class Trace:
     @classmethod
     def of(cls, header: Header, rows: np.ndarray, outcome: Outcome) -> "Trace":
         """A trace of rows (n, width)."""
-        arrays = {}
-        for signal in header.signals:
-            block = np.ascontiguousarray(rows[:, header.places[signal.name]]).reshape(len(rows), *signal.shape)
-            block.setflags(write=False)
-            arrays[signal.name] = block
-        return cls(header, MappingProxyType(arrays), outcome)
+        return cls(header, Columns(header, [rows]), outcome)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "Trace":
