@@ -247,7 +247,8 @@ def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
 
 def read(path: Path) -> pa.Table:
     """Read a part. Raises OSError, ValueError or pyarrow's errors, which are among them, if it is damaged."""
-    table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        table = file.read(use_threads=False)
     if (table.schema.metadata or {}).get(b"rows") != _checksum(table).encode():
         raise ValueError("its rows do not have their checksum")
     return table

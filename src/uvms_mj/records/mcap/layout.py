@@ -109,10 +109,8 @@ class Block:
     ) -> None:
         """Set the numbers of all n messages of some records: values (n, count) for each hole, row numbers (n,) and log
         times (n,) [ns]."""
-        when = np.empty(len(log_ns), _WHEN)
-        when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
         stamps = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
-        given = {**values, ".when": when.view(np.uint8).reshape(-1, 20), STAMP: stamps}
+        given = {**values, ".when": _when(sequence, log_ns), STAMP: stamps}
         first = 0
         for piece in self._views[records]:
             rows = slice(first, first + len(piece))
@@ -129,6 +127,13 @@ class Block:
             offsets |= {channel: base + i * index.itemsize for i, channel in enumerate(records.channels)}
             base += index.nbytes
         return b"".join(index.tobytes() for index in self._indexes.values()), offsets
+
+
+def _when(sequence: np.ndarray, log_ns: np.ndarray) -> np.ndarray:
+    """The bytes (n, 20) of row numbers (n,) and log times (n,) [ns] in messages."""
+    when = np.empty(len(log_ns), _WHEN)
+    when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
+    return when.view(np.uint8).reshape(-1, 20)
 
 
 class Format:
@@ -217,13 +222,8 @@ class Format:
 
     def _belong(self, records: np.ndarray, first_row: int, log_ns: np.ndarray) -> bool:
         """Whether records have the expected row numbers and times, on every channel."""
-        sequence = np.arange(first_row, first_row + len(log_ns)) & 0xFFFFFFFF
-        for channel in self.row_records.channels:
-            when = np.ascontiguousarray(records[f"{channel}.when"]).view(_WHEN).reshape(-1)
-            same = (when["sequence"] == sequence) & (when["log"] == log_ns) & (when["publish"] == log_ns)
-            if not same.all():
-                return False
-        return True
+        when = _when(np.arange(first_row, first_row + len(log_ns)), log_ns)
+        return all(np.array_equal(records[f"{channel}.when"], when) for channel in self.row_records.channels)
 
     def is_once(self, data: bytes) -> bool:
         """Whether a chunk has the messages of constant values. What they draw may differ between versions."""
