@@ -43,7 +43,7 @@ $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --disable-pip-version-check --quiet uv # it installs in a tenth of pip's time
 	@# what was fetched for another clone is not asked for again; an index may be known to pip alone
-	add="pip install --quiet --editable .[dev]"; uv="$(BIN)/uv $$add --python $(BIN)/python"; \
+	set -f; add="pip install --quiet --editable .[dev]"; uv="$(BIN)/uv $$add --python $(BIN)/python"; \
 	  $$uv --offline 2>/dev/null || $$uv || $(BIN)/$$add
 	touch $@
 
