@@ -343,9 +343,9 @@ def deliverable(tau, q_dot, effort, speed_limit) -> float:
 
 @kernel
 def measured_frames(run, own):
-    """The frames of the links at the measured positions of the joints: ``own`` (1 + n,), which are set here, or the
-    true ones if the encoder is perfect and ``own`` is empty."""
-    if own.shape[0] == 0:
+    """The frames of the links at the measured positions of the joints: the true ones if the encoder is perfect, else
+    ``own`` (1 + n,), which are set here."""
+    if run.encoded == 0:
         return run.plant.frames
     place_links(own, run.joints.q_m, 0)
     return own

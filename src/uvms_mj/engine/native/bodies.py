@@ -99,9 +99,8 @@ def fill_model(model: np.ndarray, setup: Setup) -> None:
     if frame != BODY:
         site = arm.sites[frame]
         tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
-    model["gravity_W"], model["links"] = setup.gravity_W, link_records(setup.nominal)
-    if model["frames"].size:
-        model["frames"] = frame_records(setup.nominal)
+    model["gravity_W"] = setup.gravity_W
+    model["links"], model["frames"] = link_records(setup.nominal), frame_records(setup.nominal)
 
 
 def estimate(model: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
@@ -122,8 +121,7 @@ def fill_wrist(record: np.ndarray, setup: Setup) -> None:
     for link, body in zip(rigid, bodies, strict=True):
         link["M"], link["mass"], link["r_g"] = body.M_RB, body.mass, body.r_g
     record["rigid"], record["wet"], record["model"] = rigid, water_links(setup.vehicle), link_records(setup.nominal)
-    if record["frames"].size:
-        record["frames"] = frame_records(setup.nominal)
+    record["frames"] = frame_records(setup.nominal)
     record["gravity_W"] = setup.gravity_W
 
 

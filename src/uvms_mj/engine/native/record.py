@@ -110,7 +110,6 @@ class Shape:
         carried: whether one of them may be not B.
         surfaces, pairs: room for so many walls and contacts.
         resolves: whether the law's command is resolved, at a tool or with joints.
-        encoded: whether the positions of the joints are measured with errors.
     """
 
     joints: int = 0
@@ -120,7 +119,6 @@ class Shape:
     surfaces: int = 0
     pairs: int = 0
     resolves: bool = False
-    encoded: bool = False
 
 
 def room_for(n: int) -> int:
@@ -169,14 +167,14 @@ def plant_dtype(n: int) -> np.dtype:
     )
 
 
-def model_dtype(n: int, encoded: bool) -> np.dtype:
+def model_dtype(n: int) -> np.dtype:
     """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
     (:mod:`uvms_mj.control.model`). Matrices are flat arrays, row by row; N = 6 + n."""
     N = 6 + n
     return np.dtype(
         [
             ("links", LINK, (1 + n,)),
-            ("frames", FRAME, (1 + n if encoded else 0,)),  # at the measured positions
+            ("frames", FRAME, (1 + n,)),  # at the measured positions, if these are not the true ones
             ("gravity_W", "f8", (3,)),
             ("gravity_B", "f8", (3,)),
             ("tool", TOOL),
@@ -201,14 +199,14 @@ def model_dtype(n: int, encoded: bool) -> np.dtype:
     )
 
 
-def wrist_dtype(n: int, encoded: bool) -> np.dtype:
+def wrist_dtype(n: int) -> np.dtype:
     """The wrist sensor."""
     return np.dtype(
         [
             ("given", record_dtype(wrist_given(n))),
             ("reading", "f8", (6,)),
             *((name, LINK, (1 + n,)) for name in ("rigid", "wet", "model")),  # true links, water on them, estimates
-            ("frames", FRAME, (1 + n if encoded else 0,)),  # at the measured positions
+            ("frames", FRAME, (1 + n,)),  # at the measured positions, if these are not the true ones
             *((name, "f8", (3,)) for name in ("rigid_gravity_B", "wet_gravity_B", "gravity_B", "gravity_W")),
             ("sensor", TOOL),  # its frame S on the link behind it
             *_whole("weighs", "dynamic"),  # whether the model has weight, and motion
@@ -271,7 +269,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("saturated", "i8"),  # whether a command is at its limit
         ("tau_before", "f8", (6,)),
         # joints
-        ("model", model_dtype(n, shape.encoded)),
+        ("model", model_dtype(n)),
         ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
         ("joints", record_dtype(joints_given(n))),  # what their interface is given
         ("encoded", "i8"),  # whether the encoder is not perfect
@@ -305,7 +303,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("stop_value", "f8"),
     ]
     if n:
-        fields.append(("wrist", wrist_dtype(n, shape.encoded)))
+        fields.append(("wrist", wrist_dtype(n)))
     return np.dtype(fields, align=True)
 
 

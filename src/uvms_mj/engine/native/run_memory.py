@@ -196,7 +196,6 @@ def shape_of(setup: Setup) -> Shape:
         surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
         pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
-        encoded=n > 0 and scenario.encoder.runs,
     )
 
 
