@@ -43,7 +43,7 @@ from typing import Any
 import numpy as np
 
 from ...physics.flow import add_tether
-from ...physics.frames import attitude, quat_error, quat_turned, rotation_matrix
+from ...physics.frames import attitude, cross, quat_error, quat_turned, rotation_matrix
 from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
 from ..base import SteadyState
@@ -268,7 +268,7 @@ class PostureAtRest:
         up, up_d = R_WB[2], self.settings["up_d"]
         half = np.sqrt(max(0.5 + 0.5 * float(up @ up_d), 1e-6))  # cos(theta/2)
         T = np.linalg.svd(up[None])[2][1:]  # the plane normal to it
-        return T, -T @ np.cross(up, up_d) / half
+        return T, -T @ cross(up, up_d) / half
 
 
 _LARGEST_OF_TREE = 0.2

@@ -186,7 +186,7 @@ ROWS_ROOM, BANDS_ROOM = 1 << 20, 4096
 def shape_of(setup: Setup) -> Shape:
     """The shape of a run's record. A vehicle with joints has room for walls, a tool on any link and a wrist sensor also
     where it has none, so that one machine code serves more scenarios."""
-    scenario, contacts, n = setup.scenario, setup.contacts, len(setup.vehicle.arm.links)
+    contacts, n = setup.contacts, len(setup.vehicle.arm.links)
     paper, least = int(contacts.paper is not None), int(n > 0)
     return Shape(
         joints=n,
