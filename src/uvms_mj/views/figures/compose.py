@@ -319,10 +319,12 @@ def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[
     """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
     axes = [ax for ax, _ in cells]
     _legend(figure, axes, [*more, *band_handles(axes)])
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.execute(figure)
-    for ax, panel in cells:
+    with_insets = [(ax, panel) for ax, panel in cells if panel.insets]
+    if with_insets:
+        engine = figure.get_layout_engine()
+        assert engine is not None
+        engine.execute(figure)
+    for ax, panel in with_insets:
         place(ax, panel.insets, prefix_of(panel.largest)[0])
     for i, each in enumerate(figure.findobj(lambda artist: bool(artist.get_gid()))):
         each.set_gid(f"{each.get_gid()}-{i}")
