@@ -87,6 +87,7 @@ def test_a_second_run_into_a_folder_keeps_the_first(here, tmp_path):
     assert (tmp_path / "here" / "earlier-1" / "run.mcap").read_bytes() == first
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_made_from_an_earlier_log_is_moved_with_it_and_nothing_else(here, tmp_path):
     folder = tmp_path / "here"
     here("run", *SHORT, "-q", "--out", "here")

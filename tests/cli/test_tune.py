@@ -48,6 +48,7 @@ def test_a_tuning_prints_one_object_and_writes_its_files(here):
     assert here("run", "out/found.toml", "-q", "--out", "r", "simulation.duration=0.01").exit_code == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_feasible_trial_is_an_error_with_its_reason(here):
     limit = '[[constraint]]\nmetric = "contact.peak_N"\nat_most = 1e-3\n'
     Path("t.toml").write_text(tuning_text(trials=2, duration=0.05, constraint=limit))
