@@ -18,16 +18,18 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not in
 
 
 class Chromium:
-    """A headless Chromium, controlled by the DevTools protocol over a pipe."""
+    """A headless Chromium, controlled by the DevTools protocol over a pipe. A page with 3D needs ``webgl``, whose
+    renderer in software takes more time than everything else."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, webgl: bool = False) -> None:
         to_browser, from_browser = os.pipe(), os.pipe()
         read, write = (fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in (to_browser[0], from_browser[1]))
         run = f"import os, sys; os.dup2({read}, 3); os.dup2({write}, 4); os.execvp(sys.argv[1], sys.argv[1:])"
+        graphics = "--use-angle=swiftshader --enable-unsafe-swiftshader" if webgl else "--disable-gpu"
         flags = (
             "--headless --no-sandbox --remote-debugging-pipe --no-first-run --disable-quic --disable-sync "
-            "--disable-background-networking --disable-component-update --use-angle=swiftshader "
-            f"--enable-unsafe-swiftshader --window-size=1280,900 --user-data-dir={folder} about:blank"
+            f"--disable-background-networking --disable-component-update {graphics} "
+            f"--window-size=1280,900 --user-data-dir={folder} about:blank"
         )
         self.process = subprocess.Popen(
             [sys.executable, "-c", run, str(CHROMIUM), *flags.split()],

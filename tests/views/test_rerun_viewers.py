@@ -260,7 +260,7 @@ def test_a_taken_port_is_named(server, recording):
 
 @needs_chromium
 def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
-    browser = Chromium(tmp_path)
+    browser = Chromium(tmp_path, webgl=True)
     try:
         for domain in ("Page", "Network"):
             browser(f"{domain}.enable")
