@@ -42,7 +42,7 @@ $(VENV)/.installed: pyproject.toml
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --disable-pip-version-check --quiet uv # it installs in a tenth of pip's time
-	@# what was fetched for another clone is not asked for again; an index may be known to pip alone
+	@# what was fetched for another clone is not asked for again; an index may be known to pip alone; .[dev] is no pattern
 	set -f; add="pip install --quiet --editable .[dev]"; uv="$(BIN)/uv $$add --python $(BIN)/python"; \
 	  $$uv --offline 2>/dev/null || $$uv || $(BIN)/$$add
 	touch $@

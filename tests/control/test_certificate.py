@@ -193,7 +193,7 @@ def run(k_1, k_2, beta, rate, varphi_dot, h, end, s, w, seen=None):
 
 
 def starts(rng):
-    return np.stack([rng.uniform(-0.3, 0.3, N), rng.uniform(-2.0, 2.0, N)])
+    return rng.uniform(-0.3, 0.3, N), rng.uniform(-2.0, 2.0, N)
 
 
 GAINS = [(5.0, 10.0, 0.0), (5.0, 10.0, 5.0), (2.0, 10.0, 0.0), (2.0, 10.0, 5.0)]
@@ -203,7 +203,7 @@ GAINS = [(5.0, 10.0, 0.0), (5.0, 10.0, 5.0), (2.0, 10.0, 0.0), (2.0, 10.0, 5.0)]
 def test_below_the_bound_every_disturbance_is_rejected_to_a_band_that_shrinks_with_the_step(rng):
     k_1, k_2, beta = np.array(GAINS).T[..., None]
     rate = np.array([[0.9 * rate_bound(*gains[:2])] for gains in GAINS])
-    s, w = np.broadcast_to(starts(rng)[:, None], (2, len(GAINS), N))
+    s, w = starts(rng)
     steps, end = np.array([1e-3, 5e-4, 2.5e-4]), 6.0
     varphi_dot = disturbances(rng, end)
     bands = np.array([run(k_1, k_2, beta, rate, varphi_dot, h, end, s, w)[:2] for h in steps])
@@ -240,9 +240,8 @@ def test_the_lyapunov_function_falls_along_every_solution(rng):
     def seen(t, s, phi_1, w):
         values.append(P[:, 0, :1] * phi_1**2 + 2.0 * P[:, 0, 1:] * phi_1 * w + w**2)
 
-    varphi_dot = disturbances(rng, 2.0)
-    s, w = np.broadcast_to(starts(rng)[:, None], (2, len(GAINS), N))
-    run(k_1, k_2, beta, 0.9 * np.array(bounds)[:, None], varphi_dot, 1e-4, 2.0, s, w, seen)
+    rate = 0.9 * np.array(bounds)[:, None]
+    run(k_1, k_2, beta, rate, disturbances(rng, 2.0), 1e-4, 2.0, *starts(rng), seen)
     V = np.array(values[::20])
     outside = V[:-1] > 1e-3 * k_2  # outside the band caused by sampling
     assert (outside.sum(axis=(0, 2)) > 3000).all()

@@ -19,7 +19,7 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not in
 
 class Chromium:
     """A headless Chromium, controlled by the DevTools protocol over a pipe. A page with 3D needs ``webgl``, whose
-    renderer in software takes more time than everything else."""
+    renderer in software takes most of the browser's time."""
 
     def __init__(self, folder: Path, webgl: bool = False) -> None:
         to_browser, from_browser = os.pipe(), os.pipe()

@@ -153,7 +153,7 @@ class ModelAtBody(Stage):
     @fused
     def step(settings, state, given, state_dot, out):
         model, q_dot = state.model, state.joints.q_dot_m
-        frames = measured_frames(state, model.frames)
+        frames = measured_frames(state)
         move_model(model, frames, given.R_WB, given.nu, q_dot)
         estimate_wrenches(model, frames, given.R_WB, q_dot)
         out.C_hat_nu[:], out.D_hat_nu[:], out.g_hat[:] = model.C[:6], model.D[:6], model.g[:6]
@@ -175,7 +175,7 @@ class ModelAtTool(ModelAtBody):
     @fused
     def step(settings, state, given, state_dot, out):
         model, q_dot = state.model, state.joints.q_dot_m
-        frames = measured_frames(state, model.frames)
+        frames = measured_frames(state)
         move_model(model, frames, given.R_WB, given.nu, q_dot)
         place_tool(model, frames)
         if given.instant % int(settings.every) == 0:

@@ -124,7 +124,7 @@ def modelled_wrench(run, instant, period, R_WB, nu):
         base.A[:], q_ddot[:] = (nu - before) / period, (q_dot - wrist.q_dot_before) / period
     before[:], wrist.q_dot_before[:] = nu, q_dot
     to_body(R_WB, wrist.gravity_W, wrist.gravity_B)
-    frames = measured_frames(run, wrist.frames)
+    frames = measured_frames(run)
     carried_wrench(wrist.model, frames, wrist.gravity_B, first, wrist.dynamic, q_dot, q_ddot, wrist.work)
     place_sensor(wrist.sensor, frames[first])
     wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, wrist.model[first].F, wrist.modelled)

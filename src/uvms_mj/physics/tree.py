@@ -342,10 +342,10 @@ def deliverable(tau, q_dot, effort, speed_limit) -> float:
 
 
 @kernel
-def measured_frames(run, own):
-    """The frames of the links at the measured positions of the joints: the true ones if the encoder is perfect, else
-    ``own`` (1 + n,), which are set here."""
+def measured_frames(run):
+    """The frames (1 + n,) of the links at the measured positions of the joints: the true ones if the encoder is
+    perfect."""
     if run.encoded == 0:
         return run.plant.frames
-    place_links(own, run.joints.q_m, 0)
-    return own
+    place_links(run.frames_m, run.joints.q_m, 0)
+    return run.frames_m

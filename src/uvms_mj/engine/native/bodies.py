@@ -90,7 +90,7 @@ def fill_joints(run: np.ndarray, setup: Setup) -> None:
         given[name] = [link.range[i] for link in links]
     run["motor_index"] = [link.actuator_id for link in links]
     run["torque_of_ctrl"] = [link.torque_of_ctrl for link in links]
-    run["encoded"] = setup.scenario.encoder.runs
+    run["encoded"], run["frames_m"] = setup.scenario.encoder.runs, frame_records(setup.nominal)
 
 
 def fill_model(model: np.ndarray, setup: Setup) -> None:
@@ -99,8 +99,7 @@ def fill_model(model: np.ndarray, setup: Setup) -> None:
     if frame != BODY:
         site = arm.sites[frame]
         tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
-    model["gravity_W"] = setup.gravity_W
-    model["links"], model["frames"] = link_records(setup.nominal), frame_records(setup.nominal)
+    model["gravity_W"], model["links"] = setup.gravity_W, link_records(setup.nominal)
 
 
 def estimate(model: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
@@ -121,7 +120,6 @@ def fill_wrist(record: np.ndarray, setup: Setup) -> None:
     for link, body in zip(rigid, bodies, strict=True):
         link["M"], link["mass"], link["r_g"] = body.M_RB, body.mass, body.r_g
     record["rigid"], record["wet"], record["model"] = rigid, water_links(setup.vehicle), link_records(setup.nominal)
-    record["frames"] = frame_records(setup.nominal)
     record["gravity_W"] = setup.gravity_W
 
 

@@ -174,7 +174,6 @@ def model_dtype(n: int) -> np.dtype:
     return np.dtype(
         [
             ("links", LINK, (1 + n,)),
-            ("frames", FRAME, (1 + n,)),  # at the measured positions, if these are not the true ones
             ("gravity_W", "f8", (3,)),
             ("gravity_B", "f8", (3,)),
             ("tool", TOOL),
@@ -206,7 +205,6 @@ def wrist_dtype(n: int) -> np.dtype:
             ("given", record_dtype(wrist_given(n))),
             ("reading", "f8", (6,)),
             *((name, LINK, (1 + n,)) for name in ("rigid", "wet", "model")),  # true links, water on them, estimates
-            ("frames", FRAME, (1 + n,)),  # at the measured positions, if these are not the true ones
             *((name, "f8", (3,)) for name in ("rigid_gravity_B", "wet_gravity_B", "gravity_B", "gravity_W")),
             ("sensor", TOOL),  # its frame S on the link behind it
             *_whole("weighs", "dynamic"),  # whether the model has weight, and motion
@@ -273,6 +271,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
         ("joints", record_dtype(joints_given(n))),  # what their interface is given
         ("encoded", "i8"),  # whether the encoder is not perfect
+        ("frames_m", FRAME, (1 + n,)),  # of the links at the measured positions, if it is not
         ("q_ddot", "f8", (n,)),  # of the last step
         ("tau_q_demand", "f8", (n,)),  # torque that the interface sets
         ("tau_q", "f8", (n,)),  # and that of the motors
