@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from .emission import UNROLLED
 from .refusals import INDEX, field_suggestion
 from .scalars import Scalars
 from .values import (
@@ -19,6 +18,7 @@ from .values import (
     SCALARS,
     WORD,
     Kind,
+    Place,
     Value,
     bundle,
     contiguous,
@@ -248,7 +248,7 @@ class Arrays(Scalars):
             self.each(columns, lambda j: self.put(sums([[]], j)[0], out, j))
             return
         whole_blocks = rows[0] // ROWS
-        if rows[0] <= UNROLLED:
+        if rows[0] <= self.unit.unrolled:
             for i in range(whole_blocks):
                 block(WORD(i * ROWS), ROWS)
         else:
@@ -267,7 +267,7 @@ class Arrays(Scalars):
                 for each, term in zip(so_far, terms, strict=True)
             ]
 
-        return self.folded(n, [self.converted(term(WORD(0)), base) for term in terms], further, UNROLLED - 1)
+        return self.folded(n, [self.converted(term(WORD(0)), base) for term in terms], further, self.unit.unrolled - 1)
 
     # reductions
 
@@ -430,6 +430,10 @@ class Arrays(Scalars):
                 if isinstance(number, ir.Constant):
                     known += number.constant * stride
                 else:
+                    if isinstance(pointer, Place):
+                        self.reaches(array, each)
+                        array = self.unit.cells.in_memory(self, array)
+                        pointer = array.llvm[0]
                     pointer = self.shifted(pointer, self.at.mul(number, WORD(stride)))
             axis += 1
         pointer, kind = self.shifted(pointer, WORD(known)), array.kind
@@ -437,6 +441,10 @@ class Arrays(Scalars):
             return replace(array, kind=Kind(kind.base, readonly=kind.readonly), llvm=(pointer,))
         part = Kind(kind.base, tuple(shape), tuple(strides), readonly=kind.readonly)
         return replace(array, kind=part, llvm=(pointer, *(length if part.is_open else ())))
+
+    def reaches(self, array: Value, index: ast.expr) -> None:
+        """Look at an index into an array with cells that is not known when compiling. A loop may be written out for
+        it."""
 
     def _completed(self, array: Value, indices: list[ast.expr]) -> list[ast.expr]:
         """One index for each axis, without ``...``."""

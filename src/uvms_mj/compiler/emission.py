@@ -9,12 +9,12 @@ import numpy as np
 from llvmlite import ir
 
 from .refusals import STOPPED, Lacking, Mistake, code_of
-from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Value, contiguous, scalar, whole
+from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Place, Value, contiguous, scalar, whole
 
-Intrinsic = Callable[[ir.IRBuilder, Sequence[ir.Value]], "Value | None"]
+Intrinsic = Callable[["Emission", Sequence[ir.Value]], "Value | None"]
 
 UNROLLED = 16
-"""Up to so many elements are written out one by one; more are a loop."""
+"""So many elements are written out one by one if nothing else is asked for."""
 FRAME = 1 << 18
 """Most bytes of local arrays in a unit. They are on the stack."""
 PATIENCE = 1 << 20
@@ -30,9 +30,12 @@ class Module:
         checked: whether indices that are not constants, divisions of integers and conversions to integers are checked.
             A function then returns 0, or a number that says why and where it ended early (:mod:`.refusals`).
         intrinsics: functions with code of their own, which get their arguments as integers, an array by its address.
+        instead: functions that others replace.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
         library: prefix of the target's names for the functions of the C library.
+        cells: the record whose numbers are known, or in cells (:mod:`.cells`); otherwise None.
+        unrolled: up to so many elements are written out one by one; more are a loop.
         frame: bytes of local arrays so far.
         files: the sources' files, by their number in the codes.
     """
@@ -43,6 +46,9 @@ class Module:
     fused: Collection[Any] = ()
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
     library: str = ""
+    cells: Any = None
+    unrolled: int = UNROLLED
+    instead: Mapping[Any, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.module = ir.Module(self.name)
@@ -85,6 +91,7 @@ class Emission:
         self.unit, self.function, self.source = unit, function, source
         self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
         self.line = 1
+        self.given: Sequence[ir.Value] = ()  # where the cells are
 
     def mistake(self, reason: str) -> NoReturn:
         raise Mistake(self.function, self.line, self._words(), reason)
@@ -115,7 +122,7 @@ class Emission:
         """A new array whose entries are :meth:`put`, one after the other on the way that the code takes. A small one
         needs no memory if only its entries are asked for."""
         kind = contiguous(base, tuple(shape))
-        if kind.size > UNROLLED:
+        if kind.size > self.unit.unrolled:
             return self.temporary(base, shape)
         return Value(kind, Entries(kind.size, lambda entries: self._written(entries, base)), fresh=True)
 
@@ -148,7 +155,10 @@ class Emission:
         at = sum(i.constant * stride for i, stride in zip(indices, array.kind.strides, strict=True))
         return at // array.kind.base.itemsize
 
-    def shifted(self, pointer: ir.Value, distance: ir.Value) -> ir.Value:
+    def shifted(self, pointer: Any, distance: ir.Value) -> Any:
+        if isinstance(pointer, Place):
+            assert isinstance(distance, ir.Constant), "an index that is not known reaches memory only"
+            return Place(pointer.offset + distance.constant)
         if isinstance(distance, ir.Constant):
             if distance.constant == 0:
                 return pointer
@@ -156,14 +166,21 @@ class Emission:
                 return self.shifted(pointer.pointer, WORD(pointer.indices[0].constant + distance.constant))
         return self.at.gep(pointer, [distance], source_etype=BYTE)
 
-    def load(self, pointer: ir.Value, base: np.dtype) -> Value:
+    def load(self, pointer: Any, base: np.dtype) -> Value:
+        if isinstance(pointer, Place) and base in SCALARS:
+            if (known := self.unit.cells.known(pointer, base)) is not None:
+                return known
+            pointer = self.unit.cells.cell(self, pointer)
         if base == BOOL:
             return scalar(self.at.trunc(self.at.load(pointer, typ=BYTE), FLAG), BOOL)
         if base in SCALARS:
             return scalar(self.at.load(pointer, typ=SCALARS[base]), base)
         return Value(Kind(base), (pointer,))
 
-    def store(self, number: ir.Value, pointer: ir.Value) -> None:
+    def store(self, number: ir.Value, pointer: Any) -> None:
+        if isinstance(pointer, Place):
+            self.unit.cells.writes(pointer, 8 if number.type != FLAG else 1)
+            pointer = self.unit.cells.cell(self, pointer)
         self.at.store(self.at.zext(number, BYTE) if number.type == FLAG else number, pointer)
 
     def distance(self, indices: Sequence[ir.Value], strides: Sequence[int]) -> ir.Value:
@@ -188,7 +205,15 @@ class Emission:
 
     def pointer(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
         """Of an entry."""
-        return self.shifted(array.llvm[0], self.distance(self._own(array, indices), array.kind.strides))
+        own = self._own(array, indices)
+        array = self.reached(array, own)
+        return self.shifted(array.llvm[0], self.distance(own, array.kind.strides))
+
+    def reached(self, array: Value, indices: Sequence[ir.Value]) -> Value:
+        """An array whose entries these indices reach: in memory, if one of them is not known when compiling."""
+        if array.place is None or all(isinstance(each, ir.Constant) for each in indices):
+            return array
+        return self.unit.cells.in_memory(self, array)
 
     def element(self, value: Value, indices: Sequence[ir.Value]) -> Value:
         """An entry of an array; a number is itself."""
@@ -205,7 +230,7 @@ class Emission:
 
     def each(self, shape: Sequence[int], body: Callable[[list[ir.Value]], None]) -> None:
         """Code for each index of a shape: written out if they are few, otherwise a loop for each axis."""
-        if int(np.prod(shape, dtype=int)) <= UNROLLED:
+        if int(np.prod(shape, dtype=int)) <= self.unit.unrolled:
             for indices in np.ndindex(*shape):
                 body([WORD(i) for i in indices])
             return
@@ -254,11 +279,11 @@ class Emission:
         n: int,
         first: Sequence[ir.Value],
         step: Callable[[Sequence[ir.Value], ir.Value], Sequence[ir.Value]],
-        most: int = UNROLLED,
+        most: int | None = None,
     ) -> Sequence[ir.Value]:
         """The numbers of ``step(numbers so far, index)`` after the indices from 1 to n - 1, in their order, from those
         of index 0. Up to ``most`` steps are written out."""
-        if n - 1 <= most:
+        if n - 1 <= (self.unit.unrolled if most is None else most):
             for i in range(1, n):
                 first = step(first, WORD(i))
             return first

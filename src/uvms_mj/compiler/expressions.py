@@ -15,7 +15,7 @@ from .arrays import Arrays
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .emission import Module
 from .scalars import COMPARISONS, operator_name
-from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar
+from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Place, Value, bundle, contiguous, items_of, scalar
 
 MISSING = object()
 """What a name stands for that is not known when compiling."""
@@ -34,7 +34,12 @@ class Variable:
     block: int
     steady: bool = True
     outer: bool = True
-    numbers: tuple[ir.Value, ...] | None = None
+    numbers: tuple[Any, ...] | None = None
+
+    @property
+    def at_place(self) -> bool:
+        """Whether it is known when compiling where it is in a record with cells."""
+        return bool(self.numbers) and isinstance(self.numbers[0], Place)
 
 
 class Expressions(Arrays):
@@ -309,7 +314,7 @@ class Expressions(Arrays):
         if kind.items is not None:
             pairs = zip(items_of(value), kind.items, strict=True)
             return tuple(each for item, its in pairs for each in self.adapted(item, its))
-        return value.llvm
+        return value.llvm if value.place is None else self.unit.cells.in_memory(self, value).llvm
 
     # calls
 
@@ -329,8 +334,9 @@ class Expressions(Arrays):
         if (written := _hashed(known)) in FUNCTIONS:
             return FUNCTIONS[written](self, node.args, self._keywords(node))
         if written in self.unit.intrinsics:
-            return self.unit.intrinsics[written](self.at, [self._word(each) for each in node.args])
+            return self.unit.intrinsics[written](self, [self._word(each) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
+        known = self.unit.instead.get(known, known)
         if known is np.lib.stride_tricks.as_strided:
             self.mistake("as_strided reaches numbers beyond an array; write slices")
         if not isinstance(known, types.FunctionType) or known.__module__.partition(".")[0] in _FOREIGN:
@@ -340,6 +346,8 @@ class Expressions(Arrays):
     def _word(self, node: ast.expr) -> ir.Value:
         """An integer, or the address of an array."""
         value = self.value(node)
+        if value.place is not None:
+            return WORD(value.place.offset)
         return self.at.ptrtoint(value.llvm[0], WORD) if value.kind.is_array else self.converted(value, INT)
 
     def _keywords(self, node: ast.Call) -> dict[str, ast.expr]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
+from .cells import CELLS
 from .emission import Module
 from .lifetimes import Again, Lifetimes, Plan, bindings
 from .refusals import RAISED
@@ -22,11 +23,14 @@ MOST_TURNS = 256
 @dataclass
 class Loop:
     """A loop, or one turn of a loop that is written out: where continue and break lead, and which names have a value
-    there. ``place`` is the loop's in the source if it could be written out."""
+    there. ``place`` is the loop's in the source if it could be written out, ``turns`` their number then, and ``names``
+    are those of its variables."""
 
     advance: ir.Block
     end: ir.Block
     place: tuple[int, int] | None = None
+    turns: int = 0
+    names: frozenset[str] = frozenset()
     at_continue: list[set[str]] = field(default_factory=list)
     at_break: list[set[str]] = field(default_factory=list)
 
@@ -72,6 +76,8 @@ class Function(Lifetimes):
         self.begin = self.at.block
         arguments = self.tree.args
         given, at = code.args, 0
+        cells = self.unit.cells.pointers if self.unit.cells else 0
+        self.given = code.args[len(code.args) - 1 - cells : -1]
         for argument, kind in zip([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs], kinds, strict=True):
             n = len(kind.llvm)
             value = unbundled(kind, tuple(given[at : at + n]), Value(kind, (), outer=True))
@@ -108,6 +114,15 @@ class Function(Lifetimes):
                 self.plan.written_out.add(loop.place)
                 raise Again
         super().needs_constant(what)
+
+    def reaches(self, array: Value, index: ast.expr) -> None:
+        names = {each.id for each in ast.walk(index) if isinstance(each, ast.Name)}
+        for loop in reversed(self.loops):
+            if loop.place is None or loop.place in self.plan.written_out:
+                continue
+            if array.kind.base.fields is not None or (loop.turns <= self.unit.unrolled and names & loop.names):
+                self.plan.written_out.add(loop.place)
+                raise Again
 
     # assignments
 
@@ -193,6 +208,9 @@ class Function(Lifetimes):
     def _refuse_readonly(self, place: Value) -> None:
         if place.kind.items is not None:
             self.mistake("a tuple can't be changed")
+        if place.kind.readonly.startswith(CELLS):
+            self.unit.cells.writes_memory(place.kind.readonly)
+            return
         if place.kind.readonly.startswith(_LACKS):
             self.lack(place.kind.readonly.removeprefix(_LACKS))
         if place.kind.readonly:
@@ -325,7 +343,8 @@ class Function(Lifetimes):
         before, ways = set(self.assigned), list[set[str]]()
 
         def body(i: ir.Value, advance: ir.Block, end: ir.Block) -> None:
-            loop = Loop(advance, end, (node.lineno, node.col_offset) if few else None)
+            names = frozenset(each.id for each in ast.walk(node.target) if isinstance(each, ast.Name))
+            loop = Loop(advance, end, (node.lineno, node.col_offset) if few else None, n or 0, names)
             self.assign(node.target, item(i))
             self._turn(loop, node.body)
             if not self.at.block.is_terminated:
@@ -365,6 +384,9 @@ class Function(Lifetimes):
         self.written_out -= 1
         self.at.position_at_end(end)
         self.assigned = set.intersection(*ways) if ways else self.assigned
+        for name in inside:  # its place is that of one turn
+            if (its := self.variables.get(name)) is not None and its.at_place:
+                self.assigned.discard(name)
 
     def _assign_known(self, target: ast.expr, value: Value, inside: set[str]) -> None:
         """Bind a loop's variable for one turn. Its number is known in the turn unless the body binds it, too."""
@@ -430,6 +452,9 @@ class Function(Lifetimes):
 
     def _at_index(self, array: Value, i: ir.Value) -> Value:
         """An entry or a row."""
+        if array.place is not None and not isinstance(i, ir.Constant):
+            self.reaches(array, ast.Name("", ast.Load()))
+            array = self.unit.cells.in_memory(self, array)
         kind = array.kind
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)

@@ -39,10 +39,12 @@ class Plan:
     Attributes:
         kinds: of the names that are bound to values of several kinds.
         written_out: the places of loops whose turns are written out one by one.
+        in_memory: names that stand for arrays of several places in a record with cells.
     """
 
     kinds: dict[str, Kind] = field(default_factory=dict)
     written_out: set[tuple[int, int]] = field(default_factory=set)
+    in_memory: set[str] = field(default_factory=set)
 
 
 @dataclass
@@ -104,11 +106,20 @@ class Lifetimes(Expressions):
         if (wanted := self.plan.kinds.get(name)) is not None:
             value = self._adapted_if_it_can(value, wanted)
         kind, its = value.kind.variable, self.variables.get(name)
+        if value.place is not None and name not in self.plan.in_memory:
+            if its is None or its.block == self.block:
+                self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, tuple(value.llvm))
+                return
+            self.plan.in_memory.add(name)
+            raise Again
+        if its is not None and its.at_place and its.block != self.block:
+            self.plan.in_memory.add(name)
+            raise Again
         if once and self.turning is None and not self.written_out:
             numbers = tuple(self.adapted(value, kind))
             self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, numbers)
             return
-        if its is None or (its.kind != kind and its.block == self.block):
+        if its is None or its.at_place or (its.kind != kind and its.block == self.block):
             its = self.variables[name] = Variable(kind, self._slots(kind), self.block)
         if its.kind != kind:
             self.plan.kinds[name] = self._one_kind(name, its.kind, kind)

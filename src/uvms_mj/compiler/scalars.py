@@ -25,6 +25,8 @@ _INSTRUCTIONS = ("sqrt", "floor", "ceil", "trunc", "rint", "fabs")
 _INTRINSICS = (*_INSTRUCTIONS, "exp", "log", "sin", "cos")
 """Functions that LLVM knows by itself; all others are called by their names in C."""
 _LARGEST = 2.0**63
+OWN = "own"
+"""The ``library`` of a unit that calls no library: functions of :mod:`.libm` take the place of those in C."""
 
 
 class Scalars(Emission):
@@ -207,12 +209,29 @@ class Scalars(Emission):
     def c_function(self, name: str, values: Sequence[Value]) -> Value:
         """A function of the C library, of floats."""
         numbers = [self.float_of(value) for value in values]
+        if self.unit.library == OWN and name not in _INSTRUCTIONS:
+            return self._of_ours(name, numbers)
         if name in (_INSTRUCTIONS if self.unit.library else _INTRINSICS):
             code = self.at.module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
         else:
             name, kind = self.unit.library + name, ir.FunctionType(DOUBLE, [DOUBLE] * len(numbers))
             code = self.at.module.globals.get(name) or ir.Function(self.at.module, kind, name)
         return scalar(self.at.call(code, numbers), FLOAT)
+
+    def _of_ours(self, name: str, numbers: Sequence[ir.Value]) -> Value:
+        """As :meth:`c_function`, by :mod:`.libm`; no product and sum is rounded once in it."""
+        from .libm import FUNCTIONS  # it is written in the language that builds on this module
+
+        if name == "copysign":
+            code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
+            return scalar(self.at.call(code, numbers), FLOAT)
+        if name not in FUNCTIONS:
+            self.lack(f"{name} is not in the library of our own")
+        if all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python
+            return self.constant(FUNCTIONS[name](*(number.constant for number in numbers)))
+        result = self.unit.call(self, FUNCTIONS[name], [scalar(number, FLOAT) for number in numbers], False)
+        assert result is not None
+        return result
 
     def sign(self, value: Value) -> Value:
         """-1, 0 or 1; of NaN, NaN."""

@@ -28,10 +28,10 @@ class Target:
         llvm.initialize_all_asmprinters()
         return llvm.Target.from_triple(self.triple).create_target_machine(self.processor, self.features, 3, self.reloc)
 
-    def code(self, module: llvm.ModuleRef) -> bytes:
+    def code(self, module: llvm.ModuleRef, level: int = 1) -> bytes:
         """The code of a module, which it optimizes."""
         machine = self.machine()
-        optimize(module, machine, self.triple)
+        optimize(module, machine, self.triple, level)
         return machine.emit_assembly(module).encode() if self.assembly else machine.emit_object(module)
 
 
@@ -42,7 +42,7 @@ X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
 """Of a shared library, for any processor of the last fifteen years."""
 
 
-def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str) -> None:
+def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1) -> None:
     """Optimize a module for a processor."""
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
@@ -50,7 +50,7 @@ def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str) -
     first.add_always_inliner_pass()
     first.add_global_dead_code_eliminate_pass()
     # higher levels take twice as long and make no step faster
-    tuning = llvm.create_pipeline_tuning_options(speed_level=1)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=level)
     tuning.inlining_threshold = 50
     passes = llvm.create_pass_builder(machine, tuning)
     first.run(module, passes)

@@ -29,6 +29,7 @@ from .values import (
     contiguous,
     kind_of,
     leaves_of,
+    words_of,
 )
 
 
@@ -55,9 +56,9 @@ class Unit(Module):
             at.lack(f"{function.__name__} calls itself; write a loop")
         kinds, fused = tuple(argument_kind(argument) for argument in arguments), fused or function in self.fused
         done = self.done(function, kinds, fused)
-        words = [w for a, kind in zip(arguments, kinds, strict=True) if kind.constant is None for w in a.llvm]
+        words = [word for argument in arguments for word in words_of(argument)]
         result = at.reserve(done.size)
-        code = at.at.call(done.code, [*words, result])
+        code = at.at.call(done.code, [*words, *at.given, result])
         if not fused:  # where a function stands decides which of its sums are rounded once
             done.called_by([*done.callers, at.at.function])
         if self.checked:
@@ -70,7 +71,9 @@ class Unit(Module):
 
     def _translated(self, function: types.FunctionType, kinds: tuple[Kind, ...], fused: bool) -> "_Done":
         tree, source = definition(function)
-        signature = ir.FunctionType(WORD if self.checked else ir.VoidType(), _parameters(kinds))
+        given = [POINTER] * (self.cells.pointers if self.cells else 0)
+        parameters = [*(each for kind in kinds for each in kind.llvm), *given, POINTER]
+        signature = ir.FunctionType(WORD if self.checked else ir.VoidType(), parameters)
         plan, frame = Plan(), self.frame
         self._underway.append(function)
         try:
@@ -81,17 +84,15 @@ class Unit(Module):
                 body = Function(self, function, tree, source, fused, plan)
                 try:
                     body.translate(code, kinds)
-                    return _Done.of(body, code)
+                    done = _Done.of(body, code)
+                    done.inlined = self.cells is not None
+                    return done
                 except Again:  # take the draft back, with its calls
                     del self.module.globals[code.name]
                     for done in self._done.values():
                         done.called_by([each for each in done.callers if each is not code])
         finally:
             self._underway.pop()
-
-
-def _parameters(kinds: Sequence[Kind]) -> list[ir.Type]:
-    return [*(each for kind in kinds for each in kind.llvm), POINTER]
 
 
 @dataclass
@@ -106,13 +107,14 @@ class _Done:
     copies: bool = False
     readonly: str = ""
     callers: list[ir.Function] = field(default_factory=list)
+    inlined: bool = False
 
     def called_by(self, callers: list[ir.Function]) -> None:
         """Set the functions with its calls. If it is called once, it becomes a part of its caller before LLVM looks at
         either: that takes less time, and the loop is no slower."""
         self.callers = callers
         attributes = self.code.attributes
-        attributes.add("alwaysinline") if len(callers) == 1 else attributes.discard("alwaysinline")
+        attributes.add("alwaysinline") if len(callers) == 1 or self.inlined else attributes.discard("alwaysinline")
 
     @classmethod
     def of(cls, body: Function, code: ir.Function) -> "_Done":

@@ -27,6 +27,7 @@ class Kind:
         items: kinds of a tuple's items.
         constant: a number that is known when compiling, so that it can be a size, a bound or the result of a test.
         readonly: why nothing may be stored in it; empty if it may.
+        place: of an argument whose place in a record with cells is known when compiling (:mod:`.cells`) [bytes].
     """
 
     base: np.dtype
@@ -35,12 +36,15 @@ class Kind:
     items: tuple["Kind", ...] | None = None
     constant: int | bool | None = None
     readonly: str = ""
+    place: int | None = None
 
     @property
     def llvm(self) -> list[ir.Type]:
         """The types of the LLVM values that represent it: of an array, the pointer, and the length if it is needed."""
         if self.items is not None:
             return [each for leaf in self.leaves for each in leaf.llvm]
+        if self.place is not None:
+            return []
         if self.shape is not None:
             return [POINTER, WORD] if self.is_open else [POINTER]
         if self.constant is not None or self.base == NOTHING:
@@ -84,7 +88,8 @@ class Kind:
         """The kind of a variable that holds it: not of one value only."""
         if self.items is not None:
             return replace(self, items=tuple(each.variable for each in self.items))
-        return replace(self, constant=None) if self.constant is not None else self
+        known = self.constant is not None or self.place is not None
+        return replace(self, constant=None, place=None) if known else self
 
     def described(self) -> str:
         """In the words of a message."""
@@ -114,6 +119,13 @@ def contiguous(base: np.dtype, shape: tuple[int | None, ...], readonly: str = ""
 
 
 @dataclass(frozen=True)
+class Place:
+    """A pointer into a record with cells (:mod:`.cells`): the distance from its start, known when compiling [bytes]."""
+
+    offset: int
+
+
+@dataclass(frozen=True)
 class Value:
     """A value in the course of a function.
 
@@ -126,7 +138,7 @@ class Value:
     """
 
     kind: Kind
-    llvm: Sequence[ir.Value]
+    llvm: Sequence[Any]  # ir.Value, or of an array or a record a Place
     fresh: bool = False
     steady: bool = True
     outer: bool = False
@@ -138,6 +150,13 @@ class Value:
         if self.kind.is_number and isinstance(self.llvm[0], ir.Constant):
             return self.llvm[0].constant
         return None
+
+    @property
+    def place(self) -> Place | None:
+        """Where it is in a record with cells, if it is an array or a record there."""
+        if self.kind.items is not None or self.kind.is_number or self.kind.is_none or isinstance(self.llvm, Entries):
+            return None
+        return self.llvm[0] if isinstance(self.llvm[0], Place) else None
 
 
 class Entries(Sequence[ir.Value]):
@@ -191,7 +210,7 @@ def bundle(items: list[Value]) -> Value:
     """A tuple."""
     return Value(
         Kind(NOTHING, items=tuple(argument_kind(item) for item in items)),
-        tuple(each for item in items if argument_kind(item).constant is None for each in item.llvm),
+        tuple(each for item in items for each in words_of(item)),
         any(item.fresh for item in items),
         all(item.steady for item in items),
         all(item.outer for item in items),
@@ -200,17 +219,28 @@ def bundle(items: list[Value]) -> Value:
 
 
 def argument_kind(value: Value) -> Kind:
-    """The kind of a value as an argument or a tuple's item: an integer or a truth value that is known stays known."""
+    """The kind of a value as an argument or a tuple's item: an integer, a truth value or a place that is known stays
+    known."""
+    if (place := value.place) is not None:
+        return replace(value.kind, place=place.offset)
     known = value.constant
     if known is not None and value.kind.base in (INT, BOOL):
         return replace(value.kind, constant=int(known))
     return value.kind
 
 
+def words_of(value: Value) -> Sequence[ir.Value]:
+    """The LLVM values of a value as an argument or a tuple's item."""
+    kind = argument_kind(value)
+    return () if kind.constant is not None or kind.place is not None else value.llvm
+
+
 def unbundled(kind: Kind, llvm: Sequence[ir.Value], like: Value) -> Value:
     """A value from its kind and LLVM values, with the properties of another one; a known number is a constant again."""
     if kind.constant is not None:
         return Value(replace(kind, constant=None), (SCALARS[kind.base](int(kind.constant)),))
+    if kind.place is not None:
+        return Value(replace(kind, place=None), (Place(kind.place),), outer=True)
     return Value(kind, llvm, like.fresh, like.steady, like.outer)
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from ...compiler.emission import Intrinsic
+from ...compiler.emission import Emission, Intrinsic
 from ...compiler.unit import Unit, translate
-from ...compiler.values import FLOAT, INT, POINTER, WORD, Value, contiguous, scalar, view
+from ...compiler.values import FLOAT, INT, POINTER, WORD, Place, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels
 from . import memory
 
@@ -17,10 +17,12 @@ _FLAG = ir.IntType(32)
 
 
 def _array(base: np.dtype, *inner: int):
-    def generate(builder, arguments):
+    def generate(at, arguments):
         address, n = arguments
         size = n.constant if isinstance(n, ir.Constant) else None
-        pointer = builder.inttoptr(address, POINTER)
+        if at.unit.cells and size is not None and isinstance(address, ir.Constant):
+            return Value(contiguous(base, (size, *inner)), (Place(address.constant),), outer=True)
+        pointer = at.at.inttoptr(address, POINTER)
         kind = contiguous(base, (size, *inner))
         return Value(kind, (pointer, n) if size is None else (pointer,), outer=True)
 
@@ -28,8 +30,11 @@ def _array(base: np.dtype, *inner: int):
 
 
 def _record(dtype: np.dtype, readonly: str = ""):
-    def generate(builder, arguments):
-        return view(builder.inttoptr(arguments[0], POINTER), dtype, readonly)
+    def generate(at, arguments):
+        (address,) = arguments
+        if at.unit.cells and isinstance(address, ir.Constant):
+            return view(Place(address.constant), dtype, readonly)
+        return view(at.at.inttoptr(address, POINTER), dtype, readonly)
 
     return generate
 
@@ -40,27 +45,30 @@ def _external(builder: ir.IRBuilder, name: str, returns: ir.Type, *given: ir.Val
     return builder.call(_declared(builder.module, kind, name), given)
 
 
-def _mj_factorM(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> None:
-    _external(builder, "mj_factorM", ir.VoidType(), *arguments)
+def _mj_factorM(at: Emission, arguments: Sequence[ir.Value]) -> None:
+    _external(at.at, "mj_factorM", ir.VoidType(), *arguments)
 
 
 def _shared(name: str, array: np.ndarray):
     """An array of this process, by its symbol."""
 
-    def generate(builder, arguments):
+    def generate(at, arguments):
+        builder = at.at
         memory = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
         return Value(contiguous(array.dtype, array.shape), (memory,), outer=True)
 
     return generate
 
 
-def _call_code(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+def _call_code(at: Emission, arguments: Sequence[ir.Value]) -> Value:
+    builder = at.at
     function, *addresses = arguments
     kind = ir.FunctionType(WORD, [WORD] * len(addresses))
     return scalar(builder.call(builder.inttoptr(function, kind.as_pointer()), addresses), INT)
 
 
-def _call_step(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+def _call_step(at: Emission, arguments: Sequence[ir.Value]) -> Value:
+    builder = at.at
     function, instance, clock = arguments
     double = ir.DoubleType()
     places = [builder.add(clock, WORD(8 * i)) for i in range(2)]
@@ -100,7 +108,8 @@ def call_linked(symbols: Sequence[str]) -> Intrinsic:
     """Calls of stages that are linked into the same module, where a stage's ``code_at`` is its number, 1 for the first
     symbol. Processors without a common memory have no address of a stage."""
 
-    def generate(builder, arguments):
+    def generate(at, arguments):
+        builder = at.at
         number, *addresses = arguments
         kind = ir.FunctionType(WORD, [WORD] * len(addresses))
         start, end, results = builder.block, builder.append_basic_block(), []
@@ -142,6 +151,11 @@ def kernel_module(
     return unit.module
 
 
+def records_of(records: Mapping[Any, tuple[np.dtype, str]]) -> dict[Any, Intrinsic]:
+    """The functions that stand for the record at an address (:mod:`.user_stage`)."""
+    return {reader: _record(*kind) for reader, kind in records.items()}
+
+
 def stage_module(
     function: types.FunctionType,
     records: Mapping[Any, tuple[np.dtype, str]],
@@ -151,7 +165,6 @@ def stage_module(
 ) -> tuple[str, list[str]]:
     """The module of a user's stage, which is checked, as LLVM's text, and its source files. ``interrupted`` as in
     :class:`uvms_mj.compiler.unit.Unit`."""
-    readers = {reader: _record(*kind) for reader, kind in records.items()}
-    unit = Unit(name, True, INTRINSICS | readers, (), interrupted, library)
+    unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, library)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files

@@ -91,6 +91,12 @@ def observe(run):
     if run.observed == run.step + 1:
         return
     run.observed = run.step + 1
+    observe_anew(run)
+
+
+@kernel
+def observe_anew(run):
+    """As :func:`observe`, where nobody has observed the step."""
     run.t = run.step * run.timestep
     plant, true, qpos = run.plant, run.true, run.plant.qpos
     true.p_WB[:] = qpos[:3]
@@ -162,29 +168,45 @@ def begin_stage(run, stage):
 def run_stages(run, end) -> int:
     """Run the stages before index ``end`` that are due at t_k and have not run yet, in order.
 
-    Returns the index of a stage that waits for Python to call it, otherwise -1.
+    Returns the index of a stage that waits for Python to call it, otherwise -1. The run may have stopped.
     """
     for i in range(run.next, end):
         run.next = i
-        stage = run.stages[i]
-        if stage.period_steps == 1 or run.step % stage.period_steps == 0:
-            if i == run.actuation:
-                check_command(run)
-                if run.stop != STOP_NONE:
-                    return -1
-            begin_stage(run, stage)
-            if stage.code_at == 0:
-                return i
-            at = run.address
-            wrong = call_code(
-                stage.code_at, at + 8 * stage.settings, at + 8 * stage.state, at + 8 * stage.given,
-                at + 8 * stage.state_dot, at + 8 * stage.out,
-            )  # fmt: skip
-            if wrong != 0:
-                stop_run(run, STOP_STAGE, wrong, 0.0)
-                return -1
+        if not run_stage(run, run.stages[i], i):
+            return i if run.stop == STOP_NONE else -1
         run.next = i + 1
     return -1
+
+
+@kernel
+def run_every_stage(run, end) -> int:
+    """As :func:`run_stages`, where no stage waits for Python, so that none has run yet."""
+    for i in range(end):
+        if not run_stage(run, run.stages[i], i):
+            return -1
+    return -1
+
+
+@kernel
+def run_stage(run, stage, i) -> bool:
+    """Run a stage, which is number i, if it is due at t_k. Returns False if it waits for Python to call it, or the run has stopped."""
+    if stage.period_steps == 1 or run.step % stage.period_steps == 0:
+        if i == run.actuation:
+            check_command(run)
+            if run.stop != STOP_NONE:
+                return False
+        begin_stage(run, stage)
+        if stage.code_at == 0:
+            return False
+        at = run.address
+        wrong = call_code(
+            stage.code_at, at + 8 * stage.settings, at + 8 * stage.state, at + 8 * stage.given,
+            at + 8 * stage.state_dot, at + 8 * stage.out,
+        )  # fmt: skip
+        if wrong != 0:
+            stop_run(run, STOP_STAGE, wrong, 0.0)
+            return False
+    return True
 
 
 @kernel
@@ -238,15 +260,18 @@ def estimate_wrench(run):
 def begin_step(run) -> bool:
     """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(run)
-    if run.stop == STOP_NONE:
-        observe(run)
-    if run.stop == STOP_NONE:
-        waiting = run_stages(run, run.stage_count)
-        if waiting >= 0:
-            stop_run(run, STOP_WAITING, waiting, 0.0)
-    if run.stop == STOP_NONE:
-        limit_thrust(run)
-        estimate_wrench(run)
+    if run.stop != STOP_NONE:
+        return False
+    observe(run)
+    if run.stop != STOP_NONE:
+        return False
+    waiting = run_stages(run, run.stage_count)
+    if waiting >= 0:
+        stop_run(run, STOP_WAITING, waiting, 0.0)
+    if run.stop != STOP_NONE:
+        return False
+    limit_thrust(run)
+    estimate_wrench(run)
     if run.stop != STOP_NONE:
         return False
     row, tau = run.row, run.true.tau
@@ -266,9 +291,14 @@ def begin_step(run) -> bool:
 @kernel
 def finish_step(run):
     """Complete step k, whose contact force and acceleration are now known: running signals, and a row if one is due."""
-    if run.pending == 0:
-        return
-    run.pending = 0
+    if run.pending != 0:
+        run.pending = 0
+        complete_step(run)
+
+
+@kernel
+def complete_step(run):
+    """As :func:`finish_step`, of a step that surely lacks them."""
     plant, row, true, h, push_before = run.plant, run.row, run.true, run.timestep, run.push[0]
     if run.pairs.shape[0] != 0:
         force_of_step(run)
@@ -342,24 +372,32 @@ def copy_numbers(numbers, source, n, target):
 def free_steps(run, n, moving) -> int:
     """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
     taken before the run stopped."""
-    plant, body, true, solved = run.plant, run.body, run.true, run.plant.solved
     for k in range(n):
-        if not begin_step(run):
+        if not free_step(run, moving):
             return k
-        water_wrench(plant, true.R_WB, true.nu, plant.wrench)
-        tau = plant.wrench + true.tau
-        if run.pairs.shape[0] != 0:
-            tau += plant.tau_applied_B
-        free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
-        if run.pairs.shape[0] != 0:
-            pair, contact = run.pairs[0], run.pairs[0].contact
-            solved[0] = 0.0
-            if pair.solved != 0 and contact.touching != 0:
-                f_n = soft_contact(body, contact, pair.depth, true.R_WB, plant.qvel, plant.qacc)
-                solved[0], solved[1:] = 1.0, f_n * contact.normal_W
-        if moving != 0:
-            symplectic_step(plant.qpos, plant.qvel, plant.qacc, run.timestep)
     return n
+
+
+@kernel
+def free_step(run, moving) -> bool:
+    """Take one time step, or evaluate the instant in hand if ``moving`` is 0. Returns False if the run has stopped."""
+    plant, body, true, solved = run.plant, run.body, run.true, run.plant.solved
+    if not begin_step(run):
+        return False
+    water_wrench(plant, true.R_WB, true.nu, plant.wrench)
+    tau = plant.wrench + true.tau
+    if run.pairs.shape[0] != 0:
+        tau += plant.tau_applied_B
+    free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
+    if run.pairs.shape[0] != 0:
+        pair, contact = run.pairs[0], run.pairs[0].contact
+        solved[0] = 0.0
+        if pair.solved != 0 and contact.touching != 0:
+            f_n = soft_contact(body, contact, pair.depth, true.R_WB, plant.qvel, plant.qacc)
+            solved[0], solved[1:] = 1.0, f_n * contact.normal_W
+    if moving != 0:
+        symplectic_step(plant.qpos, plant.qvel, plant.qacc, run.timestep)
+    return True
 
 
 _PLACES, _TABLE = np.dtype(("i8", (NUMBERS,))), np.dtype(("f8", (NUMBERS,)))
