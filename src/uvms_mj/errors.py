@@ -54,6 +54,7 @@ EXTRAS: Mapping[str, str] = {
     "c": "ziglang",
     "dm": "dm-control, for Python up to 3.12",
     "fmi": "fmpy",
+    "gpu": "cuda-bindings",
     "gym": "gymnasium",
     "tune": "optuna",
     "video": "imageio-ffmpeg",

@@ -9,7 +9,7 @@ Which numbers change is known only when everything is translated. So everything 
 :attr:`Cells.grown` says that a store, or a region, was met for the first time.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,6 @@ from .values import BOOL, BYTE, FLAG, INT, POINTER, SCALARS, WORD, Place, Value,
 
 CELLS = "cells: "
 """Begins the reason why an array in memory is only read, until it is known to be written."""
-WRITTEN = f"{CELLS}written"
 
 
 @dataclass
@@ -42,14 +41,13 @@ class Cells:
     Attributes:
         written: the words that the code changes; ``regions`` is the memory that it reaches by indices.
         used: the words that it reads or changes.
-        rooms: whether it reads tables behind the record.
         grown: whether one of them has grown since it was set to False.
     """
 
     def __init__(self, template: np.ndarray, varying: Collection[int] = ()) -> None:
         self.template, self.varying = template.view(np.uint8), set(varying)
         self.written, self.used, self.regions = set[int](), set[int](), list[Region]()
-        self.rooms, self.grown = False, False
+        self.grown = False
         self._arranged: list[Region] = []
 
     def begin(self) -> None:
@@ -65,6 +63,14 @@ class Cells:
     def changes(self, word: int) -> bool:
         """Whether a word is in a cell: it changes, or differs between runs."""
         return word in self.written or word in self.varying
+
+    def is_own(self, region: Region) -> bool:
+        """Whether each run has its own memory of a region."""
+        return region.written or any(word in self.varying for word in range(region.first, region.end))
+
+    def words_of_regions(self, which: Callable[[Region], bool]) -> set[int]:
+        """The words of some regions."""
+        return {word for each in self.regions if which(each) for word in range(each.first, each.end)}
 
     def known(self, place: Place, base: np.dtype) -> Value | None:
         """The number at a place, if it is a constant of the code."""
@@ -102,7 +108,6 @@ class Cells:
         assert place is not None
         first, end = place.offset // 8, (place.offset + _extent(array) + 7) // 8
         if 8 * end > len(self.template):  # all numbers: a table in the rooms
-            self.rooms = True
             why = array.kind.readonly or "lacks: the tables of a fleet are those of all its runs"
             return replace(array, kind=replace(array.kind, readonly=why), llvm=(at.given[1],))
         self._reach(first, end)
@@ -128,7 +133,7 @@ class Cells:
             return
         others = [each for each in self.regions if each.first < end and first < each.end]
         words = set(range(first, end))
-        region = Region(min(first, *(o.first for o in others)) if others else first, max([end, *(o.end for o in others)]))
+        region = Region(min([first, *(o.first for o in others)]), max([end, *(o.end for o in others)]))
         region.written = any(other.written for other in others) or bool(words & self.written)
         self.regions = sorted([*(each for each in self.regions if each not in others), region], key=lambda r: r.first)
         self.written -= set(range(region.first, region.end))

@@ -130,6 +130,25 @@ def load(name: str) -> tuple[int, ...] | None:
     return link(code, about["symbols"], about["externals"])
 
 
+def remember(name: str, code: bytes, facts: dict[str, Any]) -> None:
+    """Keep the code of a fleet on disk, with facts about it, if that is possible."""
+    about = {"symbols": [], "externals": [], "facts": facts}
+    about["sha256"] = _digest(code, about)
+    with contextlib.suppress(OSError):
+        _write(name, code, about)
+
+
+def recall(name: str) -> tuple[bytes, dict[str, Any]] | None:
+    """The code of :func:`remember` and its facts; None if it is missing or damaged."""
+    folder = cache_folder()
+    try:
+        about = json.loads((folder / f"{name}.json").read_bytes())
+        code = (folder / f"{name}.o").read_bytes()
+        return (code, about["facts"]) if about["sha256"] == _digest(code, about) else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
 def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple[int, ...] | None:
     """The addresses of functions of an object file; None if a symbol that it uses is unknown in this process."""
     machine = target_machine()
@@ -156,7 +175,8 @@ def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
 
 def _digest(code: bytes, about: dict[str, Any]) -> str:
     """Digest of an object file and its metadata. A damaged or forged file could crash the process."""
-    return fingerprint([code, json.dumps([about["symbols"], about["externals"]]).encode()])
+    parts = [about["symbols"], about["externals"], *([about["facts"]] if "facts" in about else [])]
+    return fingerprint([code, json.dumps(parts).encode()])
 
 
 def fingerprint(parts: Iterable[bytes]) -> str:

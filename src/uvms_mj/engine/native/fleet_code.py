@@ -7,7 +7,7 @@ threads read neighbouring words.
 
 An entry of the code is a function of the table, of the rooms behind the record, of a table for the signals, of the
 number of runs, of the stride and of the number of steps. On a GPU it is a kernel. For this processor it is a function
-that has the number of the run as a last argument: it computes what the GPU computes, and needs none.
+of the first run and of the one behind the last, too: it computes what the GPU computes, and needs none.
 """
 
 import re
@@ -21,9 +21,10 @@ from llvmlite import ir
 
 from ...compiler.cells import Cells
 from ...compiler.emission import Emission
+from ...compiler.scalars import OWN
 from ...compiler.targets import Target, optimize
 from ...compiler.unit import Unit
-from ...compiler.values import INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
+from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
 from ...physics.kernels import kernel
 from . import memory
 from .intrinsics import INTRINSICS, records_of
@@ -35,7 +36,6 @@ from .user_stage import between_copies
 STEPS, AHEAD, END = "uvms_mj_fleet_steps", "uvms_mj_fleet_ahead", "uvms_mj_fleet_end"
 """The entries: take steps; give the signals of the instant in hand; give them with the row of this instant."""
 _UNROLLED = 64
-_PASSES = 12
 
 
 @kernel
@@ -79,8 +79,7 @@ class FleetCode:
         kept: the words of the record that the table has, in its order.
         carried: how many of them, the first ones, change in a step; the others are only read.
         signals: the words of the record that the table of signals has.
-        constants, words: how many words of the record are constants of the code, of how many that it reads.
-        rooms: whether it reads the tables behind the record.
+        constants, words: how many words of the record are constants of the code, of how many that it uses.
     """
 
     code: bytes
@@ -89,7 +88,6 @@ class FleetCode:
     signals: list[int]
     constants: int
     words: int
-    rooms: bool
 
 
 @dataclass
@@ -101,6 +99,7 @@ class FleetSource:
         template: the bytes of the records of one of them at its start.
         varying: the words in which the others differ from it.
         signals: the words of the record to give.
+        given: words that the caller sets between steps.
         control: index of the law among the stages.
         library: functions of the C library, as in :class:`uvms_mj.compiler.emission.Module`.
     """
@@ -111,7 +110,8 @@ class FleetSource:
     varying: Sequence[int]
     signals: Sequence[int]
     control: int
-    library: str = ""
+    given: Sequence[int] = ()
+    library: str = OWN
     cells: Cells = field(init=False)
 
     def __post_init__(self) -> None:
@@ -121,14 +121,14 @@ class FleetSource:
         record["address"] = 0
         for number in range(len(self.stages)):
             record["stages"]["code_at"][0, number] = number + 1
-        self.cells = Cells(template, self.varying)
+        self.cells = Cells(template, {*self.varying, *self.given})
 
     # translation
 
     def functions(self) -> llvm.ModuleRef:
         """The entries as functions of the pointers of the cells and of a number, in one module. Raises Untranslatable
         for a stage that uses what they lack."""
-        for _ in range(_PASSES):
+        while True:  # what grows is bounded by the record
             self.cells.begin()
             texts = self._translated()
             if not self.cells.grown:
@@ -203,92 +203,119 @@ class FleetSource:
 
     # threads
 
-    def emitted(self, target: Target, ptx: bool) -> FleetCode:
-        """The code for a target."""
-        module = self.functions()
-        cells = self.cells
-        carried = sorted(self._carried(module))
-        of_regions = {word for region in cells.regions for word in range(region.first, region.end)}
-        varying = sorted(word for word in cells.varying if (word in cells.used or word in of_regions))
-        kept = carried + [word for word in varying if word not in set(carried)]
-        threads = _Threads(self, module.name, kept, len(carried), ptx)
-        module.link_in(llvm.parse_assembly(threads.text()))
+    def emitted(self, target: Target) -> FleetCode:
+        """The code for a target, a kernel if it is a GPU. Raises Untranslatable as :meth:`functions`."""
+        module, cells = self.functions(), self.cells
+        carried = sorted(self._carried(str(module)))
+        used = cells.used | cells.words_of_regions(lambda region: True)
+        varying = sorted((cells.varying & used) - set(carried)) + sorted(set(self.given) - used)
+        kept = [*carried, *varying]
+        module.link_in(llvm.parse_assembly(_Threads(self, kept, len(carried), target.assembly).text()))
         for function in module.functions:
             if not function.is_declaration and function.name in _ENTRIES:
                 function.linkage = "internal"
-        words = cells.used | of_regions
-        constants = len(words - cells.written - cells.varying - of_regions)
-        return FleetCode(target.code(module), kept, len(carried), [*self.signals], constants, len(words), cells.rooms)
+        constants = len(used - cells.written - cells.varying - cells.words_of_regions(lambda region: region.written))
+        return FleetCode(target.code(module), kept, len(carried), [*self.signals], constants, len(used))
 
-    def _carried(self, module: llvm.ModuleRef) -> set[int]:
-        """The words that a step needs from the step before, or the signals need."""
+    def _carried(self, module: str) -> set[int]:
+        """The words that a step needs from the step before, or the signals need from the last step."""
         cells = self.cells
-        own = cells.written | {word for r in cells.regions if r.written for word in range(r.first, r.end)}
+        regions = cells.words_of_regions(lambda region: region.written)
+        own = cells.written | regions
         flows = {name: _Flow(self, module, name, own) for name in _ENTRIES}
-        needed = {word for name in (AHEAD, END) for word in flows[name].needs({*self.signals} | self._stop())}
-        needed = (needed | self._stop()) & own
+        stops = {self._word(name) for name in ("stop", "stop_index", "stop_value", "step")}
+        needed = {word for name in (AHEAD, END) for word in flows[name].needs({*self.signals} | stops)} | stops
         while True:
             more = (needed | flows[STEPS].needs(needed)) & own
             if more == needed:
-                return needed | {word for r in cells.regions if r.written for word in range(r.first, r.end)}
+                return needed | regions
             needed = more
 
-    def _stop(self) -> set[int]:
-        """The words that say whether a run has stopped, and at which step."""
+    def _word(self, name: str) -> int:
+        """The word of a field of the record of a run."""
         fields: Any = self.run.fields
-        return {fields[name][1] // 8 for name in ("stop", "stop_index", "stop_value", "step", "pending")}
+        return fields[name][1] // 8
+
+    @property
+    def stop(self) -> int:
+        """The word that says why a run has stopped."""
+        return self._word("stop")
 
 
 class _Threads:
     """The entries with a thread's way from and to the tables around them, as LLVM's text."""
 
-    def __init__(self, source: FleetSource, name: str, kept: Sequence[int], carried: int, ptx: bool) -> None:
+    def __init__(self, source: FleetSource, kept: Sequence[int], carried: int, ptx: bool) -> None:
         self.source, self.kept, self.carried, self.ptx = source, kept, carried, ptx
-        self.module = ir.Module(f"{name} threads")
+        self.module = ir.Module("threads")
 
     def text(self) -> str:
         for name in _ENTRIES:
-            self._thread(name)
+            self._thread(name) if self.ptx else self._all(name)
         text = str(self.module)
-        if self.ptx:
-            text = text.replace("define void @", "define ptx_kernel void @")
-        return text
+        return text.replace("define void @", "define ptx_kernel void @") if self.ptx else text
 
     def _thread(self, name: str) -> None:
-        cells = self.source.cells
-        last = [] if self.ptx else [WORD]
-        kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, WORD, WORD, WORD, *last])
-        code = ir.Function(self.module, kind, f"{name}_threads")
-        for argument in code.args[:3]:
-            argument.add_attribute("noalias")
-        at = ir.IRBuilder(code.append_basic_block())
-        table, rooms, signals, runs, stride, n = code.args[:6]
-        i = self._index(at) if self.ptx else code.args[6]
-        inner = ir.Function(
-            self.module, ir.FunctionType(WORD, [POINTER] * cells.pointers + [WORD]), name
-        )
-        place = prepared(at, self.module, cells)  # where LLVM moves memory to registers: in the first block
-        with at.if_then(at.icmp_signed("<", i, runs)):
-
-            def of_table(k: int, base: ir.Value) -> ir.Value:
-                index = at.add(at.mul(stride, WORD(k)), i)
-                return at.gep(base, [index], source_etype=WORD)
-
-            for k, word in enumerate(self.kept):
-                at.store(at.load(of_table(k, table), align=8, typ=WORD), place.of(at, word), align=8)
-            at.call(inner, [*place.pointers(rooms), n])
-            if name == STEPS:
-                for k, word in enumerate(self.kept[: self.carried]):
-                    at.store(at.load(place.of(at, word), typ=WORD, align=8), of_table(k, table), align=8)
-            else:
-                stop = at.load(place.of(at, stop_word(self.source)), typ=WORD)
-                with at.if_then(at.icmp_signed("==", stop, WORD(STOP_NONE))):
-                    for k, word in enumerate(self.source.signals):
-                        at.store(at.load(place.of(at, word), typ=WORD, align=8), of_table(k, signals), align=8)
+        """The kernel of a GPU: the run of this thread."""
+        code, at = self._begun(name, [])
+        memory = _Memory(at, self.module, self.source.cells)
+        run = self._number(at)
+        with at.if_then(at.icmp_signed("<", run, code.args[3])):
+            self._run(at, name, memory, run, code.args)
         at.ret_void()
 
-    def _index(self, at: ir.IRBuilder) -> ir.Value:
-        """The number of a thread."""
+    def _all(self, name: str) -> None:
+        """The function of this processor: the runs from one to another, one after the other."""
+        code, at = self._begun(name, [WORD, WORD])
+        memory, entry = _Memory(at, self.module, self.source.cells), at.block
+        test, inside, end = (at.append_basic_block() for _ in range(3))
+        at.branch(test)
+        at.position_at_end(test)
+        run = at.phi(WORD)
+        run.add_incoming(code.args[6], entry)
+        at.cbranch(at.icmp_signed("<", run, code.args[7]), inside, end)
+        at.position_at_end(inside)
+        self._run(at, name, memory, run, code.args)
+        run.add_incoming(at.add(run, WORD(1)), at.block)
+        at.branch(test)
+        at.position_at_end(end)
+        at.ret_void()
+
+    def _begun(self, name: str, further: Sequence[ir.Type]) -> tuple[ir.Function, ir.IRBuilder]:
+        kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, WORD, WORD, WORD, *further])
+        code = ir.Function(self.module, kind, symbol_of(name))
+        for argument in code.args[:3]:
+            argument.add_attribute("noalias")
+        return code, ir.IRBuilder(code.append_basic_block())
+
+    def _run(self, at: ir.IRBuilder, name: str, memory: "_Memory", run: ir.Value, given: Sequence[ir.Value]) -> None:
+        """One run: from the table, the entry, and to the table of its results."""
+        table, rooms, signals, _, stride, n = given[:6]
+        memory.start(at)
+
+        def of_table(k: int, base: ir.Value) -> ir.Value:
+            return at.gep(base, [at.add(at.mul(stride, WORD(k)), run)], source_etype=WORD)
+
+        for k, word in enumerate(self.kept):
+            at.store(at.load(of_table(k, table), align=8, typ=WORD), memory.of(at, word), align=8)
+        kind = ir.FunctionType(WORD, [POINTER] * self.source.cells.pointers + [WORD])
+        inner = self.module.globals.get(name) or ir.Function(self.module, kind, name)
+        at.call(inner, [*memory.pointers(rooms), n])
+        if name == STEPS:
+            results = [(k, table, word) for k, word in enumerate(self.kept[: self.carried])]
+            self._store(at, memory, results, of_table)
+            return
+        stop = at.load(memory.of(at, self.source.stop), typ=WORD, align=8)
+        with at.if_then(at.icmp_signed("==", stop, WORD(STOP_NONE))):
+            self._store(at, memory, [(k, signals, w) for k, w in enumerate(self.source.signals)], of_table)
+
+    @staticmethod
+    def _store(at: ir.IRBuilder, memory: "_Memory", results: Sequence[tuple], of_table: Callable) -> None:
+        for k, base, word in results:
+            at.store(at.load(memory.of(at, word), typ=WORD, align=8), of_table(k, base), align=8)
+
+    def _number(self, at: ir.IRBuilder) -> ir.Value:
+        """The number of this thread."""
         read = []
         for register in ("ctaid.x", "ntid.x", "tid.x"):
             kind = ir.FunctionType(ir.IntType(32), [])
@@ -298,61 +325,61 @@ class _Threads:
         return at.add(at.mul(read[0], read[1]), read[2])
 
 
-def stop_word(source: FleetSource) -> int:
-    """The word that says why a run has stopped."""
-    fields: Any = source.run.fields
-    return fields["stop"][1] // 8
+def symbol_of(entry: str) -> str:
+    """The symbol of an entry of the code."""
+    return f"{entry}_threads"
 
 
-@dataclass
-class prepared:  # noqa: N801  # made where the code is
-    """The cells and the regions of a thread, with the numbers of the template."""
+class _Memory:
+    """The cells and the regions of one run, where code begins."""
 
-    at: ir.IRBuilder
-    module: ir.Module
-    cells: Cells
+    def __init__(self, at: ir.IRBuilder, module: ir.Module, cells: Cells) -> None:
+        self.cells, self.words = cells, cells.template[: len(cells.template) // 8 * 8].view(np.int64)
+        self.cells_at = at.alloca(ir.ArrayType(WORD, len(self.words)))
+        self.cells_at.align = 8
+        self.cells_at.type = POINTER
+        self.regions = [self._region(at, module, k) for k in range(len(cells.regions))]
 
-    def __post_init__(self) -> None:
-        at, cells = self.at, self.cells
-        words = cells.template[: len(cells.template) // 8 * 8].view(np.int64)
-        self.memory = at.alloca(ir.ArrayType(WORD, len(words)))
-        self.memory.type = POINTER
-        self.regions = list[ir.Value]()
-        for k, region in enumerate(cells.regions):
-            kind = ir.ArrayType(WORD, region.end - region.first)
-            numbers = words[region.first : region.end].tolist()
-            name = f"uvms_mj_region_{k}"
-            constant = self.module.globals.get(name) or ir.GlobalVariable(self.module, kind, name)
-            if constant.initializer is None:
-                constant.linkage, constant.global_constant, constant.initializer = "internal", True, kind(numbers)
-                constant.type = POINTER
-            if region.written or any(region.first <= word < region.end for word in cells.varying):
-                own = at.alloca(kind)
-                own.type = POINTER
-                for j, number in enumerate(numbers):
-                    at.store(WORD(number), at.gep(own, [WORD(8 * j)], source_etype=ir.IntType(8)))
-                self.regions.append(own)
-            else:
-                self.regions.append(constant)
-        inside = {word for region in cells.regions for word in range(region.first, region.end)}
-        for word in sorted((cells.written | (cells.varying & cells.used)) - inside):
-            at.store(WORD(int(words[word])), self.of(at, word))
+    def _region(self, at: ir.IRBuilder, module: ir.Module, k: int) -> ir.Value:
+        """The memory of a region: its run's own, or of all if it is only read and the same for all."""
+        region, name = self.cells.regions[k], f"uvms_mj_region_{k}"
+        kind = ir.ArrayType(WORD, region.end - region.first)
+        if self.cells.is_own(region):
+            own = at.alloca(kind)
+            own.align, own.type = 8, POINTER
+            return own
+        constant = module.globals.get(name)
+        if constant is None:
+            constant = ir.GlobalVariable(module, kind, name)
+            constant.linkage, constant.global_constant, constant.align = "internal", True, 8
+            constant.initializer = kind(self.words[region.first : region.end].tolist())
+            constant.type = POINTER
+        return constant
+
+    def start(self, at: ir.IRBuilder) -> None:
+        """Set all words that are no constants to those of the template."""
+        cells = self.cells
+        own = cells.words_of_regions(cells.is_own)
+        every = cells.words_of_regions(lambda region: True)
+        for word in sorted(own | ((cells.written | (cells.varying & cells.used)) - every)):
+            at.store(WORD(int(self.words[word])), self.of(at, word), align=8)
 
     def of(self, at: ir.IRBuilder, word: int) -> ir.Value:
         """The pointer to a word."""
         for region, pointer in zip(self.cells.regions, self.regions, strict=True):
             if region.first <= word < region.end:
-                return at.gep(pointer, [WORD(8 * (word - region.first))], source_etype=ir.IntType(8))
-        return at.gep(self.memory, [WORD(8 * word)], source_etype=ir.IntType(8))
+                return at.gep(pointer, [WORD(8 * (word - region.first))], source_etype=BYTE)
+        return at.gep(self.cells_at, [WORD(8 * word)], source_etype=BYTE)
 
     def pointers(self, rooms: ir.Value) -> list[ir.Value]:
-        return [self.memory, rooms, *self.regions]
+        """What each function is given."""
+        return [self.cells_at, rooms, *self.regions]
 
 
 class _Flow:
-    """Which words at the end of an entry depend on which words at its begin, from its optimized code."""
+    """Which words at the end of an entry depend on which words at its beginning, by its optimized code."""
 
-    def __init__(self, source: FleetSource, module: llvm.ModuleRef, name: str, own: set[int]) -> None:
+    def __init__(self, source: FleetSource, module: str, name: str, own: set[int]) -> None:
         probe = ir.Module("probe")
         kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, WORD])
         code = ir.Function(probe, kind, "probe")
@@ -360,85 +387,71 @@ class _Flow:
             argument.add_attribute("noalias")
         at = ir.IRBuilder(code.append_basic_block())
         inner = ir.Function(probe, ir.FunctionType(WORD, [POINTER] * source.cells.pointers + [WORD]), name)
-        place = prepared(at, probe, source.cells)
+        memory = _Memory(at, probe, source.cells)
+        memory.start(at)
         before, after, rooms, n = code.args
         for word in sorted(own):
-            at.store(at.load(_at(at, before, word), typ=WORD), place.of(at, word))
-        at.call(inner, [*place.pointers(rooms), n])
+            at.store(at.load(_at(at, before, word), typ=WORD, align=8), memory.of(at, word), align=8)
+        at.call(inner, [*memory.pointers(rooms), n])
         end = code.append_basic_block()
         if name == STEPS:
             at.branch(end)
-        else:  # signals are given only by a run that has not stopped
+            at.position_at_end(end)
+        else:  # only a run that has not stopped gives its signals
             given = code.append_basic_block()
-            stop = at.load(place.of(at, stop_word(source)), typ=WORD)
+            stop = at.load(memory.of(at, source.stop), typ=WORD, align=8)
             at.cbranch(at.icmp_signed("==", stop, WORD(STOP_NONE)), given, end)
             at.position_at_end(given)
         for word in sorted(own):
-            if name == STEPS:
-                at.position_at_end(end)
-            at.store(at.load(place.of(at, word), typ=WORD), _at(at, after, word))
+            at.store(at.load(memory.of(at, word), typ=WORD, align=8), _at(at, after, word), align=8)
         if name != STEPS:
             at.branch(end)
             at.position_at_end(end)
         at.ret_void()
-        whole_module = llvm.parse_assembly(str(module))
-        whole_module.link_in(llvm.parse_assembly(str(probe)))
-        for function in whole_module.functions:
+        every = llvm.parse_assembly(module)
+        every.link_in(llvm.parse_assembly(str(probe)))
+        for function in every.functions:
             if not function.is_declaration and function.name != "probe":
                 function.linkage = "internal"
         here = llvm.Target.from_default_triple().create_target_machine()
-        optimize(whole_module, here, llvm.get_default_triple(), 2)
-        self._read(str(whole_module.get_function("probe")))
+        optimize(every, here, llvm.get_default_triple(), 2)
+        self._read(str(every.get_function("probe")))
 
     def _read(self, text: str) -> None:
-        self._uses: dict[str, set[str]] = {}
-        self._roots: set[str] = set()
-        self._loads: dict[str, int] = {}
-        self._stores: dict[int, set[str]] = {}
-        places: dict[str, tuple[str, int]] = {"%0": ("in", 0), "%1": ("out", 0)}
-        names = re.search(r"define .*?@probe\(([^)]*(?:\([^)]*\)[^)]*)*)\)", text)
-        assert names is not None
-        given = re.findall(r"%[\w.\"]+(?=[,)]|$)", names[1])
-        places = {given[0]: ("in", 0), given[1]: ("out", 0)}
+        """Read LLVM's text: of each name, the names that it is made of; what is loaded and stored; and the roots, on
+        which the way of the code depends."""
+        self._uses, self._roots = dict[str, set[str]](), set[str]()
+        self._loads, self._stores = dict[str, int](), dict[int, set[str]]()
+        places: dict[str, tuple[str, int]] = {}
         for line in text.splitlines():
             line = line.split(" !")[0].strip()
+            if line.startswith("define"):
+                given = re.findall(r"(%[\w.\"]+)(?=[,)])", line)
+                places = {given[0]: ("before", 0), given[1]: ("after", 0)}
+                continue
             made = re.match(r"(%[\w.\"]+) = (.*)", line)
             what = made[2] if made else line
             operands = set(re.findall(r"%[\w.\"]+", what))
-            if made and (found := re.match(r"getelementptr .*?i8, ptr (%[\w.\"]+), i64 (-?\d+)$", what)) and (
-                found[1] in places
-            ):
-                side, offset = places[found[1]]
-                places[made[1]] = side, offset + int(found[2])
-            elif made and (found := re.match(r"load \w+, ptr (%[\w.\"]+)", what)) and found[1] in places:
-                self._loads[made[1]] = places[found[1]][1] // 8
-            elif (found := re.match(r"store \w+ ([^,]+), ptr (%[\w.\"]+)", what)) and found[2] in places:
-                if found[1].startswith("%"):
-                    self._stores.setdefault(places[found[2]][1] // 8, set()).add(found[1])
+            place = re.match(r"getelementptr .*?i8, ptr (%[\w.\"]+), i64 (-?\d+)$", what)
+            load = re.match(r"load \w+, ptr (%[\w.\"]+)", what)
+            store = re.match(r"store \w+ ([^,]+), ptr (%[\w.\"]+)", what)
+            if made and place and place[1] in places:
+                side, offset = places[place[1]]
+                places[made[1]] = side, offset + int(place[2])
+            elif made and load and load[1] in places:
+                self._loads[made[1]] = places[load[1]][1] // 8
+            elif store and store[2] in places:
+                if store[1].startswith("%"):
+                    self._stores.setdefault(places[store[2]][1] // 8, set()).add(store[1])
             elif made:
                 self._uses[made[1]] = operands
-                if " call " in f" {what}" or what.startswith(("load", "call", "tail call")):
+                if re.match(r"(load|(tail |musttail |notail )?call) ", what) and "@llvm." not in what:
                     self._roots |= operands
-            elif not line.startswith(("define", "br label")):
+            elif not line.startswith("br label"):
                 self._roots |= operands
 
-    def why(self, word, words):
-        for w in sorted(words):
-            if word in self.needs_of(self._stores.get(w, ())): return w
-        return "roots" if word in self.needs_of(self._roots) else None
-
-    def needs_of(self, names):
-        todo, seen, found = list(names), set(), set()
-        while todo:
-            name = todo.pop()
-            if name in seen: continue
-            seen.add(name)
-            if name in self._loads: found.add(self._loads[name])
-            todo += self._uses.get(name, ())
-        return found
-
     def needs(self, words: set[int]) -> set[int]:
-        """The words at the begin of which those at the end, and the way of the code, depend on."""
+        """The words at the beginning on which those at the end, and the way of the code, depend."""
         todo = [*self._roots, *(name for word in words for name in self._stores.get(word, ()))]
         seen, found = set[str](), set[int]()
         while todo:
@@ -453,4 +466,4 @@ class _Flow:
 
 
 def _at(at: ir.IRBuilder, pointer: ir.Value, word: int) -> ir.Value:
-    return at.gep(pointer, [WORD(8 * word)], source_etype=ir.IntType(8))
+    return at.gep(pointer, [WORD(8 * word)], source_etype=BYTE)

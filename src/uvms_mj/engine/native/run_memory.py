@@ -337,6 +337,19 @@ class RunMemory:
             self._has_other_tables = False
         self.stages.start(setup.scenario)
 
+    def begin(self, setup: Setup) -> None:
+        """As :meth:`restart`, also with another vehicle, in an engine that has it in the record. Raises InputError, too,
+        for a setup whose record has another shape."""
+        if shape_of(setup) != self.shape:
+            raise InputError([Fault("vehicle", "the runs have other numbers of thrusters, walls or contacts")])
+        constants = self._fitting(setup)
+        self.image.fixed[:] = self._start
+        self._fill(setup)
+        self.engine.enter(self.image, self.run, setup, self.code)
+        write_time(self, setup)
+        write_initial(self, setup)
+        self._write(setup, constants)
+
     def rewrite(self, setup: Setup) -> None:
         """Set the numbers of another setup with the same time and start, while the run goes on. Raises InputError as
         :meth:`restart` does."""
