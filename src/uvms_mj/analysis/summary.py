@@ -188,6 +188,8 @@ class Number:
         size: number of its components.
         printed: whether ``uvms-mj run --json`` prints it.
         of_whole_run: whether it needs more than the last :data:`.metrics.AROUND_THE_END_S` of a trace.
+        rows: the rows that are enough for it, in a run that completed: the length of the run's end, and the time from
+            row to row [s]. None if it needs every row.
         not_kept: reason why a study can't keep it.
     """
 
@@ -198,6 +200,11 @@ class Number:
     printed: bool = True
     of_whole_run: bool = False
     not_kept: str = ""
+    rows: tuple[float, float] | None = None
+
+
+LAST, FORCE, FAST, ENDING = (0.0, 1.0), (8.5, 0.5), (1.0, 0.01), (0.5, 0.05)
+"""Rows that are enough: the last one; for the final force with its trend; for chattering; for :func:`ending`."""
 
 
 def _not_kept(of: "Callable[[Trace], Any]", why: str) -> Number:
@@ -227,22 +234,30 @@ NUMBERS: Mapping[str, Number] = {
     "contact.first_s": Number(
         lambda trace: _last("first_contact")(trace) if len(trace) and trace.touches[-1] > 0 else None,
         "time of the first touch; none without a touch",
+        rows=LAST,
     ),
     "contact.touches": Number(
-        lambda trace: int(trace.touches[-1]) if len(trace) else 0, "number of times that the push begins", kind=int
+        lambda trace: int(trace.touches[-1]) if len(trace) else 0,
+        "number of times that the push begins",
+        kind=int,
+        rows=LAST,
     ),
-    "contact.peak_N": Number(_last("force_peak"), "largest push"),
-    "contact.impulse_Ns": Number(_last("impulse"), "integral of the push over time"),
-    "contact.final_N": Number(lambda trace: _force(trace)[0], "mean push over the last 0.5 s"),
+    "contact.peak_N": Number(_last("force_peak"), "largest push", rows=LAST),
+    "contact.impulse_Ns": Number(_last("impulse"), "integral of the push over time", rows=LAST),
+    "contact.final_N": Number(lambda trace: _force(trace)[0], "mean push over the last 0.5 s", rows=FORCE),
     "contact.settled": Number(
-        lambda trace: _force(trace)[1], "true or false: whether the push has settled at the end", kind=bool
+        lambda trace: _force(trace)[1], "true or false: whether the push has settled at the end", kind=bool, rows=FORCE
     ),
-    "contact.trend_N_per_s": Number(_trend, "rate of change of the push at the end, by its trend; none without one"),
+    "contact.trend_N_per_s": Number(
+        _trend, "rate of change of the push at the end, by its trend; none without one", rows=FORCE
+    ),
     "contact.analytic_N": Number(
-        _analytic_N, "push at rest in closed form; none without a closed form or without contact at rest"
+        _analytic_N, "push at rest in closed form; none without a closed form or without contact at rest", rows=LAST
     ),
     "contact.relative_error": Number(
-        _relative_error, "of contact.final_N against contact.analytic_N [1]; none unless the push has settled"
+        _relative_error,
+        "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
+        rows=FORCE,
     ),
     "noise.push_N": Number(
         _push_deviation,
@@ -256,38 +271,47 @@ NUMBERS: Mapping[str, Number] = {
     "effort_N2s": Number(
         lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
         "integral of X^2 + Y^2 + Z^2 of the thrust over time",
+        rows=LAST,
     ),
-    "saturated_s": Number(saturated, "time with a thruster at its limit"),
+    "saturated_s": Number(saturated, "time with a thruster at its limit", rows=LAST),
     "saturated_joints_s": _not_kept(_saturated_joints, _OF_JOINTS),
     "joints_off_target": _not_kept(_joints("off_target"), _OF_JOINTS),
     "joints_at_stops": _not_kept(_joints("at_stops"), _OF_JOINTS),
-    "final.position_m": Number(_last("p_WB"), "p_WB at the end", size=3),
-    "final.attitude_wxyz": Number(_last("quat_WB"), "quat_WB at the end [1]", size=4),
-    "final.s": Number(_last("s"), "sliding variable at the end [m/s, rad/s]", size=6),
+    "final.position_m": Number(_last("p_WB"), "p_WB at the end", size=3, rows=LAST),
+    "final.attitude_wxyz": Number(_last("quat_WB"), "quat_WB at the end [1]", size=4, rows=LAST),
+    "final.s": Number(_last("s"), "sliding variable at the end [m/s, rad/s]", size=6, rows=LAST),
     "final.z": Number(
         _last("z"),
         "state z of a super-twisting law at the end, which takes up the disturbance [m/s^2, rad/s^2]",
         size=6,
+        rows=LAST,
     ),
-    "final.tau": Number(_last("tau"), "wrench of the thrusters at the end [N, N m]", size=6),
-    "analytic.position_m": Number(_position, "p_WB at rest in closed form", size=3),
+    "final.tau": Number(_last("tau"), "wrench of the thrusters at the end [N, N m]", size=6, rows=LAST),
+    "analytic.position_m": Number(_position, "p_WB at rest in closed form", size=3, rows=LAST),
     "analytic.none_because": Number(
-        lambda trace: getattr(trace.analytic, "reason", None), "text: why the rest has no closed form", kind=str
+        lambda trace: getattr(trace.analytic, "reason", None),
+        "text: why the rest has no closed form",
+        kind=str,
+        rows=LAST,
     ),
     "certified_rate_m_per_s3": _of_study(
-        _certified_rate, "rate of disturbance for which the law is certified; none for other laws"
+        _certified_rate, "rate of disturbance for which the law is certified; none for other laws", rows=LAST
     ),
-    "chattering_N_per_s": _of_study(_chattering, "sum of the chattering indices of X, Y and Z over the last second"),
+    "chattering_N_per_s": _of_study(
+        _chattering, "sum of the chattering indices of X, Y and Z over the last second", rows=FAST
+    ),
     "force_error_N": _of_study(
-        _force_error, "contact.final_N, settled or not, minus the demanded force; none with several walls"
+        _force_error, "contact.final_N, settled or not, minus the demanded force; none with several walls", rows=LAST
     ),
     "force_range_N": _of_study(
         lambda trace: float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None,
         "greatest minus least push over the last 0.5 s",
+        rows=LAST,
     ),
     "thrust_peak_N": _of_study(
         lambda trace: float(trace.tau_max[-1][:3].max()) if len(trace) else None,
         "largest of X, Y and Z that the thrusters gave at any step",
+        rows=LAST,
     ),
     "hold.bias_N": _of_study(
         _hold("bias"), "mean push over the last 5 s minus the demanded push |F_d|; none if F_d demands none"

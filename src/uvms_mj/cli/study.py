@@ -56,7 +56,7 @@ class _Commands(click.Group):
 @click.option("--dry-run", is_flag=True, help="Print runs, steps, keys, time and size; run nothing.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
-@click.option("--engine", type=click.Choice(["auto", "mujoco", "free_body"]), help="In place of run.engine.")
+@click.option("--engine", type=click.Choice(["auto", "mujoco", "free_body", "gpu"]), help="In place of run.engine.")
 @click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
 @output_options
 def run_study(

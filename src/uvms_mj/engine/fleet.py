@@ -25,11 +25,12 @@ from .engines import FreeEngine
 from .native.compilation import fingerprint, object_name, recall, remember, source_files
 from .native.devices import Gpu, Processor
 from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource
-from .native.run_memory import RunMemory, tables_of
-
+from .native.run_memory import tables_of
 from .simulation import Simulation, valid_scenario
 
 DEVICES: Mapping[str, Callable[[], Any]] = {each.name: each for each in (Gpu, Processor)}
+_ADDED = ("stop", "steps")
+"""Signals that every fleet has, behind those that are asked for."""
 LAUNCH_S = 0.25
 """Wall time of a call of the device after which Python looks at signals such as Ctrl-C [s]."""
 
@@ -195,14 +196,22 @@ class Fleet:
             raise InputError([Fault("n", f"{n!r}: must be a positive integer")])
         if device not in DEVICES:
             raise InputError([Fault("device", f"{device!r}; {suggestion(str(device), DEVICES)}")])
-        self.n, self.device = n, device
-        self._device = DEVICES[device]()
-        self._starts = Starts(valid_scenario(scenario), mjcf)
+        self._begin(DEVICES[device](), Starts(valid_scenario(scenario), mjcf), n, signals)
+
+    @classmethod
+    def of(cls, starts: Starts, n: int, *, signals: Sequence[str] = (), device: str = "gpu") -> "Fleet":
+        """A fleet of n runs whose first records are there already."""
+        fleet = cls.__new__(cls)
+        fleet._begin(DEVICES[device](), starts, n, signals)
+        return fleet
+
+    def _begin(self, device: Any, starts: Starts, n: int, signals: Sequence[str]) -> None:
+        self.n, self.device, self._device, self._starts = n, device.name, device, starts
         self._parts = self._starts.parts()
         names = [*dict.fromkeys(signals or _usual(self._parts))]
         if unknown := [name for name in names if name not in self._parts]:
             raise InputError([Fault("signals", f"no {each!r}; {suggestion(each, self._parts)}") for each in unknown])
-        self._names = [*dict.fromkeys([*names, "stop", "steps"])]
+        self._names = [*(name for name in dict.fromkeys(names) if name not in _ADDED), *_ADDED]
         self._varying = set[int]()
         self._words = np.broadcast_to(self._starts.template, (n, len(self._starts.template)))
         self._code: FleetCode | None = None
@@ -243,8 +252,11 @@ class Fleet:
             words = np.broadcast_to(start, (self.n, len(start)))
         self.start(words)
 
-    def start(self, words: np.ndarray) -> None:
-        """Return to the start of all runs, whose words are those of :class:`Starts`, (n, ...)."""
+    def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
+        """Return to the start of all runs, whose words are those of :class:`Starts`, (n, ...). ``varying`` are further
+        words in which they may differ; those that do are added to it."""
+        if varying is not None and varying != self._varying:
+            self._varying, self._code = varying, None
         rows = words if words.strides[0] else words[:1]
         differ = np.zeros(words.shape[1], bool)
         for first in range(0, len(rows), 4096):
@@ -368,6 +380,13 @@ class Fleet:
         _, shape, kind = self._parts[name]
         strides = [self.n * math.prod(shape[k + 1 :]) for k in range(len(shape))]
         return self._device.view(self._out, row * self.n, (self.n, *shape), (1, *strides), kind)
+
+    def table(self) -> np.ndarray:
+        """The signals of the instant in hand, (width, n), a copy in this machine's memory: those that were asked for,
+        one below the other."""
+        self._prepare()
+        asked = sum(self._place(name)[1] for name in self._names if name not in _ADDED)
+        return self._device.get(self._out)[:asked]
 
     @property
     def names(self) -> tuple[str, ...]:

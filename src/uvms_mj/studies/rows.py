@@ -3,12 +3,13 @@
 A row depends on the plan and the run's number alone. It has no wall time, so that the rows of a study are the same for
 any number of workers, in any order, after any interruption.
 
-**The check of the engine free_body** repeats a sample of a study's runs in MuJoCo. The sample is one run in a hundred,
-at least five, and the worst run by each metric that is kept. Compared are
+**The check of the engine free_body** repeats a sample of a study's runs in MuJoCo, that of the engine gpu in free_body.
+The sample is one run in a hundred, at least five and at most a thousand, and the worst run by each metric that is kept.
+Compared are
 
 - the status;
 - the final position, relative to 1 m;
-- the rest force, relative to its value in MuJoCo, where it has settled in both engines;
+- the rest force, relative to its value in the slower engine, where it has settled in both engines;
 - the peak force, relative to itself plus the largest thrust, where both engines have the same number of touches.
   A law that chatters at the touch amplifies rounding errors in proportion to its thrust.
 
@@ -95,8 +96,8 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
     row = _blank(plan, index) | {"engine": engine}
     try:
         scenario = plan.scenario(index)
-        mjcf = _vehicle(scenario.vehicle.model)
-        row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
+        mjcf = vehicle_of(scenario.vehicle.model)
+        row["engine"] = engine = chosen_engine(scenario, mjcf) if engine in ("auto", "gpu") else engine
         if plan.time_limit_s is not None:
             _compile(scenario, mjcf, engine)
         short = all(place in METRICS and not METRICS[place].of_whole_run for place in plan.metrics)
@@ -105,12 +106,9 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
             warnings.simplefilter("ignore")  # the row counts them
             trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
             row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
-            row["warnings"] = len(trace.notes) + len(ending(trace))
             if trace.status is Status.interrupted:
                 raise KeyboardInterrupt
-            if row["status"] in _MEASURED:
-                row |= _metrics(plan, trace)
-                row |= _judged(plan, row)
+            row |= _of_trace(plan, row, trace)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
     except KeyboardInterrupt:
@@ -127,6 +125,27 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
     return row
 
 
+def _of_trace(plan: "Plan", row: dict[str, Any], trace: Trace) -> dict[str, Any]:
+    """The columns of a row that a trace gives."""
+    found: dict[str, Any] = {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
+    found["warnings"] = len(trace.notes) + len(ending(trace))
+    if found["status"] in _MEASURED:
+        found |= _metrics(plan, trace)
+        found |= _judged(plan, row | found)
+    return found
+
+
+def row_of_trace(plan: "Plan", index: int, engine: str, trace: Trace) -> dict[str, Any] | None:
+    """The row of a run whose trace is there already; None if it lacks a signal of a metric."""
+    row = _blank(plan, index) | {"engine": engine}
+    try:
+        return row | _of_trace(plan, row, trace)
+    except (AttributeError, KeyError):
+        return None
+    except Exception as error:  # of a metric: the other runs go on
+        return row | {"status": "failed", "message": error_text(error), "success": False}
+
+
 def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
     """Compile the stages of a scenario once a process: the time limit is for a run alone."""
     kinds = tuple(type(stage) for stage in scenario.stages)
@@ -138,7 +157,8 @@ def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
 _compiled: set[tuple[type, ...]] = set()
 
 
-_vehicle = functools.lru_cache(maxsize=8)(Mjcf.find)
+vehicle_of = functools.lru_cache(maxsize=8)(Mjcf.find)
+"""The model of a vehicle."""
 
 
 def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
@@ -201,8 +221,8 @@ def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
 
 CHECK = "check.parquet"
 """Name of the table of differences in the folder of a study."""
-SHARE, LEAST = 0.01, 5
-"""Share of the free-body runs that are repeated, and their least number."""
+SHARE, LEAST, MOST_REPEATED = 0.01, 5, 1000
+"""Share of the runs that are repeated in another engine, and their least and greatest number."""
 COMPARED = (
     *("contact.touches", "contact.settled", "contact.final_N", "contact.peak_N"),
     *("final.position_m", "thrust_peak_N"),
@@ -221,12 +241,18 @@ def checked(folder: Path) -> "pd.DataFrame | None":
         raise InputError(f"{path}: damaged ({error}); the command that began the study computes it again") from None
 
 
+def pair_of(plan: "Plan") -> tuple[str, ...]:
+    """The engine of a study and the slower one that repeats a sample of its runs; empty if there is none."""
+    return {"auto": ("free_body", "mujoco"), "gpu": ("gpu", "free_body")}.get(plan.engine, ())
+
+
 def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
-    """The runs to repeat in MuJoCo; none for a study that did not ask for engine "auto"."""
-    ran = rows[(rows["engine"] == "free_body") & rows["status"].isin(["completed", "unstable"])]
-    if plan.engine != "auto" or ran.empty:
+    """The runs to repeat in the slower engine of :func:`pair_of`; none for a study without one."""
+    engines = pair_of(plan)
+    ran = rows[(rows["engine"] == engines[0]) & rows["status"].isin(["completed", "unstable"])] if engines else rows
+    if not engines or ran.empty:
         return []
-    number = min(len(ran), max(LEAST, math.ceil(SHARE * len(ran))))
+    number = min(len(ran), max(LEAST, math.ceil(SHARE * len(ran))), MOST_REPEATED)
     chosen = set(np.random.default_rng(plan.seed).choice(ran["index"].to_numpy(), number, replace=False).tolist())
     for column in rows.columns[list(rows.columns).index("engine") + 1 :]:
         values = ran[column].dropna()
@@ -235,29 +261,34 @@ def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
     return sorted(chosen)
 
 
+def comparing(plan: "Plan") -> "Plan":
+    """A plan with the metrics that are compared. Success may need others, and is not compared."""
+    return dataclasses.replace(plan, metrics=COMPARED, success={}, time_limit_s=None)
+
+
 def compared(bundle: "StudyBundle", index: int, engine: str) -> dict[str, Any]:
     """Run one run of a study in a worker and return its row with the metrics that are compared."""
-    return one_row(dataclasses.replace(bundle.plan(), metrics=COMPARED, time_limit_s=None), index, engine)
+    return one_row(comparing(bundle.plan()), index, engine)
 
 
 def differences(
     plan: "Plan", indices: Sequence[int], found: Mapping[tuple[int, str], Mapping[str, Any]]
 ) -> "pd.DataFrame":
     """The differences between rows ``found`` by index and engine, one for each run and number: index, law, number,
-    free_body, mujoco, difference [1], tolerance [1], within."""
+    the values of the two engines of :func:`pair_of`, difference [1], tolerance [1], within."""
     import pandas as pd
 
-    rows = []
+    rows, engines = [], pair_of(plan)
     for index in indices:
-        free, full = found[index, "free_body"], found[index, "mujoco"]
+        free, full = (found[index, engine] for engine in engines)
         same = free["status"] == full["status"]
         compared = [("status", None, None, 0.0 if same else math.inf)]
         if same and full["status"] == "completed":
             compared += list(_numbers(free, full))
         for number, ours, theirs, difference in compared:
             rows.append((index, plan.run(index).law, number, ours, theirs, difference, plan.tolerance))
-    columns = ["index", "law", "number", "free_body", "mujoco", "difference", "tolerance"]
-    frame = pd.DataFrame(rows, columns=columns).astype({"free_body": float, "mujoco": float})
+    columns = ["index", "law", "number", *engines, "difference", "tolerance"]
+    frame = pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(engines, float))
     return frame.assign(within=frame["difference"] <= frame["tolerance"])
 
 

@@ -19,7 +19,7 @@ from .plan.metrics import SETTLED, in_words, successes
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
 from .results import STUDY, StudyFolder, frame, units_of, version_of
-from .rows import checked, largest
+from .rows import checked, largest, pair_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -227,13 +227,14 @@ class Study:
         found = self.check
         if found is None:
             return []
-        heads = ["free_body", "mujoco", "difference", "tolerance", "row", "within"]
+        engines = pair_of(self.plan_of_results)
+        heads = [*engines, "difference", "tolerance", "row", "within"]
         rows = [
             (each["number"], [*(each[head] for head in heads[:4]), each["index"], "yes" if each["within"] else "no"])
             for each in largest(found).to_dict("records")
         ]
         runs = found["index"].nunique()
-        return [Table(f"free_body against mujoco in {runs} runs, largest differences", heads, rows)]
+        return [Table(f"{' against '.join(engines)} in {runs} runs, largest differences", heads, rows)]
 
     def __repr__(self) -> str:
         where = f" in {self.folder}" if self.folder is not None else ", which have not run"

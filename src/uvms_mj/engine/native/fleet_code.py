@@ -1,9 +1,9 @@
 """The code of a fleet: many runs of one scenario, each with numbers of its own, one thread a run.
 
 It is the loop of free_body with its stages, translated for the record that the runs begin with
-(:mod:`uvms_mj.compiler.cells`). A thread copies the words that are its run's own from a table to cells, takes all steps,
-and copies back those that the next step needs. Word k of run i is at k * stride + i in the table, so that neighbouring
-threads read neighbouring words.
+(:mod:`uvms_mj.compiler.cells`). A thread copies the words that are its run's own from a table to cells, takes all
+steps, and copies back those that the next step needs. Word k of run i is at k * stride + i in the table, so that
+neighbouring threads read neighbouring words.
 
 An entry of the code is a function of the table, of the rooms behind the record, of a table for the signals, of the
 number of runs, of the stride and of the number of steps. On a GPU it is a kernel. For this processor it is a function
@@ -28,7 +28,17 @@ from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, sca
 from ...physics.kernels import kernel
 from . import memory
 from .intrinsics import INTRINSICS, records_of
-from .loop import complete_step, finish_step, flow_again, free_step, observe, observe_anew, run_every_stage, run_stages
+from .loop import (
+    complete_row,
+    complete_step,
+    finish_step,
+    flow_again,
+    free_step,
+    observe,
+    observe_anew,
+    run_every_stage,
+    run_stages,
+)
 from .pipeline import CompiledStage
 from .record import STOP_NONE, Shape, run_dtype, with_numbers
 from .user_stage import between_copies
@@ -57,7 +67,7 @@ def _ahead(run, control):
 @kernel
 def _end(run, control):
     if free_step(run, 0):
-        complete_step(run)
+        complete_row(run)
 
 
 @kernel

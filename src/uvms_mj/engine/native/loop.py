@@ -189,7 +189,7 @@ def run_every_stage(run, end) -> int:
 
 @kernel
 def run_stage(run, stage, i) -> bool:
-    """Run a stage, which is number i, if it is due at t_k. Returns False if it waits for Python to call it, or the run has stopped."""
+    """Run a stage, number i, if it is due at t_k. Returns False if it waits for Python, or the run has stopped."""
     if stage.period_steps == 1 or run.step % stage.period_steps == 0:
         if i == run.actuation:
             check_command(run)
@@ -299,6 +299,20 @@ def finish_step(run):
 @kernel
 def complete_step(run):
     """As :func:`finish_step`, of a step that surely lacks them."""
+    complete_row(run)
+    write_row(run)
+    if run.saturated != 0:  # for the coming step
+        run.row.saturation_time += run.timestep
+    run.row.effort += run.timestep * run.true.tau * run.true.tau
+    if run.has_task != 0:
+        run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)
+    run.step += 1
+    run.next = 0
+
+
+@kernel
+def complete_row(run):
+    """Complete the row of step k: contact force, acceleration, and the running signals until t_k."""
     plant, row, true, h, push_before = run.plant, run.row, run.true, run.timestep, run.push[0]
     if run.pairs.shape[0] != 0:
         force_of_step(run)
@@ -320,14 +334,6 @@ def complete_step(run):
     run.q_ddot[:] = plant.qacc[6:]
     if run.banded_count != 0:
         widen_bands(run)
-    write_row(run)
-    if run.saturated != 0:  # for the coming step
-        row.saturation_time += h
-    row.effort += h * true.tau * true.tau
-    if run.has_task != 0:
-        row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, h, 0.0)
-    run.step += 1
-    run.next = 0
 
 
 @kernel

@@ -338,7 +338,7 @@ class RunMemory:
         self.stages.start(setup.scenario)
 
     def begin(self, setup: Setup) -> None:
-        """As :meth:`restart`, also with another vehicle, in an engine that has it in the record. Raises InputError, too,
+        """As :meth:`restart`, also with another vehicle, in an engine that has it in the record. Raises InputError also
         for a setup whose record has another shape."""
         if shape_of(setup) != self.shape:
             raise InputError([Fault("vehicle", "the runs have other numbers of thrusters, walls or contacts")])

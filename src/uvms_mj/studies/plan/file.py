@@ -333,7 +333,9 @@ class Keep:
 
 @dataclass(frozen=True, config=STRICT)
 class Execution:
-    engine: Literal["auto", "mujoco", "free_body"] = doc("auto: free_body where it can, checked by a sample", "auto")
+    engine: Literal["auto", "mujoco", "free_body", "gpu"] = doc(
+        "auto: free_body where it can, checked by a sample; gpu: all runs at once on a GPU, likewise", "auto"
+    )
     time_limit_s: Annotated[Number, within(1e-3, 1e7, "s")] | None = doc("wall time after which a run ends [s]", None)
     tolerance: Annotated[Number, within(0.0, 1e3, "")] = doc(
         "largest relative difference of a metric between free_body and mujoco [1]", 1e-4

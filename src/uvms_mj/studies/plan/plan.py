@@ -75,7 +75,7 @@ class Plan:
         design: "grid", "random", "sobol", "latin_hypercube" or "sobol_indices".
         repeats: runs of each draw and law, which differ in their seed.
         metrics: places in a run's summary, or path/to/file.py:function.
-        engine: "auto", "mujoco" or "free_body".
+        engine: "auto", "mujoco", "free_body" or "gpu".
         tolerance: largest relative difference of a metric between the engines [1].
         time_limit_s: wall time after which a run ends [s]; None without a limit.
         success: what a run must meet besides its completion, by metric; empty if it must have settled.

@@ -2,6 +2,7 @@
 law."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -13,8 +14,22 @@ from ...engine.run import LawError, simulate
 from ...errors import InputError
 from ...scenario import Scenario
 from ..bundle import StudyBundle
+from ..fleets import GPU, CpuWarning, Fleets
 from ..results import StudyFolder, blocks, frame, put, schema_of
-from ..rows import CHECK, LEAST, SHARE, checked, chosen_engine, compared, differences, log_of, lost_row, rows_of, sample
+from ..rows import (
+    CHECK,
+    LEAST,
+    SHARE,
+    checked,
+    chosen_engine,
+    compared,
+    differences,
+    log_of,
+    lost_row,
+    pair_of,
+    rows_of,
+    sample,
+)
 from .executors import WorkerLost, each_call
 
 if TYPE_CHECKING:
@@ -52,11 +67,33 @@ class Execution:
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
             calls += [] if statuses else [(self.bundle, tuple(block))]
+        if self.plan.engine == GPU and calls:
+            calls = self._on_gpu([index for _, block in calls for index in block])
         each_call(self.executor, rows_of, calls, self._take, self._tick, run_by_run)
         self.results.finish()
         rows = frame(self.results.folder)
         self._check(rows)
         self._logs(rows)
+
+    def _on_gpu(self, indices: Sequence[int]) -> list[tuple[Any, ...]]:
+        """Run what a GPU can run, and return the calls for all other runs."""
+        fleets = Fleets(self.plan, self.bundle, self.executor, self._tick)
+
+        def moved(share: float) -> None:
+            self.what = f"running on the GPU, {share:.0%}"
+
+        fleets.moved = moved
+        left = fleets.run(indices, lambda own, rows: self._take((self.bundle, own), rows))
+        self.what = "running"
+        for reason, runs in fleets.reasons.most_common():
+            if runs:
+                told = f"{runs} of {self.plan.runs} runs are not run on the GPU: {reason}"
+                warnings.warn(told, CpuWarning, stacklevel=2)
+        size = len(self.results.blocks[0])
+        parts: dict[int, list[int]] = {}
+        for index in left:
+            parts.setdefault(index // size, []).append(index)
+        return [(self.bundle, tuple(part)) for part in parts.values()]
 
     def _tick(self) -> None:
         self.progress(self.what, self.done, self.failures, self.total)
@@ -77,7 +114,7 @@ class Execution:
             del self._rows[i]
 
     def _check(self, rows: Any) -> None:
-        """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
+        """Repeat a sample of the runs in a slower engine and keep the differences."""
         indices = sample(self.plan, rows)
         try:
             if not indices or checked(self.results.folder) is not None:
@@ -89,8 +126,13 @@ class Execution:
         def keep(row: Any, index: int, engine: str) -> None:
             pairs[index, engine] = row or {"status": "lost"}
 
-        calls = [(index, engine) for index in indices for engine in ("free_body", "mujoco")]
-        self._repeat("checking in MuJoCo", compared, calls, keep)
+        engines = pair_of(self.plan)
+        if engines[0] == GPU:
+            fleets = Fleets(self.plan, self.bundle, self.executor, self._tick, compares=True)
+            left = fleets.run(indices, functools.partial(_by_index, pairs))
+            pairs |= {(index, GPU): {"status": "lost"} for index in left}
+        calls = [(index, engine) for index in indices for engine in engines if engine != GPU]
+        self._repeat(f"checking in {engines[1]}", compared, calls, keep)
         found = differences(self.plan, indices, pairs)
         put(self.results.folder / CHECK, found.to_parquet)
 
@@ -117,6 +159,10 @@ class Execution:
             self.done += 1
 
         each_call(self.executor, task, ((self.bundle, *run) for run in runs), take, self._tick)
+
+
+def _by_index(pairs: dict[tuple[int, str], dict[str, Any]], indices: Sequence[int], rows: Sequence[dict]) -> None:
+    pairs.update({(index, GPU): row for index, row in zip(indices, rows, strict=True)})
 
 
 def run_by_run(call: tuple[Any, ...]) -> list[tuple[Any, ...]]:
