@@ -24,7 +24,7 @@ from ..setup.checks import checked
 from .engines import FreeEngine
 from .native.compilation import fingerprint, object_name, recall, remember, source_files
 from .native.devices import Gpu, Processor
-from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource
+from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource, without_addresses
 from .native.run_memory import tables_of
 from .simulation import Simulation, valid_scenario
 
@@ -81,7 +81,8 @@ class Starts:
         except InputError as error:
             raise NotInFleet(error.faults) from None
         fixed = self.memory.image.fixed
-        return fixed[: len(fixed) // 8 * 8].view(np.int64).copy()
+        fixed = without_addresses(fixed[: len(fixed) // 8 * 8], self.memory.shape, len(self.memory.stages.running))
+        return fixed.view(np.int64)
 
     def of(self, scenario: Scenario) -> np.ndarray:
         """The words of a run of a scenario at its start. Raises InputError as :class:`Simulation`, and NotInFleet."""
@@ -214,6 +215,7 @@ class Fleet:
         self._names = [*(name for name in dict.fromkeys(names) if name not in _ADDED), *_ADDED]
         self._varying = set[int]()
         self._words = np.broadcast_to(self._starts.template, (n, len(self._starts.template)))
+        self._columns: list[int] | None = None
         self._code: FleetCode | None = None
         self._rooms = self._device.array(self._starts.rooms().shape) if tables_of(self._starts.setup) else None
         self._launch, self._steps, self._ready, self._closed = 1, 0, False, False
@@ -265,9 +267,15 @@ class Fleet:
         if more:
             self._varying |= more
             self._code = None
-        self._words, self._steps, self._ready = words, 0, False
+        self._words, self._columns, self._steps, self._ready = words, None, 0, False
         if self._code is not None:
             self._fill()
+
+    def start_columns(self, columns: Sequence[int], words: np.ndarray) -> None:
+        """As :meth:`start`, with the words (n, m) of some columns; in all others the runs have the template's."""
+        self._varying |= set(columns) - self._varying
+        self._code, self._words, self._columns = None, words, [*columns]
+        self._steps, self._ready = 0, False
 
     def _compiled(self) -> FleetCode:
         """The code, with its tables filled. Raises NotInFleet."""
@@ -291,7 +299,14 @@ class Fleet:
     def _fill(self) -> None:
         assert self._code is not None
         kept = self._code.kept
-        self._device.put(np.ascontiguousarray(self._words[:, kept].T), self._table)
+        table = np.empty((len(kept), self.n), np.int64)
+        place = {word: k for k, word in enumerate(self._columns)} if self._columns is not None else None
+        for k, word in enumerate(kept):
+            if place is None:
+                table[k] = self._words[:, word]
+            else:
+                table[k] = self._words[:, place[word]] if word in place else self._starts.template[word]
+        self._device.put(table, self._table)
         if self._rooms is not None:
             self._device.put(self._starts.rooms(), self._rooms)
 

@@ -100,6 +100,17 @@ class FleetCode:
     words: int
 
 
+def without_addresses(template: np.ndarray, shape: Shape, stages: int) -> np.ndarray:
+    """A copy of the bytes of a run's records, which begin at 0, with the numbers of the stages, 1 for the first one, in
+    place of the addresses of their code."""
+    template = template.copy()
+    kind = run_dtype(shape)
+    record = template[: kind.itemsize].view(kind)
+    record["address"] = 0
+    record["stages"]["code_at"][0, :stages] = range(1, stages + 1)
+    return template
+
+
 @dataclass
 class FleetSource:
     """What the code of a fleet is made of.
@@ -126,11 +137,7 @@ class FleetSource:
 
     def __post_init__(self) -> None:
         self.run = run_dtype(self.shape)
-        template = self.template.copy()
-        record = template[: self.run.itemsize].view(self.run)
-        record["address"] = 0
-        for number in range(len(self.stages)):
-            record["stages"]["code_at"][0, number] = number + 1
+        template = without_addresses(self.template, self.shape, len(self.stages))
         self.cells = Cells(template, {*self.varying, *self.given})
 
     # translation
