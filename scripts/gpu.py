@@ -48,7 +48,7 @@ KINDS: dict[str, dict[str, Any]] = {
         "controller.name": "dob_impedance",
         "controller.period": 5e-3,
         "thrusters.name": "t200",
-        "navigation.name": "ekf",
+        "navigation.name": "rov",
     },
 }
 """Scenarios whose runs are compared: ideal ones, and one with thrusters, sensors and a filter."""
