@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from short_study import study_text
+from short_study import HERE, study_text
 from uvms_mj import Study
 from uvms_mj.studies.rows import differences, sample
 
@@ -38,6 +38,16 @@ def test_only_completed_or_diverged_runs_of_free_body_are_repeated(plan):
     frame.loc[1::4, "status"] = "failed"
     assert set(sample(plan, frame)) <= set(range(3, 100, 4))
     assert sample(plan, rows(100, engine="mujoco")) == []
+
+
+def test_a_run_is_compared_by_numbers_also_if_success_needs_another_metric(tmp_path):
+    """Otherwise both rows say failed, and nothing is compared."""
+    more = "[success]\nforce_range_N = [0.0, 1e3]"
+    text = study_text(runs=1, engine="auto", metrics=', "force_range_N"', more=more)
+    (tmp_path / "s.toml").write_text(text)
+    found = Study.load(tmp_path / "s.toml").run(tmp_path / "results", executor=HERE).check
+    assert {"final.position_m.x", "contact.peak_N"} <= set(found["number"])
+    assert found["within"].all()
 
 
 def numbers(**other):

@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -335,7 +336,7 @@ def plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
 
 def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     """Print what came out; return the exit status."""
-    from ..studies.rows import largest
+    from ..studies.rows import largest, pair_of
 
     rows, found = study.frame, study.check
     failed = [] if found is None else found[~found["within"]].to_dict("records")
@@ -354,7 +355,9 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     elif not quiet:
         _table(study)
         if found is not None:
-            click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
+            click.echo(
+                f"{' against '.join(pair_of(study.plan))}, {found['index'].nunique()} runs, largest differences:"
+            )
             for each in largest(found).to_dict("records"):
                 click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")
         click.echo(f"{study.folder}{os.sep}rows")
@@ -362,14 +365,15 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
         why = printable(str(group["message"].iloc[0]))
         click.echo(f"note: {law}: {len(group)} {status}; row {group['index'].iloc[0]}: {why}", err=True)
     for each in failed:
-        click.echo(f"note: row {each['index']}, {each['law']}: {engines_differ(each)}", err=True)
+        differ = engines_differ(each, pair_of(study.plan))
+        click.echo(f"note: row {each['index']}, {each['law']}: {differ}", err=True)
     return EXIT_ENGINES_DIFFER if failed else 0
 
 
-def engines_differ(found: dict[str, Any]) -> str:
-    """A difference between the engines above the tolerance, in words."""
+def engines_differ(found: dict[str, Any], engines: Sequence[str] = ("free_body", "mujoco")) -> str:
+    """A difference between two engines above the tolerance, in words."""
     return (
-        f"{found['number']} differs by {found['difference']:.2g} between free_body and mujoco; run.tolerance is "
+        f"{found['number']} differs by {found['difference']:.2g} between {' and '.join(engines)}; run.tolerance is "
         f"{found['tolerance']:g}"
     )
 

@@ -20,6 +20,8 @@ from .values import BOOL, BYTE, FLAG, INT, POINTER, SCALARS, WORD, Place, Value,
 
 CELLS = "cells: "
 """Begins the reason why an array in memory is only read, until it is known to be written."""
+ROOMS = "lacks: the tables of a fleet are those of all its runs"
+"""The reason why the tables behind the record are only read."""
 
 
 @dataclass
@@ -75,6 +77,8 @@ class Cells:
     def known(self, place: Place, base: np.dtype) -> Value | None:
         """The number at a place, if it is a constant of the code."""
         word = place.offset // 8
+        if not self.holds(word):
+            return None
         self.used.add(word)
         if self.changes(word) or self._region(self.regions, word) is not None:
             return None
@@ -82,6 +86,10 @@ class Cells:
         if base == BOOL:
             return scalar(FLAG(bool(number)), BOOL)
         return scalar(SCALARS[base](int(number) if base == INT else float(number)), base)
+
+    def holds(self, word: int) -> bool:
+        """Whether a word is in the record. Those behind it are in the rooms, which all runs read."""
+        return 8 * (word + 1) <= len(self.template)
 
     def writes(self, place: Place, size: int) -> None:
         """Note that a number is stored."""
@@ -97,6 +105,8 @@ class Cells:
 
     def cell(self, at: Any, place: Place) -> ir.Value:
         """The pointer to a number that is no constant."""
+        if not self.holds(place.offset // 8):
+            return at.at.gep(at.given[1], [WORD(place.offset)], source_etype=BYTE)
         for k, region in enumerate(self._arranged):
             if region.first <= place.offset // 8 < region.end:
                 return at.at.gep(at.given[2 + k], [WORD(place.offset - 8 * region.first)], source_etype=BYTE)
@@ -107,12 +117,17 @@ class Cells:
         place = array.place
         assert place is not None
         first, end = place.offset // 8, (place.offset + _extent(array) + 7) // 8
-        if 8 * end > len(self.template):  # all numbers: a table in the rooms
-            why = array.kind.readonly or "lacks: the tables of a fleet are those of all its runs"
-            return replace(array, kind=replace(array.kind, readonly=why), llvm=(at.given[1],))
+        if not self.has(array):  # all numbers: a table in the rooms
+            rooms = at.at.gep(at.given[1], [WORD(place.offset)], source_etype=BYTE)
+            return replace(array, kind=replace(array.kind, readonly=array.kind.readonly or ROOMS), llvm=(rooms,))
         self._reach(first, end)
         why = array.kind.readonly or f"{CELLS}{first}"
         return replace(array, kind=replace(array.kind, readonly=why), llvm=(self._pointer(at, place),))
+
+    def has(self, array: Value) -> bool:
+        """Whether an array at a place is in the record with all its entries."""
+        assert array.place is not None
+        return array.place.offset + _extent(array) <= len(self.template)
 
     def writes_memory(self, readonly: str) -> None:
         """Note that an array in memory is written."""

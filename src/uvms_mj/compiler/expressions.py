@@ -13,6 +13,7 @@ from llvmlite import ir
 
 from .arrays import Arrays
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
+from .cells import CELLS
 from .emission import Module
 from .scalars import COMPARISONS, operator_name
 from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Place, Value, bundle, contiguous, items_of, scalar
@@ -291,6 +292,8 @@ class Expressions(Arrays):
         if all(kind.is_number for kind in kinds):
             return Kind(self.base_of(values))
         first = kinds[0]
+        if any(kind.readonly != first.readonly for kind in kinds):
+            self.may_write(*kinds)
         if first.items is not None and all(k.items is not None and len(k.items) == len(first.items) for k in kinds):
             columns = zip(*(items_of(value) for value in values), strict=True)
             return Kind(NOTHING, items=tuple(self.unified(column) for column in columns))
@@ -314,7 +317,17 @@ class Expressions(Arrays):
         if kind.items is not None:
             pairs = zip(items_of(value), kind.items, strict=True)
             return tuple(each for item, its in pairs for each in self.adapted(item, its))
-        return value.llvm if value.place is None else self.unit.cells.in_memory(self, value).llvm
+        if value.place is None:
+            return value.llvm
+        memory = self.unit.cells.in_memory(self, value)
+        self.may_write(memory.kind)
+        return memory.llvm
+
+    def may_write(self, *kinds: Kind) -> None:
+        """Note that arrays in the memory of cells are written, since what writes one of several does not say which."""
+        for kind in kinds:
+            if kind.readonly.startswith(CELLS):
+                self.unit.cells.writes_memory(kind.readonly)
 
     # calls
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
-from .cells import CELLS
+from .cells import CELLS, ROOMS
 from .emission import Module
 from .lifetimes import Again, Lifetimes, Plan, bindings
 from .refusals import RAISED
@@ -211,6 +211,8 @@ class Function(Lifetimes):
         if place.kind.readonly.startswith(CELLS):
             self.unit.cells.writes_memory(place.kind.readonly)
             return
+        if place.kind.readonly == ROOMS:
+            self.needs_constant("which number of a run changes")
         if place.kind.readonly.startswith(_LACKS):
             self.lack(place.kind.readonly.removeprefix(_LACKS))
         if place.kind.readonly:
@@ -358,6 +360,9 @@ class Function(Lifetimes):
 
     def _write_out(self, node: ast.For, turns: Iteration) -> None:
         """A loop whose turns are written out, so that its variable is known in each."""
+        if not isinstance(turns.n, ir.Constant) and not turns.apart:  # it was constant until more was known to change
+            self.plan.written_out.discard((node.lineno, node.col_offset))
+            raise Again
         if not isinstance(turns.n, ir.Constant) or turns.n.constant > MOST_TURNS:
             self.lack(f"this loop has to be written out, and has more than {MOST_TURNS} turns")
         end, ways = self.at.append_basic_block(), []

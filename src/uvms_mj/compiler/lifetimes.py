@@ -144,6 +144,7 @@ class Lifetimes(Expressions):
         if not same or self.plan.kinds.get(name) is not None:
             self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
         readonly = before.readonly or now.readonly
+        self.may_write(before, now)
         if before.is_array and before.strides != now.strides:
             return contiguous(before.base, before.sizes, readonly or A_COPY)
         return replace(before, readonly=readonly)
@@ -153,6 +154,8 @@ class Lifetimes(Expressions):
             return Value(wanted, (self.converted(value, wanted.base),))
         if value.kind.shape != wanted.shape or value.kind.base != wanted.base or wanted.items is not None:
             return value
+        if value.kind.readonly != wanted.readonly:
+            self.may_write(value.kind)
         if value.kind.strides != wanted.strides:
             value = self._kept(self.copied(value)) if self.turning is not None else self.copied(value)
         return replace(value, kind=wanted)

@@ -301,11 +301,14 @@ class Fleet:
         kept = self._code.kept
         table = np.empty((len(kept), self.n), np.int64)
         place = {word: k for k, word in enumerate(self._columns)} if self._columns is not None else None
+        rows = len(kept) - self._code.apart
+        apart = table[rows:].reshape(self.n, self._code.apart)
         for k, word in enumerate(kept):
+            row = table[k] if k < rows else apart[:, k - rows]
             if place is None:
-                table[k] = self._words[:, word]
+                row[:] = self._words[:, word]
             else:
-                table[k] = self._words[:, place[word]] if word in place else self._starts.template[word]
+                row[:] = self._words[:, place[word]] if word in place else self._starts.template[word]
         self._device.put(table, self._table)
         if self._rooms is not None:
             self._device.put(self._starts.rooms(), self._rooms)
@@ -407,6 +410,11 @@ class Fleet:
     def names(self) -> tuple[str, ...]:
         """The names of the signals."""
         return tuple(self._names)
+
+    @property
+    def code(self) -> bytes:
+        """What the device runs: PTX, or an object file of this processor."""
+        return self._compiled().code
 
     def describe(self) -> str:
         """What was compiled, in a sentence."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..analysis.summary import ENDING
 from ..control.theory.predictions import steady_state
-from ..engine.fleet import Fleet, NotInFleet, Starts
+from ..engine.fleet import DEVICES, Fleet, NotInFleet, Starts
 from ..engine.run import row_steps_of
 from ..errors import InputError
 from ..records.header import Header, Outcome, Status, versions
@@ -130,9 +130,9 @@ def starts_of(bundle: "StudyBundle", first: int, indices: tuple[int, ...]) -> St
 
 def rows_from(
     bundle: "StudyBundle", first: int, indices: tuple[int, ...], samples: np.ndarray, compares: bool
-) -> list[dict[str, Any] | None]:
-    """The rows of a study of some runs in a worker, from their rows ``samples`` (n, rows, width); None for a run of
-    which a metric needs another signal."""
+) -> list[dict[str, Any] | str]:
+    """The rows of a study of some runs in a worker, from their rows ``samples`` (n, rows, width); for a run of
+    which a metric needs more than them, what it misses."""
     from .rows import comparing, row_of_trace
 
     plan, starts = comparing(bundle.plan()) if compares else bundle.plan(), _starts(bundle, first)
@@ -164,6 +164,9 @@ class Fleets:
         tick: is called some times a second.
         compares: whether the rows have the metrics that are compared between engines, in place of the plan's.
         device: that of the fleets.
+
+    Raises:
+        InputError: there is no GPU.
     """
 
     def __init__(
@@ -174,6 +177,7 @@ class Fleets:
 
         self.plan, self.compares = comparing(plan) if compares else plan, compares
         self.bundle, self.executor, self.tick, self.device = bundle, executor, tick, device
+        DEVICES[device]().close()  # it is missed before the first start is made
         self._firsts: dict[int, int | None] = {}
         self._varying: dict[int, set[int]] = {}
         self.reasons = Counter[str]()
@@ -272,14 +276,16 @@ class Fleets:
         lost = list[int]()
 
         def keep(call: tuple[Any, ...], rows: Any) -> None:
-            rows = rows if isinstance(rows, list) else [None] * len(call[2])  # it ended three workers
-            there = [(index, row) for index, row in zip(call[2], rows, strict=True) if row is not None]
-            lost.extend(index for index, row in zip(call[2], rows, strict=True) if row is None)
+            rows = rows if isinstance(rows, list) else ["its worker ended"] * len(call[2])
+            there = [(index, row) for index, row in zip(call[2], rows, strict=True) if not isinstance(row, str)]
+            for index, row in zip(call[2], rows, strict=True):
+                if isinstance(row, str):
+                    lost.append(index)
+                    self.reasons[f"a metric needs other rows of a run like this: {row}"] += 1
             if there:
                 take(tuple(index for index, _ in there), [row for _, row in there])
 
         each_call(self.executor, rows_from, calls, keep, self.tick)
-        self.reasons["a metric needs a signal that a fleet does not give"] += len(lost)
         return [*lost, *(indices[i] for i in np.flatnonzero(stopped))]
 
     def _samples(self, fleet: Fleet, at: Sequence[int], steps: int) -> np.ndarray:

@@ -135,13 +135,13 @@ def _of_trace(plan: "Plan", row: dict[str, Any], trace: Trace) -> dict[str, Any]
     return found
 
 
-def row_of_trace(plan: "Plan", index: int, engine: str, trace: Trace) -> dict[str, Any] | None:
-    """The row of a run whose trace is there already; None if it lacks a signal of a metric."""
+def row_of_trace(plan: "Plan", index: int, engine: str, trace: Trace) -> dict[str, Any] | str:
+    """The row of a run whose trace is there already; or what a metric misses in the trace."""
     row = _blank(plan, index) | {"engine": engine}
     try:
         return row | _of_trace(plan, row, trace)
-    except (AttributeError, KeyError):
-        return None
+    except (AttributeError, KeyError) as error:
+        return str(error.args[0] if error.args else error)
     except Exception as error:  # of a metric: the other runs go on
         return row | {"status": "failed", "message": error_text(error), "success": False}
 

@@ -132,7 +132,7 @@ def load(name: str) -> tuple[int, ...] | None:
 
 def remember(name: str, code: bytes, facts: dict[str, Any]) -> None:
     """Keep the code of a fleet on disk, with facts about it, if that is possible."""
-    about = {"symbols": [], "externals": [], "facts": facts}
+    about: dict[str, Any] = {"symbols": [], "externals": [], "facts": facts}
     about["sha256"] = _digest(code, about)
     with contextlib.suppress(OSError):
         _write(name, code, about)

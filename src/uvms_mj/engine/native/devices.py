@@ -6,6 +6,8 @@ Both have memory for words of 8 bytes, copies to and from it, and calls of the e
 
 import contextlib
 import ctypes
+import importlib
+import itertools
 import os
 import threading
 import weakref
@@ -67,7 +69,7 @@ class Processor:
         """Call an entry of all runs."""
         given = table.ctypes.data, rooms, signals.ctypes.data, runs, runs, n
         edges = [runs * k // self.threads for k in range(self.threads + 1)]
-        parts = zip(edges, edges[1:], strict=False)
+        parts = itertools.pairwise(edges)
         list(self._pool.map(lambda part: entry(*given, *part), parts))
 
     def close(self) -> None:
@@ -87,8 +89,8 @@ class Gpu:
 
     def __init__(self) -> None:
         with needs_extra("gpu"):
-            from cuda.bindings import driver
-        self.driver = driver
+            driver = importlib.import_module("cuda.bindings.driver")
+        self.driver: Any = driver
         try:
             with self._lock:
                 self._checked(driver.cuInit(0))

@@ -19,7 +19,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from ...compiler.cells import Cells
+from ...compiler.cells import Cells, Region
 from ...compiler.emission import Emission
 from ...compiler.scalars import OWN
 from ...compiler.targets import Target, optimize
@@ -46,6 +46,8 @@ from .user_stage import between_copies
 STEPS, AHEAD, END = "uvms_mj_fleet_steps", "uvms_mj_fleet_ahead", "uvms_mj_fleet_end"
 """The entries: take steps; give the signals of the instant in hand; give them with the row of this instant."""
 _UNROLLED = 64
+_FEW = 128
+"""Words of a region that a thread copies one by one. A larger one stays in the table."""
 
 
 @kernel
@@ -88,6 +90,8 @@ class FleetCode:
         code: of the target: PTX, or an object file.
         kept: the words of the record that the table has, in its order.
         carried: how many of them, the first ones, change in a step; the others are only read.
+        apart: how many of them, the last ones, lie one after the other for each run, behind the rows of the others: large
+            regions, and as much memory again for an instant in hand.
         signals: the words of the record that the table of signals has.
         constants, words: how many words of the record are constants of the code, of how many that it uses.
     """
@@ -95,6 +99,7 @@ class FleetCode:
     code: bytes
     kept: list[int]
     carried: int
+    apart: int
     signals: list[int]
     constants: int
     words: int
@@ -139,6 +144,7 @@ class FleetSource:
         self.run = run_dtype(self.shape)
         template = without_addresses(self.template, self.shape, len(self.stages))
         self.cells = Cells(template, {*self.varying, *self.given})
+        self.cells.used |= {*self.signals}
 
     # translation
 
@@ -223,23 +229,31 @@ class FleetSource:
     def emitted(self, target: Target) -> FleetCode:
         """The code for a target, a kernel if it is a GPU. Raises Untranslatable as :meth:`functions`."""
         module, cells = self.functions(), self.cells
-        carried = sorted(self._carried(str(module)))
+        apart = cells.words_of_regions(self.is_apart)
+        carried = sorted(self._carried(str(module)) - apart)
         used = cells.used | cells.words_of_regions(lambda region: True)
-        varying = sorted((cells.varying & used) - set(carried)) + sorted(set(self.given) - used)
+        varying = sorted((cells.varying & used) - {*carried, *apart}) + sorted(set(self.given) - used)
         kept = [*carried, *varying]
         module.link_in(llvm.parse_assembly(_Threads(self, kept, len(carried), target.assembly).text()))
         for function in module.functions:
             if not function.is_declaration and function.name in _ENTRIES:
                 function.linkage = "internal"
         constants = len(used - cells.written - cells.varying - cells.words_of_regions(lambda region: region.written))
-        return FleetCode(target.code(module), kept, len(carried), [*self.signals], constants, len(used))
+        rooms = 2 * sorted(apart)
+        code = target.code(module)
+        return FleetCode(code, kept + rooms, len(carried), len(rooms), [*self.signals], constants, len(used))
+
+    def is_apart(self, region: Region) -> bool:
+        """Whether a region is each run's own, and too large to be copied."""
+        return region.end - region.first > _FEW and self.cells.is_own(region)
 
     def _carried(self, module: str) -> set[int]:
         """The words that a step needs from the step before, or the signals need from the last step."""
         cells = self.cells
         regions = cells.words_of_regions(lambda region: region.written)
         own = cells.written | regions
-        flows = {name: _Flow(self, module, name, own) for name in _ENTRIES}
+        known = cells.written | cells.words_of_regions(lambda region: region.written and not self.is_apart(region))
+        flows = {name: _Flow(self, module, name, known) for name in _ENTRIES}
         stops = {self._word(name) for name in ("stop", "stop_index", "stop_value", "step")}
         needed = {word for name in (AHEAD, END) for word in flows[name].needs({*self.signals} | stops)} | stops
         while True:
@@ -275,7 +289,7 @@ class _Threads:
     def _thread(self, name: str) -> None:
         """The kernel of a GPU: the run of this thread."""
         code, at = self._begun(name, [])
-        memory = _Memory(at, self.module, self.source.cells)
+        memory = _Memory(at, self.module, self.source)
         run = self._number(at)
         with at.if_then(at.icmp_signed("<", run, code.args[3])):
             self._run(at, name, memory, run, code.args)
@@ -284,7 +298,7 @@ class _Threads:
     def _all(self, name: str) -> None:
         """The function of this processor: the runs from one to another, one after the other."""
         code, at = self._begun(name, [WORD, WORD])
-        memory, entry = _Memory(at, self.module, self.source.cells), at.block
+        memory, entry = _Memory(at, self.module, self.source), at.block
         test, inside, end = (at.append_basic_block() for _ in range(3))
         at.branch(test)
         at.position_at_end(test)
@@ -308,6 +322,9 @@ class _Threads:
     def _run(self, at: ir.IRBuilder, name: str, memory: "_Memory", run: ir.Value, given: Sequence[ir.Value]) -> None:
         """One run: from the table, the entry, and to the table of its results."""
         table, rooms, signals, _, stride, n = given[:6]
+        memory.place_apart(at, table, at.mul(stride, WORD(len(self.kept))), run)
+        if name != STEPS:
+            memory.copy_apart(at)
         memory.start(at)
 
         def of_table(k: int, base: ir.Value) -> ir.Value:
@@ -348,19 +365,27 @@ def symbol_of(entry: str) -> str:
 
 
 class _Memory:
-    """The cells and the regions of one run, where code begins."""
+    """The cells and the regions of one run, where code begins. ``apart`` are the pointers to the large regions, if they
+    are known already."""
 
-    def __init__(self, at: ir.IRBuilder, module: ir.Module, cells: Cells) -> None:
-        self.cells, self.words = cells, cells.template[: len(cells.template) // 8 * 8].view(np.int64)
+    def __init__(
+        self, at: ir.IRBuilder, module: ir.Module, source: FleetSource, apart: Mapping[int, ir.Value] | None = None
+    ) -> None:
+        self.source, self.cells = source, source.cells
+        self.words = self.cells.template[: len(self.cells.template) // 8 * 8].view(np.int64)
         self.cells_at = at.alloca(ir.ArrayType(WORD, len(self.words)))
         self.cells_at.align = 8
         self.cells_at.type = POINTER
-        self.regions = [self._region(at, module, k) for k in range(len(cells.regions))]
+        given = apart or {}
+        self.regions: list[Any] = [given.get(k) or self._region(at, module, k) for k in range(len(self.cells.regions))]
 
-    def _region(self, at: ir.IRBuilder, module: ir.Module, k: int) -> ir.Value:
-        """The memory of a region: its run's own, or of all if it is only read and the same for all."""
+    def _region(self, at: ir.IRBuilder, module: ir.Module, k: int) -> ir.Value | None:
+        """The memory of a region: its run's own, or of all if it is only read and the same for all. None of a large
+        one, which is in the table."""
         region, name = self.cells.regions[k], f"uvms_mj_region_{k}"
         kind = ir.ArrayType(WORD, region.end - region.first)
+        if self.source.is_apart(region):
+            return None
         if self.cells.is_own(region):
             own = at.alloca(kind)
             own.align, own.type = 8, POINTER
@@ -373,12 +398,44 @@ class _Memory:
             constant.type = POINTER
         return constant
 
+    def place_apart(self, at: ir.IRBuilder, table: ir.Value, begin: ir.Value, run: ir.Value) -> None:
+        """Set the pointers to the large regions of a run, which are in the table from the word ``begin`` on."""
+        large = [k for k, region in enumerate(self.cells.regions) if self.source.is_apart(region)]
+        sizes = {k: self.cells.regions[k].end - self.cells.regions[k].first for k in large}
+        self.size = sum(sizes.values())
+        first = at.add(begin, at.mul(run, WORD(2 * self.size)))
+        self.apart = at.gep(table, [first], source_etype=WORD)
+        for k in large:
+            self.regions[k] = at.gep(table, [first], source_etype=WORD)
+            first = at.add(first, WORD(sizes[k]))
+
+    def copy_apart(self, at: ir.IRBuilder) -> None:
+        """Let what follows change a copy of the large regions."""
+        if not self.size:
+            return
+        begin, test, inside, end = at.block, *(at.append_basic_block() for _ in range(3))
+        at.branch(test)
+        at.position_at_end(test)
+        k = at.phi(WORD)
+        k.add_incoming(WORD(0), begin)
+        at.cbranch(at.icmp_signed("<", k, WORD(self.size)), inside, end)
+        at.position_at_end(inside)
+        copy = at.gep(self.apart, [at.add(k, WORD(self.size))], source_etype=WORD)
+        at.store(at.load(at.gep(self.apart, [k], source_etype=WORD), typ=WORD, align=8), copy, align=8)
+        k.add_incoming(at.add(k, WORD(1)), inside)
+        at.branch(test)
+        at.position_at_end(end)
+        for number, region in enumerate(self.cells.regions):
+            if self.source.is_apart(region):
+                self.regions[number] = at.gep(self.regions[number], [WORD(self.size)], source_etype=WORD)
+
     def start(self, at: ir.IRBuilder) -> None:
-        """Set all words that are no constants to those of the template."""
+        """Set all words that are no constants to those of the template, but for those of large regions."""
         cells = self.cells
-        own = cells.words_of_regions(cells.is_own)
+        own = cells.words_of_regions(lambda region: cells.is_own(region) and not self.source.is_apart(region))
         every = cells.words_of_regions(lambda region: True)
-        for word in sorted(own | ((cells.written | (cells.varying & cells.used)) - every)):
+        changing = cells.written | (cells.varying & cells.used)
+        for word in sorted(own | ({*changing, *self.source.signals} - every)):
             at.store(WORD(int(self.words[word])), self.of(at, word), align=8)
 
     def of(self, at: ir.IRBuilder, word: int) -> ir.Value:
@@ -398,15 +455,16 @@ class _Flow:
 
     def __init__(self, source: FleetSource, module: str, name: str, own: set[int]) -> None:
         probe = ir.Module("probe")
-        kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, WORD])
+        regions = [k for k, region in enumerate(source.cells.regions) if source.is_apart(region)]
+        kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, *[POINTER] * len(regions), WORD])
         code = ir.Function(probe, kind, "probe")
-        for argument in code.args[:3]:
+        for argument in code.args[:-1]:
             argument.add_attribute("noalias")
         at = ir.IRBuilder(code.append_basic_block())
         inner = ir.Function(probe, ir.FunctionType(WORD, [POINTER] * source.cells.pointers + [WORD]), name)
-        memory = _Memory(at, probe, source.cells)
+        before, after, rooms, *places, n = code.args
+        memory = _Memory(at, probe, source, dict(zip(regions, places, strict=True)))
         memory.start(at)
-        before, after, rooms, n = code.args
         for word in sorted(own):
             at.store(at.load(_at(at, before, word), typ=WORD, align=8), memory.of(at, word), align=8)
         at.call(inner, [*memory.pointers(rooms), n])

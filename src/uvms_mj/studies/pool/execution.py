@@ -195,6 +195,8 @@ def _size(rows: Any, metric: str) -> Any:
     return numbers[name] if columns == [name] else numbers.abs().max(axis="columns")
 
 
+_STEPS_OF_GPU = 1e9
+"""Steps a second of a GPU that is not full of runs."""
 _PROBE_S = 0.2
 """Simulated time of a probe [s]."""
 _PART_BYTES, _ROW_BYTES = 600, 9
@@ -217,8 +219,10 @@ def estimate(plan: "Plan", workers: int) -> Estimate:
     for law in range(len(plan.laws)):
         try:
             scenario = plan.scenario(law * plan.repeats)
-            engine = chosen_engine(scenario) if plan.engine == "auto" else plan.engine
+            engine = chosen_engine(scenario) if plan.engine in ("auto", GPU) else plan.engine
             fixed_s, step_s, row_bytes = _probe(scenario, engine)
+            if plan.engine == GPU and engine == "free_body":
+                step_s = workers / _STEPS_OF_GPU
             seconds += runs * fixed_s + steps * step_s
             log_bytes = max(log_bytes, round(row_bytes * scenario.simulation.duration * 1000.0))
             if plan.engine == "auto" and engine == "free_body":

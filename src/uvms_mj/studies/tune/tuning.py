@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ...views.progress import following
 from ..bundle import StudyBundle
@@ -95,6 +95,8 @@ class Tuning(Problem):
             InputError: optuna is missing, the folder has another tuning, or the workers can't go on.
             OSError: a file can't be written. Trials that were done are kept.
         """
+        if self.plan.engine == "gpu":
+            raise InputError([Fault("run.engine", '"gpu" compiles anew for the gains of each trial; use "auto"')])
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         text = "{done} of {total} trials, best {best}"

@@ -1,0 +1,332 @@
+"""A run of a fleet is a run of the engine free_body: bit for bit with the same C library, nearly with the fleet's own."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj.compiler.targets import PTX
+from uvms_mj.engine.fleet import Fleet, NotInFleet, Starts
+from uvms_mj.engine.native.devices import Gpu
+from uvms_mj.engine.native.fleet_code import FleetSource
+
+AT_WALL = {"initial.position": [0.9995, 0.0, 0.0], "initial.velocity": [0.1, 0.02, 0.0, 0.0, 0.1, 0.0]}
+LAW = """
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_mj import Controller, gain
+
+
+@dataclass(frozen=True)
+class Late(Controller):
+    k_p: float = gain(200.0, "N/m, N m", "stiffness")
+    uses_task = False
+    memory = {"ring": 60, "a": 6, "b": 6}
+    states = {"z": 6}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        i = signals.instant % 10
+        for k in range(6):
+            state.ring[6 * i + k] = signals.g_hat[k] - gains.k_p * signals.eta_e[k] - 150.0 * signals.nu_e[k]
+        j = (signals.instant + 7) % 10
+        for k in range(6):
+            tau_cmd[k] = state.ring[6 * j + k]
+        x = state.a
+        for k in range(3):
+            x = state.b if signals.eta_e[k] > 0.0 else state.a
+            x[k] += 1.0
+            if state.b[k] > 5.0:
+                return
+        x[5] = np.abs(tau_cmd).max()
+        state_dot.z[:] = state.a - state.b
+"""
+CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
+    "the paper's": ({}, {"wall.stiffness": [1e4, 1e5], "vehicle.mass": [1.0, 1.1]}),
+    "fosm, delay, two walls that move, friction": (
+        {
+            "controller.name": "fosm",
+            "controller.period": 5e-4,
+            "controller.delay": 3e-4,
+            "wall.friction": 0.3,
+            "walls": [
+                {
+                    "shape": "sphere",
+                    "position": [1.44, 0.0, 0.0],
+                    "radius": 0.2,
+                    "amplitude": [0.01, 0.0, 0.0],
+                    "frequency_hz": 2.0,
+                    "friction": 0.2,
+                },
+                {
+                    "shape": "box",
+                    "position": [1.44, 0.0, 0.0],
+                    "edges": [0.4, 0.5, 0.6],
+                    "attitude_deg": [0.0, 0.0, 10.0],
+                    "motion": [[0.0, 0.0, 0.0, 0.0], [0.01, -0.01, 0.0, 0.0]],
+                },
+            ],
+        },
+        {"wall.friction": [0.1, 0.4], "initial.position": [[0.9995, 0.0, 0.0], [1.0, 0.01, 0.0]]},
+    ),
+    "T200 thrusters, sines, tables, tether": (
+        {
+            "vehicle.model": "bluerov2_heavy",
+            "controller.name": "impedance",
+            "thrusters.name": "t200",
+            "current.amplitude": [0.1, 0.0, 0.1],
+            "current.frequency_hz": [1.0, 0.0, 3.0],
+            "current.shear": [[0.0, 1.0], [5.0, 0.4]],
+            "disturbance.table": [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.02, 3.0, 0.0, 1.0, 0.0, 0.1, 0.0]],
+            "tether.length": 5.0,
+        },
+        {"current.speed": [0.1, 0.4], "tether.length": [4.0, 6.0]},
+    ),
+    "sensors with noise and delay": (
+        {
+            "controller.name": "pid",
+            "navigation.name": "sensors",
+            "navigation.position_noise": [1e-3, 1e-3, 1e-3],
+            "navigation.position_delay": 1e-3,
+            "navigation.attitude_noise": [1e-3, 1e-3, 1e-3],
+            "navigation.attitude_jitter": 5e-4,
+            "observer.name": "momentum_observer",
+        },
+        {"navigation.position_noise": [[1e-3] * 3, [2e-3, 0.0, 0.0]]},
+    ),
+    "a law from a file": ({"controller.name": "LAW"}, {"controller.k_p": [150.0, 250.0]}),
+    "contact bodies, a path, lagging thrusters": (
+        {
+            "vehicle.contact_bodies": [
+                {"position": [0.25, 0.12, 0.0], "radius": 0.04, "stiffness": 2e3, "damping": 20.0},
+                {"position": [0.25, -0.12, 0.0], "radius": 0.04, "stiffness": 2e3, "damping": 20.0},
+            ],
+            "initial.position": [0.9505, 0.0, 0.0],
+            "reference.name": "path",
+            "thrusters.name": "general",
+            "thrusters.lag": "first_order",
+            "actuation.name": "constrained",
+        },
+        {"wall.stiffness": [1e4, 1e5]},
+    ),
+    "an extended Kalman filter": ({"navigation.name": "ekf"}, {"vehicle.mass": [0.9, 1.1]}),
+}
+SLOW = (
+    "an extended Kalman filter",
+    "T200 thrusters, sines, tables, tether",
+    "contact bodies, a path, lagging thrusters",
+)
+
+
+def scenario(overrides: Mapping[str, Any], steps: int, folder: Any = None) -> Scenario:
+    law = dict(overrides)
+    if law.get("controller.name") == "LAW":
+        (folder / "late.py").write_text(LAW)
+        law["controller.name"] = f"{folder / 'late.py'}:Late"
+    return Scenario.load("push_wall", AT_WALL | law | {"simulation.duration": steps * 1e-4})
+
+
+def fleet_of(base: Scenario, n: int, signals: Sequence[str] = (), library: str | None = "") -> Fleet:
+    fleet = Fleet(base, n, signals=signals, device="cpu")
+    if library is not None:
+        fleet.library = library
+    return fleet
+
+
+def every_signal(base: Scenario) -> list[str]:
+    return [*Starts(base).parts()]
+
+
+def assert_runs_are(fleet: Fleet, runs: Sequence[Simulation]) -> None:
+    for name in fleet.names[:-2]:
+        ours = np.asarray(fleet.signals[name])
+        for i, run in enumerate(runs):
+            theirs = np.array(run.signals[name])
+            assert ours[i].astype(theirs.dtype).tobytes() == theirs.tobytes(), (name, i)
+
+
+@pytest.mark.parametrize("what", [pytest.param(each, marks=pytest.mark.slow if each in SLOW else ()) for each in CASES])
+def test_each_run_is_that_of_free_body(what, tmp_path):
+    """All signals after steps of several sizes, and the running ones at the end."""
+    overrides, vary = CASES[what]
+    sizes = 1, 40, 7, 112
+    base = scenario(overrides, sum(sizes), tmp_path)
+    seeds = [3, 4]
+    each = [
+        base.updated({key: values[i] for key, values in vary.items()} | {"simulation.seed": seed})
+        for i, seed in enumerate(seeds)
+    ]
+    fleet = fleet_of(base, 2, every_signal(base))
+    fleet.reset({key: np.array(values) for key, values in vary.items()}, seed=np.array(seeds))
+    runs = [Simulation(one, engine="free_body") for one in each]
+    for size in sizes:
+        fleet.step(size)
+        for run in runs:
+            run.step(size)
+        if size != 7:
+            assert_runs_are(fleet, runs)
+    assert not fleet.stopped.any()
+    fleet.finish()
+    for i, one in enumerate(each):
+        trace = simulate(one, engine="free_body")
+        assert trace.touches[-1] == 1.0
+        for name in ("touches", "force_peak", "impulse", "final_impulse", "effort", "tau_variation", "p_WB", "tau"):
+            assert np.asarray(fleet.signals[name])[i].tobytes() == np.array(getattr(trace, name)[-1]).tobytes(), name
+
+
+def test_it_starts_again_with_other_numbers_and_with_its_own_functions():
+    """Steps of any size are one; other keys may vary; functions of the fleet's own change the last digits."""
+    base = scenario({}, 120)
+    keys: list[dict[str, Any]] = [{"wall.stiffness": np.array([1e4, 5e4])}, {"controller.k_1": 3.0}, {}]
+    fleet = fleet_of(base, 2, ("p_WB", "tau", "force_peak"), None)
+    for overrides in keys:
+        fleet.reset(overrides)
+        fleet.step(120)
+        table, steps = fleet.table(), fleet.steps
+        fleet.reset(overrides)
+        for size in (1, 50, 0, 69):
+            fleet.step(size)
+        assert (fleet.table() == table).all()
+        assert fleet.steps == steps == 120
+        assert fleet.t == pytest.approx(0.012)
+        for i in range(2):
+            own = {key: value[i] if isinstance(value, np.ndarray) else value for key, value in overrides.items()}
+            with Simulation(base.updated(own), engine="free_body") as run:
+                run.step(120)
+                np.testing.assert_allclose(fleet.signals["p_WB"][i], run.signals["p_WB"], rtol=0, atol=1e-12)
+                np.testing.assert_allclose(fleet.signals["tau"][i], run.signals["tau"], rtol=0, atol=1e-6)
+
+
+def test_a_run_that_stops_leaves_the_others_alone():
+    base = scenario({"controller.name": "fosm"}, 400)
+    gains = np.array([19.0, 1e7, 19.0])
+    fleet = fleet_of(base, 3, ("p_WB", "tau_cmd"))
+    fleet.reset({"controller.K_s": gains})
+    fleet.step(400)
+    assert fleet.stopped.tolist() == [False, True, False]
+    with Simulation(base, engine="free_body") as run:
+        run.step(400)
+        for i in (0, 2):
+            for name in ("p_WB", "tau_cmd"):
+                assert fleet.signals[name][i].tobytes() == np.array(run.signals[name]).tobytes()
+    with Simulation(base.updated({"controller.K_s": 1e7}), engine="free_body") as run:
+        with pytest.raises(RuntimeError):
+            run.step(400)
+        for name in ("stop", "step", "stop_index", "stop_value"):
+            assert of_record(fleet, name)[1] == run.memory.run[name].view(np.int64)[0], name
+
+
+def of_record(fleet: Fleet, name: str) -> np.ndarray:
+    """The words of a field of the records, as a fleet's steps leave them."""
+    fields: Any = fleet._starts.memory.run.dtype.fields
+    assert fleet._code is not None
+    return fleet._table.view(np.int64)[fleet._code.kept.index(fields[name][1] // 8)]
+
+
+def test_the_caller_sets_what_an_external_law_commands():
+    base = scenario({"controller.name": "external", "simulation.timestep": 1e-4}, 60)
+    fleet = fleet_of(base, 2, ("p_WB", "nu", "tau"))
+    runs = [Simulation(base, engine="free_body") for _ in range(2)]
+    for k in range(3):
+        commands = np.array([[1.0 + k, 0.0, -1.0, 0.0, 0.1, 0.0], [5.0, -k, 0.0, 0.0, 0.0, 0.1]])
+        fleet.tau_cmd[:] = commands
+        fleet.step(20)
+        for run, command in zip(runs, commands, strict=True):
+            run.tau_cmd[:] = command
+            run.step(20)
+    assert_runs_are(fleet, runs)
+    with pytest.raises(InputError, match="the caller sets commands with external only"):
+        _ = fleet.u
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(InputError, match="n: 0: must be a positive integer"):
+        Fleet(n=0, device="cpu")
+    with pytest.raises(InputError, match=r"device: 'gpus'; .*'gpu'"):
+        Fleet(n=1, device="gpus")
+    with pytest.raises(InputError, match=r"signals: no 'p_WC'; .*'p_WB'"):
+        Fleet(n=1, device="cpu", signals=("p_WC",))
+    fleet = Fleet(n=3, device="cpu")
+    for wrong in ({"wall.stiffnes": 1e4}, {"wall.stiffness": -1.0}, {"wall.stiffness": np.array([1.0, -2.0, 3.0])}):
+        with pytest.raises(InputError):
+            fleet.reset(wrong)
+    with pytest.raises(InputError):
+        fleet.reset({"wall.stiffness": np.array([1e4, 1e5])})
+    with pytest.raises(InputError, match="an array of 3 rows, or one value"):
+        fleet.reset({"initial.position": np.zeros((2, 3))})
+    with pytest.raises(InputError, match="the caller sets commands with external only"):
+        _ = fleet.tau_cmd
+    with pytest.raises(KeyError, match="give it in signals="):
+        fleet.signal("nu_dot")
+    with pytest.raises(InputError, match="is not a number of steps"):
+        fleet.step(-1)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "reason"),
+    [
+        ({"vehicle.model": "bluerov2_alpha5"}, "has joints"),
+        ({"simulation.integrator": "implicitfast"}, "simulation.integrator"),
+        ({"current.deviation": [0.1, 0.1, 0.0]}, "can't be compiled for many runs at once"),
+    ],
+)
+def test_a_scenario_that_it_lacks_something_for_is_refused(overrides, reason):
+    with pytest.raises(NotInFleet, match=reason):
+        Fleet(Scenario.load("push_wall", overrides), 2, device="cpu").step()
+
+
+def test_tables_that_differ_are_refused():
+    fleet = Fleet(
+        Scenario.load("push_wall", {"current.table": [[0.0, 0.1, 0.0, 0.0], [1.0, 0.2, 0.0, 0.0]]}), 2, device="cpu"
+    )
+    with pytest.raises(NotInFleet, match="other tables"):
+        fleet.reset({"current.table": [[0.0, 0.2, 0.0, 0.0], [1.0, 0.2, 0.0, 0.0]]})
+
+
+def test_the_code_for_a_gpu_is_kernels_that_round_every_operation():
+    starts = Starts(Scenario.load("push_wall", AT_WALL))
+    memory, stages = starts.memory, starts.memory.stages
+    first = starts.parts()["p_WB"][0]
+    source = FleetSource(
+        memory.shape, stages.running, starts.template.view(np.uint8), [], [*range(first, first + 3)], stages.control
+    )
+    text = source.emitted(PTX).code.decode()
+    assert text.count(".entry") == 3
+    assert ".extern" not in text
+    assert not re.search(r"\bfma\b", text)
+    for operation in re.findall(r"\b(?:add|sub|mul|div|sqrt)[.\w]*\.f64", text):
+        assert ".rn" in operation, operation
+
+
+def has_gpu() -> bool:
+    try:
+        Gpu()
+    except InputError:
+        return False
+    return True
+
+
+def test_without_a_gpu_it_says_so():
+    if has_gpu():
+        pytest.skip("there is a GPU")
+    with pytest.raises(InputError) as caught:
+        Fleet(n=1, device="gpu")
+    assert str(caught.value).startswith(("no GPU", "no module"))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_gpu_computes_what_this_processor_computes():
+    if not has_gpu():
+        pytest.skip("there is no GPU")
+    base, tables = scenario({}, 300), []
+    for device in ("gpu", "cpu"):
+        fleet = Fleet(base, 64, signals=("p_WB", "tau", "force_peak"), device=device)
+        fleet.reset({"wall.stiffness": np.geomspace(1e4, 1e6, 64)})
+        fleet.step(300)
+        tables.append(fleet.table())
+    assert (tables[0] == tables[1]).all()
