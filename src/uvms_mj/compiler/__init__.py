@@ -10,6 +10,8 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.expressions`: expressions and calls
 - :mod:`.builtin`: the functions of Python, ``math`` and NumPy that are part of the language
 - :mod:`.library`: functions written in the language itself, such as the solution of linear equations
+- :mod:`.libm`: exp, sin and their like, written in the language, with the same bits on every processor
+- :mod:`.cells`: a record whose numbers are known when compiling, or in registers
 - :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
 - :mod:`.function`: statements
 - :mod:`.unit`: the translation of several functions to one module

@@ -172,13 +172,21 @@ class Arrays(Scalars):
             fits = False
         if not fits:
             self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(shape)}")
-        base = target.kind.base
+        target, base = self.written_in(target), target.kind.base
 
         def body(indices: list[ir.Value]) -> None:
             number = self.converted(self.element(value, indices), base)
             self.store(number, self.pointer(target, indices))
 
         self.each(shape, body)
+
+    def written_in(self, target: Value) -> Value:
+        """An array whose entries are all stored: of one in cells that takes a loop, its memory, which is written."""
+        if target.place is None or target.kind.size <= self.unit.unrolled:
+            return target
+        memory = self.unit.cells.in_memory(self, target)
+        self.unit.cells.writes_memory(memory.kind.readonly)
+        return memory
 
     def copied(self, value: Value) -> Value:
         """A new array with the entries of another one."""
@@ -511,7 +519,7 @@ class Arrays(Scalars):
         """``target[mask] = number``."""
         if self.shape_of(mask) != self.shape_of(target) or not value.kind.is_number:
             self.lack("x[mask] = number needs a mask of x's shape and one number; write np.where(mask, value, x)")
-        base = target.kind.base
+        target, base = self.written_in(target), target.kind.base
 
         def body(indices: list[ir.Value]) -> None:
             place = self.pointer(target, indices)

@@ -24,6 +24,20 @@ ROOMS = "lacks: the tables of a fleet are those of all its runs"
 """The reason why the tables behind the record are only read."""
 
 
+def noted(readonly: str) -> list[int]:
+    """The first words of the arrays that a note is about."""
+    return [int(each) for each in readonly.removeprefix(CELLS).split(",")] if readonly.startswith(CELLS) else []
+
+
+def united(*reasons: str) -> str:
+    """Why nothing may be stored in one of several arrays; or the note of those in cells among them."""
+    for reason in reasons:
+        if reason and not reason.startswith(CELLS):
+            return reason
+    words = sorted({first for reason in reasons for first in noted(reason)})
+    return f"{CELLS}{','.join(map(str, words))}" if words else ""
+
+
 @dataclass
 class Region:
     """Words of the record from ``first`` to ``end`` that an index may reach."""
@@ -131,10 +145,11 @@ class Cells:
 
     def writes_memory(self, readonly: str) -> None:
         """Note that an array in memory is written."""
-        region = self._region(self.regions, int(readonly.removeprefix(CELLS)))
-        assert region is not None
-        self.grown |= not region.written
-        region.written = True
+        for first in noted(readonly):
+            region = self._region(self.regions, first)
+            assert region is not None
+            self.grown |= not region.written
+            region.written = True
 
     def _pointer(self, at: Any, place: Place) -> ir.Value:
         if self._region(self._arranged, place.offset // 8) is None:  # it is new, and everything is translated again

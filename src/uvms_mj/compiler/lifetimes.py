@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
+from .cells import united
 from .expressions import A_COPY, Expressions, Variable
 from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
 
@@ -105,6 +106,8 @@ class Lifetimes(Expressions):
             value = self._kept(value)
         if (wanted := self.plan.kinds.get(name)) is not None:
             value = self._adapted_if_it_can(value, wanted)
+        if value.place is not None and name in self.plan.in_memory:
+            value = self.unit.cells.in_memory(self, value)
         kind, its = value.kind.variable, self.variables.get(name)
         if value.place is not None and name not in self.plan.in_memory:
             if its is None or its.block == self.block:
@@ -143,8 +146,7 @@ class Lifetimes(Expressions):
         same = before.items is None and now.items is None and before.shape == now.shape and before.base == now.base
         if not same or self.plan.kinds.get(name) is not None:
             self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
-        readonly = before.readonly or now.readonly
-        self.may_write(before, now)
+        readonly = united(before.readonly, now.readonly)
         if before.is_array and before.strides != now.strides:
             return contiguous(before.base, before.sizes, readonly or A_COPY)
         return replace(before, readonly=readonly)
@@ -154,8 +156,7 @@ class Lifetimes(Expressions):
             return Value(wanted, (self.converted(value, wanted.base),))
         if value.kind.shape != wanted.shape or value.kind.base != wanted.base or wanted.items is not None:
             return value
-        if value.kind.readonly != wanted.readonly:
-            self.may_write(value.kind)
+        self.may_write(value.kind, wanted)
         if value.kind.strides != wanted.strides:
             value = self._kept(self.copied(value)) if self.turning is not None else self.copied(value)
         return replace(value, kind=wanted)

@@ -31,6 +31,8 @@ from .simulation import Simulation, valid_scenario
 DEVICES: Mapping[str, Callable[[], Any]] = {each.name: each for each in (Gpu, Processor)}
 _ADDED = ("stop", "steps")
 """Signals that every fleet has, behind those that are asked for."""
+_OF_ALL = ("simulation.timestep", "simulation.duration")
+"""Keys that can't differ between the runs of a fleet."""
 LAUNCH_S = 0.25
 """Wall time of a call of the device after which Python looks at signals such as Ctrl-C [s]."""
 
@@ -213,6 +215,7 @@ class Fleet:
         if unknown := [name for name in names if name not in self._parts]:
             raise InputError([Fault("signals", f"no {each!r}; {suggestion(each, self._parts)}") for each in unknown])
         self._names = [*(name for name in dict.fromkeys(names) if name not in _ADDED), *_ADDED]
+        self._timestep = starts.setup.scenario.simulation.timestep
         self._varying = set[int]()
         self._words = np.broadcast_to(self._starts.template, (n, len(self._starts.template)))
         self._columns: list[int] | None = None
@@ -243,16 +246,29 @@ class Fleet:
             (each if many else one)[key] = value
         if any(isinstance(value, np.ndarray) and value.ndim > 1 for value in one.values()):
             raise InputError([Fault(key, f"an array of {self.n} rows, or one value") for key in one])
+        if faults := [Fault(key, "all runs of a fleet have one") for key in each if key in _OF_ALL]:
+            raise InputError(faults, "reset")
         base = base.updated(overrides_of(_plain(one))) if one else base
         if each:
-            words = np.empty((self.n, len(self._starts.template)), np.int64)
-            for i in range(self.n):
-                own = {key: value[i].tolist() for key, value in each.items()}
-                words[i] = self._starts.of(base.updated(overrides_of(own)))
+            self.start_columns(*self._drawn(base, each))
         else:
             start = self._starts.of(base) if one else self._starts.template
-            words = np.broadcast_to(start, (self.n, len(start)))
-        self.start(words)
+            self.start(np.broadcast_to(start, (self.n, len(start))))
+        self._timestep = base.simulation.timestep
+
+    def _drawn(self, base: Scenario, each: Mapping[str, np.ndarray]) -> tuple[list[int], np.ndarray]:
+        """The words in which the runs differ from the template, and their values (n, m)."""
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        for i in range(self.n):
+            own = {key: value[i].tolist() for key, value in each.items()}
+            words = self._starts.of(base.updated(overrides_of(own)))
+            columns = np.flatnonzero(words != self._starts.template)
+            found.append((columns, words[columns]))
+        every = np.unique(np.concatenate([columns for columns, _ in found]))
+        values = np.tile(self._starts.template[every], (self.n, 1))
+        for row, (columns, own_values) in zip(values, found, strict=True):
+            row[np.searchsorted(every, columns)] = own_values
+        return every.tolist(), values
 
     def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
         """Return to the start of all runs, whose words are those of :class:`Starts`, (n, ...). ``varying`` are further
@@ -273,9 +289,12 @@ class Fleet:
 
     def start_columns(self, columns: Sequence[int], words: np.ndarray) -> None:
         """As :meth:`start`, with the words (n, m) of some columns; in all others the runs have the template's."""
-        self._varying |= set(columns) - self._varying
-        self._code, self._words, self._columns = None, words, [*columns]
-        self._steps, self._ready = 0, False
+        if more := set(columns) - self._varying:
+            self._varying |= more
+            self._code = None
+        self._words, self._columns, self._steps, self._ready = words, [*columns], 0, False
+        if self._code is not None:
+            self._fill()
 
     def _compiled(self) -> FleetCode:
         """The code, with its tables filled. Raises NotInFleet."""
@@ -357,7 +376,7 @@ class Fleet:
     @property
     def t(self) -> float:
         """Time of the instant in hand [s]."""
-        return self._steps * self._starts.setup.scenario.simulation.timestep
+        return self._steps * self._timestep
 
     @property
     def stopped(self) -> np.ndarray:

@@ -90,7 +90,7 @@ class FleetCode:
         code: of the target: PTX, or an object file.
         kept: the words of the record that the table has, in its order.
         carried: how many of them, the first ones, change in a step; the others are only read.
-        apart: how many of them, the last ones, lie one after the other for each run, behind the rows of the others: large
+        apart: how many of them, the last ones, lie one after the other for each run, behind the rows of the others:
             regions, and as much memory again for an instant in hand.
         signals: the words of the record that the table of signals has.
         constants, words: how many words of the record are constants of the code, of how many that it uses.

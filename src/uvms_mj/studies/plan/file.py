@@ -338,7 +338,7 @@ class Execution:
     )
     time_limit_s: Annotated[Number, within(1e-3, 1e7, "s")] | None = doc("wall time after which a run ends [s]", None)
     tolerance: Annotated[Number, within(0.0, 1e3, "")] = doc(
-        "largest relative difference of a metric between free_body and mujoco [1]", 1e-4
+        "largest relative difference of a metric between the two engines of a sample [1]", 1e-4
     )
 
 
