@@ -97,8 +97,8 @@ class InCells:
 def compare(
     function: types.FunctionType, kinds: tuple[Any, Any] = (G, STATE), runs: int = 8, vary: bool = True
 ) -> InCells:
-    """Code for one start must leave what plain Python leaves, bit for bit, of other numbers too if they ``vary``, but for
-    the integers of the first record, which are constants. Otherwise all is a constant but what is stored."""
+    """Code for one start must leave what plain Python leaves, bit for bit, also of other numbers if they ``vary``, but
+    for the integers of the first record, which are constants. Otherwise all is a constant but what is stored."""
     source = np.random.default_rng(3)
     start = arguments(kinds, source)
     fields: Any = start[0].dtype.fields

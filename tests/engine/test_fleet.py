@@ -1,4 +1,4 @@
-"""A run of a fleet is a run of the engine free_body: bit for bit with the same C library, nearly with the fleet's own."""
+"""A run of a fleet is one of the engine free_body: bit for bit with one C library, nearly with the own of a fleet."""
 
 import re
 from collections.abc import Mapping, Sequence
