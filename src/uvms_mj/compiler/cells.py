@@ -135,7 +135,7 @@ class Cells:
             rooms = at.at.gep(at.given[1], [WORD(place.offset)], source_etype=BYTE)
             return replace(array, kind=replace(array.kind, readonly=array.kind.readonly or ROOMS), llvm=(rooms,))
         self._reach(first, end)
-        why = array.kind.readonly or f"{CELLS}{first}"
+        why = united(array.kind.readonly, f"{CELLS}{first}")
         return replace(array, kind=replace(array.kind, readonly=why), llvm=(self._pointer(at, place),))
 
     def has(self, array: Value) -> bool:

@@ -104,10 +104,10 @@ class Lifetimes(Expressions):
                 return
         if self.turning is not None:
             value = self._kept(value)
-        if (wanted := self.plan.kinds.get(name)) is not None:
-            value = self._adapted_if_it_can(value, wanted)
         if value.place is not None and name in self.plan.in_memory:
             value = self.unit.cells.in_memory(self, value)
+        if (wanted := self.plan.kinds.get(name)) is not None:
+            value = self._adapted_if_it_can(value, wanted)
         kind, its = value.kind.variable, self.variables.get(name)
         if value.place is not None and name not in self.plan.in_memory:
             if its is None or its.block == self.block:
@@ -148,7 +148,7 @@ class Lifetimes(Expressions):
             self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
         readonly = united(before.readonly, now.readonly)
         if before.is_array and before.strides != now.strides:
-            return contiguous(before.base, before.sizes, readonly or A_COPY)
+            return contiguous(before.base, before.sizes, united(readonly, A_COPY))
         return replace(before, readonly=readonly)
 
     def _adapted_if_it_can(self, value: Value, wanted: Kind) -> Value:

@@ -10,6 +10,7 @@ from llvmlite import ir
 
 from ..files import function_tree
 from . import library
+from .cells import united
 from .emission import Emission, Module
 from .expressions import A_COPY
 from .function import Function
@@ -181,7 +182,7 @@ class _Done:
                 found.append(Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True))
             else:
                 words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
-                kind = replace(kind, readonly=kind.readonly or readonly)
+                kind = replace(kind, readonly=united(kind.readonly, readonly))
                 found.append(Value(kind, tuple(words), fresh, steady, outer))
         return bundled(self.kind, iter(found))
 
