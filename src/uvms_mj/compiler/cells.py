@@ -24,20 +24,6 @@ ROOMS = "lacks: the tables of a fleet are those of all its runs"
 """The reason why the tables behind the record are only read."""
 
 
-def noted(readonly: str) -> list[int]:
-    """The first words of the arrays that a note is about."""
-    return [int(each) for each in readonly.removeprefix(CELLS).split(",")] if readonly.startswith(CELLS) else []
-
-
-def united(*reasons: str) -> str:
-    """Why nothing may be stored in one of several arrays; or the note of those in cells among them."""
-    for reason in reasons:
-        if reason and not reason.startswith(CELLS):
-            return reason
-    words = sorted({first for reason in reasons for first in noted(reason)})
-    return f"{CELLS}{','.join(map(str, words))}" if words else ""
-
-
 @dataclass
 class Region:
     """Words of the record from ``first`` to ``end`` that an index may reach."""
@@ -135,7 +121,7 @@ class Cells:
             rooms = at.at.gep(at.given[1], [WORD(place.offset)], source_etype=BYTE)
             return replace(array, kind=replace(array.kind, readonly=array.kind.readonly or ROOMS), llvm=(rooms,))
         self._reach(first, end)
-        why = united(array.kind.readonly, f"{CELLS}{first}")
+        why = array.kind.readonly or f"{CELLS}{first}"
         return replace(array, kind=replace(array.kind, readonly=why), llvm=(self._pointer(at, place),))
 
     def has(self, array: Value) -> bool:
@@ -145,11 +131,10 @@ class Cells:
 
     def writes_memory(self, readonly: str) -> None:
         """Note that an array in memory is written."""
-        for first in noted(readonly):
-            region = self._region(self.regions, first)
-            assert region is not None
-            self.grown |= not region.written
-            region.written = True
+        region = self._region(self.regions, int(readonly.removeprefix(CELLS)))
+        assert region is not None
+        self.grown |= not region.written
+        region.written = True
 
     def _pointer(self, at: Any, place: Place) -> ir.Value:
         if self._region(self._arranged, place.offset // 8) is None:  # it is new, and everything is translated again

@@ -13,7 +13,7 @@ from llvmlite import ir
 
 from .arrays import Arrays
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
-from .cells import noted, united
+from .cells import CELLS
 from .emission import Module
 from .scalars import COMPARISONS, operator_name
 from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Place, Value, bundle, contiguous, items_of, scalar
@@ -263,7 +263,6 @@ class Expressions(Arrays):
 
     def merged(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block) -> Value:
         """The value of whichever block is left for ``end``, where the code then goes on."""
-        found = [(self._reached_in(value, block), block) for value, block in found]
         kind = self.unified([value for value, _ in found])
         if kind.is_array and (any(value.fresh for value, _ in found) or not _same_layout(found)):
             return self._merged_copies(found, end, kind)
@@ -277,13 +276,6 @@ class Expressions(Arrays):
         numbers = tuple(self.at.load(slot, typ=each) for slot, each in zip(slots, kind.llvm, strict=True))
         values = [value for value, _ in found]
         return Value(kind, numbers, False, all(v.steady for v in values), all(v.outer for v in values))
-
-    def _reached_in(self, value: Value, block: ir.Block) -> Value:
-        """A value, with a pointer in place of a place, at the end of a block."""
-        if value.place is None:
-            return value
-        self.at.position_at_end(block)
-        return self.unit.cells.in_memory(self, value)
 
     def _merged_copies(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block, kind: Kind) -> Value:
         out = self.temporary(kind.base, kind.sizes)
@@ -300,7 +292,8 @@ class Expressions(Arrays):
         if all(kind.is_number for kind in kinds):
             return Kind(self.base_of(values))
         first = kinds[0]
-        readonly = united(*(kind.readonly for kind in kinds))
+        if any(kind.readonly != first.readonly for kind in kinds):
+            self.may_write(*kinds)
         if first.items is not None and all(k.items is not None and len(k.items) == len(first.items) for k in kinds):
             columns = zip(*(items_of(value) for value in values), strict=True)
             return Kind(NOTHING, items=tuple(self.unified(column) for column in columns))
@@ -309,11 +302,12 @@ class Expressions(Arrays):
                 if all(kind == first for kind in kinds):
                     return first
             else:
+                readonly = next((kind.readonly for kind in kinds if kind.readonly), "")
                 if all(kind.strides == first.strides and kind.base == first.base for kind in kinds):
                     return replace(first, readonly=readonly)
                 return contiguous(self.base_of(values), first.sizes, readonly)
         if all(kind.base == first.base and kind.shape == first.shape and kind.items is None for kind in kinds):
-            return replace(first, readonly=readonly)
+            return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
         return self.mistake(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
 
     def adapted(self, value: Value, kind: Kind) -> Sequence[ir.Value]:
@@ -326,13 +320,14 @@ class Expressions(Arrays):
         if value.place is None:
             return value.llvm
         memory = self.unit.cells.in_memory(self, value)
-        self.may_write(memory.kind, kind)
+        self.may_write(memory.kind)
         return memory.llvm
 
-    def may_write(self, kind: Kind, taken: Kind) -> None:
-        """Note that an array in the memory of cells is written if it is taken as one whose note lacks it."""
-        if not set(noted(kind.readonly)) <= set(noted(taken.readonly)):
-            self.unit.cells.writes_memory(kind.readonly)
+    def may_write(self, *kinds: Kind) -> None:
+        """Note that arrays in the memory of cells are written, since what writes one of several does not say which."""
+        for kind in kinds:
+            if kind.readonly.startswith(CELLS):
+                self.unit.cells.writes_memory(kind.readonly)
 
     # calls
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
-from .cells import united
 from .expressions import A_COPY, Expressions, Variable
 from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
 
@@ -104,8 +103,6 @@ class Lifetimes(Expressions):
                 return
         if self.turning is not None:
             value = self._kept(value)
-        if value.place is not None and name in self.plan.in_memory:
-            value = self.unit.cells.in_memory(self, value)
         if (wanted := self.plan.kinds.get(name)) is not None:
             value = self._adapted_if_it_can(value, wanted)
         kind, its = value.kind.variable, self.variables.get(name)
@@ -146,9 +143,10 @@ class Lifetimes(Expressions):
         same = before.items is None and now.items is None and before.shape == now.shape and before.base == now.base
         if not same or self.plan.kinds.get(name) is not None:
             self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
-        readonly = united(before.readonly, now.readonly)
+        readonly = before.readonly or now.readonly
+        self.may_write(before, now)
         if before.is_array and before.strides != now.strides:
-            return contiguous(before.base, before.sizes, united(readonly, A_COPY))
+            return contiguous(before.base, before.sizes, readonly or A_COPY)
         return replace(before, readonly=readonly)
 
     def _adapted_if_it_can(self, value: Value, wanted: Kind) -> Value:
@@ -156,7 +154,8 @@ class Lifetimes(Expressions):
             return Value(wanted, (self.converted(value, wanted.base),))
         if value.kind.shape != wanted.shape or value.kind.base != wanted.base or wanted.items is not None:
             return value
-        self.may_write(value.kind, wanted)
+        if value.kind.readonly != wanted.readonly:
+            self.may_write(value.kind)
         if value.kind.strides != wanted.strides:
             value = self._kept(self.copied(value)) if self.turning is not None else self.copied(value)
         return replace(value, kind=wanted)

@@ -10,7 +10,6 @@ from llvmlite import ir
 
 from ..files import function_tree
 from . import library
-from .cells import united
 from .emission import Emission, Module
 from .expressions import A_COPY
 from .function import Function
@@ -24,7 +23,6 @@ from .values import (
     POINTER,
     WORD,
     Kind,
-    Place,
     Value,
     argument_kind,
     bundled,
@@ -110,7 +108,6 @@ class _Done:
     readonly: str = ""
     callers: list[ir.Function] = field(default_factory=list)
     inlined: bool = False
-    place: Place | None = None
 
     def called_by(self, callers: list[ir.Function]) -> None:
         """Set the functions with its calls. If it is called once, it becomes a part of its caller before LLVM looks at
@@ -123,11 +120,8 @@ class _Done:
     def of(cls, body: Function, code: ir.Function) -> "_Done":
         """Write the ends of a function's body, where it returns."""
         values = [value for _, value in body.returns]
-        place = values[0].place if values else None
         if all(value.kind.is_none for value in values):
             done = cls(code, None)
-        elif place is not None and all(value.place == place for value in values):
-            done = cls(code, values[0].kind, place=place)
         else:
             kind = body.unified(values)
             own = [value for value in values if not value.outer]
@@ -166,8 +160,6 @@ class _Done:
         """The result of a call, from its memory."""
         if self.kind is None:
             return None
-        if self.place is not None:
-            return Value(self.kind, (self.place,), outer=True)
         steady, outer = all(each.steady for each in arguments), all(each.outer for each in arguments)
         arrays = [each for each in arguments if each.kind.is_array or each.kind.items is not None]
         fresh = any(each.fresh for each in arrays)  # then the result may be in memory of this statement
@@ -182,7 +174,7 @@ class _Done:
                 found.append(Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True))
             else:
                 words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
-                kind = replace(kind, readonly=united(kind.readonly, readonly))
+                kind = replace(kind, readonly=kind.readonly or readonly)
                 found.append(Value(kind, tuple(words), fresh, steady, outer))
         return bundled(self.kind, iter(found))
 

@@ -112,7 +112,7 @@ class FilteredSteps(Guidance):
     def step(settings, state, given, state_dot, out):
         start, times, positions, bandwidth = settings.start, settings.times, settings.positions, settings.bandwidth
         out.p_d[:], out.p_d_dot[:], out.p_d_ddot[:], out.quat_d[:] = start, 0.0, 0.0, settings.quat_d
-        before = start
+        before = start.copy()
         for n in range(times.shape[0]):
             x = bandwidth * (given.t - times[n])
             if x <= 0.0:
@@ -127,4 +127,4 @@ class FilteredSteps(Guidance):
             out.p_d += height * g
             out.p_d_dot += height * g_dot
             out.p_d_ddot += height * g_ddot
-            before = positions[n]
+            before = positions[n].copy()
