@@ -220,16 +220,14 @@ class Scalars(Emission):
 
     def _of_ours(self, name: str, numbers: Sequence[ir.Value]) -> Value:
         """As :meth:`c_function`, by :mod:`.libm`; no product and sum is rounded once in it."""
-        from .libm import FUNCTIONS  # it is written in the language that builds on this module
-
         if name == "copysign":
             code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
             return scalar(self.at.call(code, numbers), FLOAT)
-        if name not in FUNCTIONS:
+        if name not in self.unit.own:
             self.lack(f"{name} is not in the library of our own")
         if all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python
-            return self.constant(FUNCTIONS[name](*(number.constant for number in numbers)))
-        result = self.unit.call(self, FUNCTIONS[name], [scalar(number, FLOAT) for number in numbers], False)
+            return self.constant(self.unit.own[name](*(number.constant for number in numbers)))
+        result = self.unit.call(self, self.unit.own[name], [scalar(number, FLOAT) for number in numbers], False)
         assert result is not None
         return result
 

@@ -9,12 +9,13 @@ import numpy as np
 from llvmlite import ir
 
 from ..files import function_tree
-from . import library
+from . import libm, library
 from .emission import Emission, Module
 from .expressions import A_COPY
 from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking
+from .scalars import OWN
 from .values import (
     BOOL,
     DOUBLE,
@@ -38,6 +39,8 @@ class Unit(Module):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.library == OWN:
+            self.own = libm.FUNCTIONS
         self._done: dict[tuple, _Done] = {}
         self._underway: list[types.FunctionType] = []
 
