@@ -25,15 +25,14 @@ from ...compiler.scalars import OWN
 from ...compiler.targets import Target, optimize
 from ...compiler.unit import Unit
 from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
-from ...physics.kernels import kernel
 from . import memory
 from .intrinsics import INTRINSICS, records_of
 from .loop import (
-    complete_row,
-    complete_step,
     finish_step,
-    flow_again,
-    free_step,
+    finished,
+    fleet_ahead,
+    fleet_end,
+    fleet_steps,
     observe,
     observe_anew,
     run_every_stage,
@@ -50,36 +49,9 @@ _FEW = 128
 """Words of a region that a thread copies one by one. A larger one stays in the table."""
 
 
-@kernel
-def _steps(run, n):
-    for _ in range(n):
-        if not free_step(run, 1):
-            return
-        complete_step(run)
-
-
-@kernel
-def _ahead(run, control):
-    observe(run)
-    if run.stop == STOP_NONE:
-        flow_again(run)
-        run_stages(run, control)
-
-
-@kernel
-def _end(run, control):
-    if free_step(run, 0):
-        complete_row(run)
-
-
-@kernel
-def _finished(run):
-    """Each step of a fleet is complete when the next one begins."""
-
-
-_INSTEAD = {run_stages: run_every_stage, observe: observe_anew, finish_step: _finished}
+_INSTEAD = {run_stages: run_every_stage, observe: observe_anew, finish_step: finished}
 """What a fleet has in place of functions that look what Python has done between two steps."""
-_ENTRIES: Mapping[str, Callable] = {STEPS: _steps, AHEAD: _ahead, END: _end}
+_ENTRIES: Mapping[str, Callable] = {STEPS: fleet_steps, AHEAD: fleet_ahead, END: fleet_end}
 
 
 @dataclass

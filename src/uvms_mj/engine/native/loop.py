@@ -406,6 +406,36 @@ def free_step(run, moving) -> bool:
     return True
 
 
+@kernel
+def fleet_steps(run, n):
+    """Take n time steps of a run of a fleet, each complete when the next one begins."""
+    for _ in range(n):
+        if not free_step(run, 1):
+            return
+        complete_step(run)
+
+
+@kernel
+def fleet_ahead(run, end):
+    """Run the stages up to index ``end`` at the instant in hand of a run of a fleet."""
+    observe(run)
+    if run.stop == STOP_NONE:
+        flow_again(run)
+        run_stages(run, end)
+
+
+@kernel
+def fleet_end(run, end):
+    """Evaluate the instant in hand of a run of a fleet, and complete its row."""
+    if free_step(run, 0):
+        complete_row(run)
+
+
+@kernel
+def finished(run):
+    """In place of :func:`finish_step` in a fleet, whose steps are complete."""
+
+
 _PLACES, _TABLE = np.dtype(("i8", (NUMBERS,))), np.dtype(("f8", (NUMBERS,)))
 
 
