@@ -366,7 +366,7 @@ def narrowing(g, o):
     if g.k > 0.0:
         e = g.v
     else:
-        e = g.A[:3, 0]
+        e = g.A[:3, 0].copy()
     o.s[2:5] = e
 
 

@@ -69,6 +69,8 @@ class Arrays(Scalars):
             for k, part in enumerate(parts):
                 self.put(self.converted(part, base), out, [WORD(k)])
             return out
+        if not -len(shape) - 1 <= axis <= len(shape):
+            self.mistake(f"arrays of shape {shown(shape)} can't be stacked along axis {axis}")
         axis = axis % (len(shape) + 1)
         out = self.temporary(base, (*shape[:axis], len(parts), *shape[axis:]))
         for k, part in enumerate(parts):
@@ -79,6 +81,8 @@ class Arrays(Scalars):
         """Arrays one behind the other along an axis."""
         shapes = [self.shape_of(part) for part in parts]
         ndim = len(shapes[0])
+        if not -ndim <= axis < max(ndim, 1):
+            self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} have no axis {axis}")
         axis = axis % ndim if ndim else 0
         if not ndim or len({(len(shape), _without(shape, axis)) for shape in shapes}) > 1:
             self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined along axis {axis}")
@@ -151,12 +155,14 @@ class Arrays(Scalars):
         if name == "MatMult":
             return self.product(self.as_array(left), self.as_array(right))
         if left.kind.is_number and right.kind.is_number:
-            return self.operation(name, left, right)
-        if left.kind.items is not None and right.kind.items is not None:
+            return self.of_python(name, left, right)
+        if not left.kind.is_array and not right.kind.is_array:
             self.lack("tuples have no arithmetic; write np.array(...)")
         values = [self.as_array(left), self.as_array(right)]
         if name in ("Add", "Sub", "Mult", "FloorDiv", "Mod", "Pow") and self.base_of(values) == BOOL:
             self.lack("NumPy adds truth values in a way of its own; write 1.0 * x")
+        if name == "Pow" and left.kind.is_array and right.constant == 0.5:  # NumPy takes the root of an array
+            return self.elementwise(lambda a: self.c_function("sqrt", [a]), values[0])
         return self.elementwise(lambda a, b: self.operation(name, a, b), *values)
 
     def fill(self, target: Value, value: Value) -> None:
@@ -201,11 +207,23 @@ class Arrays(Scalars):
 
     def flat(self, value: Value) -> Value:
         """An array with one axis: a view where the entries follow each other, otherwise a copy."""
+        return self.arranged(value, np.ravel)
+
+    def arranged(self, value: Value, arrange: Callable[[np.ndarray], np.ndarray]) -> Value:
+        """The numbers of an array in another shape or order: a view where NumPy makes one, which says so itself, of an
+        array like it."""
+        if not value.kind.is_array:
+            self.lack("a number has no shape")
         kind, shape = value.kind, self.shape_of(value)
-        if kind.strides != contiguous(kind.base, shape).strides:
-            value = self.copied(value)
-        flat = contiguous(kind.base, (int(np.prod(shape, dtype=int)),), kind.readonly)
-        return replace(value, kind=flat)
+        ends = [(n - 1) * stride for n, stride in zip(shape, kind.strides, strict=True)] if kind.size else []
+        low, high = sum(min(0, each) for each in ends), sum(max(0, each) for each in ends)
+        like = np.ndarray(shape, kind.base, np.zeros(high - low + kind.base.itemsize, np.uint8), -low, kind.strides)
+        result = arrange(like)
+        if not np.shares_memory(like, result):
+            return replace(self.copied(value), kind=contiguous(kind.base, result.shape))
+        first = result.__array_interface__["data"][0] - like.__array_interface__["data"][0]
+        words = (self.shifted(value.llvm[0], WORD(first)),) if first else value.llvm
+        return replace(value, kind=replace(kind, shape=result.shape, strides=result.strides), llvm=words)
 
     # products
 
@@ -400,7 +418,7 @@ class Arrays(Scalars):
         dtype, offset = fields[name][:2]
         place = self.shifted(record.llvm[0], WORD(offset))
         part = view(place, dtype, record.kind.readonly)
-        return replace(part, steady=record.steady, outer=record.outer)
+        return replace(part, steady=record.steady, roots=record.roots, fleeting=record.fleeting)
 
     def read(self, place: Value) -> Value:
         """The value at a place: a number is loaded, a record or an array stays where it is."""

@@ -65,7 +65,7 @@ def _bound(writer: Callable) -> Writer:
 
     def write(at: Arrays, nodes: Sequence[ast.expr], keywords: Mapping[str, ast.expr]) -> Value | None:
         if len(nodes) > len(names) and not further:
-            at.mistake(f"it takes at most {len(names)} arguments, not {len(nodes)}")
+            at.lack(f"it takes at most {len(names)} arguments here, not {len(nodes)}")
         found = dict(zip(names, nodes, strict=False))
         for name, node in keywords.items():
             if name not in names:
@@ -77,9 +77,11 @@ def _bound(writer: Callable) -> Writer:
         for name, parameter in names.items():
             given = found.get(name)
             if parameter.default is not parameter.empty and (given is None or _is_none(given)):
+                if given is not None and parameter.default is not None:
+                    at.lack(f"the language has no {name}=None here")
                 values.append(parameter.default)
             else:
-                values.append(read[name](at, given if given is not None else at.mistake("an argument is missing")))
+                values.append(read[name](at, given if given is not None else at.lack("an argument is missing here")))
         return writer(at, *values, *(read[further](at, node) for node in nodes[len(names) :]))
 
     return write
@@ -136,6 +138,14 @@ def _type(at: Arrays, node: ast.expr) -> np.dtype:
     return _TYPES[known]
 
 
+def _whole_number(at: Arrays, node: ast.expr) -> int:
+    value = at.value(node)
+    if not value.kind.is_number or value.kind.base != INT:
+        at.lack("a whole number is needed here")
+    at.evaluated[id(node)] = value  # type: ignore[attr-defined]
+    return at.constant_integer(node, "this number")
+
+
 _READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
     "Value": lambda at, node: at.value(node),
     "Node": lambda at, node: node,
@@ -143,7 +153,7 @@ _READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
     "Floats": lambda at, node: _floats(at, at.as_array(at.value(node))),
     "Square": _square,
     "Parts": _parts,
-    "Whole": lambda at, node: at.constant_integer(node, "this number"),
+    "Whole": lambda at, node: _whole_number(at, node),
     "Sizes": _shape,
     "Type": _type,
 }
@@ -237,7 +247,7 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
     (np.isfinite, math.isfinite): (1, _size_is("<")),
     (np.isinf, math.isinf): (1, _size_is("==")),
     (np.square,): (1, lambda at, x: at.operation("Mult", x, x)),
-    (np.reciprocal,): (1, lambda at, x: at.operation("Div", at.constant(1.0), x)),
+    (np.reciprocal,): (1, Arrays.reciprocal),
     (np.negative,): (1, Arrays.negative),
     (np.deg2rad, np.radians, math.radians): (1, _scaled(math.pi / 180.0)),
     (np.rad2deg, np.degrees, math.degrees): (1, _scaled(180.0 / math.pi)),
@@ -260,18 +270,25 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
 }
 
 
-def _elementwise(count: int, function: Callable[..., Value]) -> Callable:
+def _elementwise(count: int, function: Callable[..., Value], out: bool) -> Callable:
     def one(at: Arrays, x: Value, out: Node | None = None) -> Value:
         return stored(at, out, at.elementwise(partial(function, at), x))
 
     def two(at: Arrays, x: Value, y: Value, out: Node | None = None) -> Value:
         return stored(at, out, at.elementwise(partial(function, at), x, y))
 
-    return one if count == 1 else two
+    def one_number(at: Arrays, x: Value) -> Value:
+        return at.elementwise(partial(function, at), x)
+
+    def two_numbers(at: Arrays, x: Value, y: Value) -> Value:
+        return at.elementwise(partial(function, at), x, y)
+
+    return {(1, True): one, (2, True): two, (1, False): one_number, (2, False): two_numbers}[count, out]
 
 
 for _functions, (_count, _function) in _ELEMENTWISE.items():
-    entry(*_functions)(_elementwise(_count, _function))
+    for _each in _functions:  # only NumPy's have a parameter out
+        entry(_each)(_elementwise(_count, _function, isinstance(_each, np.ufunc)))
 
 
 def stored(at: Arrays, out: ast.expr | None, result: Value) -> Value:
@@ -434,9 +451,17 @@ def _array(at: Arrays, object: Array, dtype: Type | None = None) -> Value:
     return _as_type(at, object, dtype)
 
 
-@entry(np.asarray, np.ascontiguousarray)
+@entry(np.asarray)
 def _asarray(at: Arrays, a: Array, dtype: Type | None = None) -> Value:
-    return a if dtype in (None, a.kind.base) and a.kind.is_array else _as_type(at, a, dtype)
+    if not a.kind.is_array:
+        at.lack("an array of a number has no axes")
+    return a if dtype in (None, a.kind.base) else _as_type(at, a, dtype)
+
+
+@entry(np.ascontiguousarray)
+def _ascontiguousarray(at: Arrays, a: Array, dtype: Type | None = None) -> Value:
+    array = _asarray(at, a, dtype)
+    return array if array.kind.strides == contiguous(array.kind.base, at.shape_of(array)).strides else at.copied(array)
 
 
 @entry(np.astype, method="astype")
@@ -472,6 +497,8 @@ def _vstack(at: Arrays, tup: Parts) -> Value:
 
 @entry(np.column_stack)
 def _column_stack(at: Arrays, tup: Parts) -> Value:
+    if any(len(at.shape_of(part)) != 1 for part in tup):
+        at.lack("np.column_stack takes vectors here; write np.hstack")
     return at.stacked(tup, 1)
 
 
@@ -534,6 +561,8 @@ def _sum(at: Arrays, iterable: Value) -> Value:
 def _clip(
     at: Arrays, a: Value, a_min: Value | None = None, a_max: Value | None = None, out: Node | None = None
 ) -> Value:
+    if all(bound is None or bound.kind.is_none for bound in (a_min, a_max)):
+        at.lack("np.clip without bounds; write x.copy()")
     for sign, bound in ((">", a_min), ("<", a_max)):
         if bound is not None and not bound.kind.is_none:
             a = at.elementwise(partial(at.extreme, sign), a, bound)
@@ -555,7 +584,14 @@ def _interp(at: Arrays, x: Value, xp: Floats, fp: Floats) -> Value:
 # matrices
 
 
-@entry(np.dot, np.matmul, np.inner, np.vdot, method="dot")
+@entry(np.inner, np.vdot)
+def _inner(at: Arrays, a: Array, b: Array) -> Value:
+    if len(at.shape_of(a)) != 1 or len(at.shape_of(b)) != 1:
+        at.lack("np.inner and np.vdot are of vectors here; write @")
+    return at.binary("MatMult", a, b)
+
+
+@entry(np.dot, np.matmul, method="dot")
 def _dot(at: Arrays, a: Array, b: Array, out: Node | None = None) -> Value:
     name = "Mult" if not at.shape_of(a) or not at.shape_of(b) else "MatMult"
     return stored(at, out, at.binary(name, a, b))
@@ -563,6 +599,8 @@ def _dot(at: Arrays, a: Array, b: Array, out: Node | None = None) -> Value:
 
 @entry(np.outer)
 def _outer(at: Arrays, a: Array, b: Array) -> Value:
+    if not a.kind.is_array or not b.kind.is_array:
+        at.lack("np.outer is of arrays here; write *")
     a, b = at.flat(a), at.flat(b)
     column = Kind(a.kind.base, (*a.kind.sizes, 1), (*a.kind.strides, 0))
     return at.elementwise(partial(at.operation, "Mult"), replace(a, kind=column), b)
@@ -602,6 +640,8 @@ def _diag(at: Arrays, v: Array) -> Value:
 
 @entry(np.linalg.norm)
 def _norm(at: Arrays, x: Array) -> Value:
+    if not x.kind.is_array:
+        at.lack("np.linalg.norm is of arrays here; write abs(x)")
     flat = at.flat(x)
     return at.c_function("sqrt", [at.product(flat, flat)])
 
@@ -651,8 +691,7 @@ def _reshape(at: Arrays, a: Array, *shape: Node) -> Value:
         shape_of_all = np.empty(size, bool).reshape(wanted).shape
     except ValueError:
         at.mistake(f"an array of {size} numbers can't have shape {shown(wanted)}")
-    flat = at.flat(a)
-    return replace(flat, kind=contiguous(flat.kind.base, shape_of_all, flat.kind.readonly))
+    return at.arranged(a, lambda like: like.reshape(shape_of_all))
 
 
 @entry("fill", method="fill")

@@ -71,7 +71,7 @@ class Module:
             kind = ir.ArrayType(of, array.size)
             memory = ir.GlobalVariable(self.module, kind, self.module.get_unique_name("constant"))
             memory.linkage, memory.global_constant = "internal", True
-            memory.initializer = kind(array.ravel().tolist())
+            memory.initializer = kind((array.view(np.uint8) if array.dtype == bool else array).ravel().tolist())
             memory.type = POINTER
             self._constants[key] = memory
         return self._constants[key]
@@ -92,6 +92,7 @@ class Emission:
     def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
         self.unit, self.function, self.source = unit, function, source
         self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
+        self.ours = function.__module__.startswith(__package__)  # a function of the language's own
         self.line = 1
         self.given: Sequence[ir.Value] = ()  # where the cells are
 

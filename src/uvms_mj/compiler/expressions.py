@@ -16,12 +16,27 @@ from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .cells import CELLS
 from .emission import Module
 from .scalars import COMPARISONS, operator_name
-from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Place, Value, bundle, contiguous, items_of, scalar
+from .values import (
+    BOOL,
+    FLAG,
+    INT,
+    NONE,
+    NOTHING,
+    OUTSIDE,
+    WORD,
+    Kind,
+    Memory,
+    Place,
+    Value,
+    bundle,
+    contiguous,
+    items_of,
+    leaves_of,
+    scalar,
+)
 
 MISSING = object()
 """What a name stands for that is not known when compiling."""
-
-A_COPY = "lacks: it may be a copy here, and be another array itself in Python; write .copy()"
 
 
 @dataclass
@@ -34,7 +49,6 @@ class Variable:
     slots: list[ir.Value]
     block: int
     steady: bool = True
-    outer: bool = True
     numbers: tuple[Any, ...] | None = None
 
     @property
@@ -50,6 +64,7 @@ class Expressions(Arrays):
         super().__init__(unit, function, source, fused)
         self.variables: dict[str, Variable] = {}
         self.constants: dict[str, Value] = {}  # names that stand for one number
+        self.evaluated: dict[int, Value] = {}  # by the ids of nodes: what is known already
         self.assigned: set[str] = set()  # names that have a value here, whichever way led here
         self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
         seen = inspect.getclosurevars(function)
@@ -90,12 +105,12 @@ class Expressions(Arrays):
         return self.constant(value)
 
     def _frozen_array(self, array: np.ndarray) -> Value:
-        if array.dtype.kind not in "fib" or array.dtype == np.float32 or array.dtype == np.float16:
+        if type(array) is not np.ndarray or array.dtype not in (np.dtype("f8"), INT, BOOL) or not array.dtype.isnative:
             self.lack(f"a constant array has numbers of float64, int64 or bool, not {array.dtype}")
         base = {"f": np.dtype("f8"), "i": INT, "b": BOOL}[array.dtype.kind]
         memory = self.unit.constant_array(np.ascontiguousarray(array, base))
         why = "it is a constant of the compiled code; keep what changes in a state or a memory"
-        return Value(contiguous(base, array.shape, f"lacks: {why}"), (memory,), outer=True)
+        return Value(contiguous(base, array.shape, f"lacks: {why}"), (memory,), roots=frozenset({OUTSIDE}))
 
     def _Name(self, node: ast.Name) -> Value:
         if node.id not in self.locals:
@@ -119,6 +134,8 @@ class Expressions(Arrays):
         return visit(node) if visit is not None else self.lack(f"the language has no {_SPOKEN.get(name, name)}")
 
     def value(self, node: ast.expr) -> Value:
+        if id(node) in self.evaluated:
+            return self.evaluated.pop(id(node))
         return self.visit(node)
 
     def number(self, node: ast.expr, base: np.dtype) -> ir.Value:
@@ -193,6 +210,8 @@ class Expressions(Arrays):
         if isinstance(node.op, ast.Not):
             return self.negation(scalar(self.test(node.operand), BOOL))
         value = self.value(node.operand)
+        if value.kind.base == BOOL and not (value.kind.is_array and isinstance(node.op, ast.Invert)):
+            self.lack("a truth value of Python's has other signs and bits than NumPy's; write not x, or int(x)")
         if isinstance(node.op, ast.UAdd):
             return self.copied(value) if value.kind.is_array else value
         function = self.negative if isinstance(node.op, ast.USub) else self.inverted
@@ -219,6 +238,14 @@ class Expressions(Arrays):
             if not right.kind.is_none:
                 self.lack("`is` compares with None only")
             return self.constant(left.kind.is_none == (name == "Is"))
+        if left.kind.items is not None or right.kind.items is not None:
+            if left.kind.items is None or right.kind.items is None or name not in ("Eq", "NotEq"):
+                self.lack("a tuple is compared with a tuple only, by == or !=")
+            pairs = [items_of(left), items_of(right)]
+            if any(item.constant is None for items in pairs for item in items):
+                self.lack("tuples are compared if their numbers are known when compiling")
+            same = [item.constant for item in pairs[0]] == [item.constant for item in pairs[1]]
+            return self.constant(same == (name == "Eq"))
         if name not in COMPARISONS:
             self.lack("the language has no `in`; write the comparisons")
         if left.kind.is_none or right.kind.is_none:
@@ -262,34 +289,43 @@ class Expressions(Arrays):
         return self.merged(found, ends[2])
 
     def merged(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block) -> Value:
-        """The value of whichever block is left for ``end``, where the code then goes on."""
-        kind = self.unified([value for value, _ in found])
-        if kind.is_array and (any(value.fresh for value, _ in found) or not _same_layout(found)):
+        """The value of whichever block is left for ``end``, where the code then goes on: an array is a pointer, and
+        remains the one that it is."""
+        values = [value for value, _ in found]
+        kind = self.unified(values)
+        if kind.is_array and all(value.fresh for value in values):
             return self._merged_copies(found, end, kind)
         slots = [self.entry.alloca(each) for each in kind.llvm]
         for value, block in found:
             self.at.position_at_end(block)
+            if self.turning is not None:  # the next turn makes what is new again
+                value = self._kept(value)
             for slot, number in zip(slots, self.adapted(value, kind), strict=True):
                 self.at.store(number, slot)
             self.at.branch(end)
         self.at.position_at_end(end)
         numbers = tuple(self.at.load(slot, typ=each) for slot, each in zip(slots, kind.llvm, strict=True))
-        values = [value for value, _ in found]
-        return Value(kind, numbers, False, all(v.steady for v in values), all(v.outer for v in values))
+        new = any(leaf.fresh for value in values for leaf in leaves_of(value))
+        roots = frozenset({Memory(own=True)} if new else ()).union(*(value.roots for value in values))
+        steady = all(value.steady for value in values) and (self.turning is None or not new)
+        return Value(kind, numbers, False, steady, roots=roots)
 
     def _merged_copies(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block, kind: Kind) -> Value:
+        """One new array of several, of which nobody holds any."""
         out = self.temporary(kind.base, kind.sizes)
         for value, block in found:
             self.at.position_at_end(block)
             self.fill(out, value)
             self.at.branch(end)
         self.at.position_at_end(end)
-        return out if all(value.fresh for value, _ in found) else replace(out, kind=replace(out.kind, readonly=A_COPY))
+        return out
 
     def unified(self, values: Sequence[Value]) -> Kind:
         """The one kind of several values of which one is taken. Refuses those of different kinds."""
         kinds = [value.kind for value in values]
         if all(kind.is_number for kind in kinds):
+            if {kind.base for kind in kinds} == {BOOL, INT}:
+                self.lack("it is a truth value here, and a number there")
             return Kind(self.base_of(values))
         first = kinds[0]
         if any(kind.readonly != first.readonly for kind in kinds):
@@ -298,17 +334,12 @@ class Expressions(Arrays):
             columns = zip(*(items_of(value) for value in values), strict=True)
             return Kind(NOTHING, items=tuple(self.unified(column) for column in columns))
         if all(kind.is_array and kind.shape == first.shape for kind in kinds):
-            if first.base not in (BOOL, INT, np.dtype("f8")):
-                if all(kind == first for kind in kinds):
-                    return first
-            else:
-                readonly = next((kind.readonly for kind in kinds if kind.readonly), "")
-                if all(kind.strides == first.strides and kind.base == first.base for kind in kinds):
-                    return replace(first, readonly=readonly)
-                return contiguous(self.base_of(values), first.sizes, readonly)
+            if all(kind.strides == first.strides and kind.base == first.base for kind in kinds):
+                return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
+            self.lack("it is an array in one order or of one type here, and in another one there")
         if all(kind.base == first.base and kind.shape == first.shape and kind.items is None for kind in kinds):
             return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
-        return self.mistake(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
+        return self.lack(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
 
     def adapted(self, value: Value, kind: Kind) -> Sequence[ir.Value]:
         """The LLVM values of a value as one of another kind."""
@@ -374,12 +405,14 @@ class Expressions(Arrays):
         values = [self.value(each) for each in node.args]
         named = {name: self.value(each) for name, each in keywords.items()}
         try:
-            bound = inspect.signature(function).bind(*values, **named)
+            bound = inspect.signature(function, follow_wrapped=False).bind(*values, **named)
         except TypeError as error:
             self.mistake(f"{function.__name__}: {error}")
         bound.apply_defaults()
+        if hasattr(function, "__wrapped__"):
+            self.lack("a function with a decorator is not compiled")
         if bound.kwargs or len(bound.args) != function.__code__.co_argcount:
-            parameters = inspect.signature(function).parameters.values()
+            parameters = inspect.signature(function, follow_wrapped=False).parameters.values()
             if any(each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD) for each in parameters):
                 self.lack(f"{function.__name__} takes any number of arguments")
         given = [*bound.args, *bound.kwargs.values()]
@@ -392,11 +425,6 @@ def _hashed(known: Any) -> Any:
     except TypeError:
         return None
     return known
-
-
-def _same_layout(found: Sequence[tuple[Value, ir.Block]]) -> bool:
-    first = found[0][0].kind
-    return all(value.kind.strides == first.strides and value.kind.base == first.base for value, _ in found)
 
 
 _FOREIGN = ("numpy", "scipy", "math", "builtins")

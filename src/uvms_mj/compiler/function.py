@@ -13,7 +13,7 @@ from .emission import Module
 from .lifetimes import Again, Lifetimes, Plan, bindings
 from .refusals import RAISED
 from .scalars import operator_name
-from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
+from .values import INT, NONE, WORD, Kind, Memory, Value, bundle, items_of, scalar, shown, unbundled, whole
 
 _LACKS = "lacks: "
 MOST_TURNS = 256
@@ -78,11 +78,12 @@ class Function(Lifetimes):
         given, at = code.args, 0
         cells = self.unit.cells.pointers if self.unit.cells else 0
         self.given = code.args[len(code.args) - 1 - cells : -1]
-        for argument, kind in zip([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs], kinds, strict=True):
-            n = len(kind.llvm)
-            value = unbundled(kind, tuple(given[at : at + n]), Value(kind, (), outer=True))
+        names = [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+        for k, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+            n, like = len(kind.llvm), Value(kind, (), roots=frozenset({Memory(argument=k)}))
+            value = unbundled(kind, tuple(given[at : at + n]), like)
             at += n
-            self.bind(argument.arg, value, once=argument.arg in self.unbound)
+            self.bind(name, value, once=name in self.unbound)
         self.body(self.tree.body)
         if not self.at.block.is_terminated:
             self._leave(Value(NONE, ()))
@@ -171,6 +172,8 @@ class Function(Lifetimes):
             self.mistake(f"{value.kind.described()} can't be unpacked")
         if len(items) != len(targets):
             self.mistake(f"{len(items)} values can't be unpacked into {len(targets)} names")
+        if self.turning is not None:  # all of them before a name is bound to another array
+            items = [self.kept(item) for item in items]
         for target, item in zip(targets, items, strict=True):
             self.assign(target, item)
 
@@ -180,7 +183,10 @@ class Function(Lifetimes):
         if not isinstance(index, ast.Compare | ast.BinOp | ast.UnaryOp | ast.Name):
             return None
         value = self.value(index)
-        return value if self.is_mask(value) else None
+        if self.is_mask(value):
+            return value
+        self.evaluated[id(index)] = value  # it is read once more, as an index
+        return None
 
     def place(self, node: ast.expr) -> Value:
         """Where an assignment stores."""
@@ -261,7 +267,23 @@ class Function(Lifetimes):
         pass
 
     def _Return(self, node: ast.Return) -> None:
-        self._leave(Value(NONE, ()) if node.value is None else self._assigned(node.value))
+        self._returned(node.value)
+
+    def _returned(self, node: ast.expr | None) -> None:
+        """Leave with a value; of ``a if test else b``, on two ways, so that each is known to be new or not."""
+        if not isinstance(node, ast.IfExp):
+            self._leave(Value(NONE, ()) if node is None else self._assigned(node))
+            return
+        test = self.test(node.test)
+        if isinstance(test, ir.Constant):
+            self._returned(node.body if test.constant else node.orelse)
+            return
+        with self.at.if_else(test) as (then, otherwise):
+            with then:
+                self._returned(node.body)
+            with otherwise:
+                self._returned(node.orelse)
+        self.at.unreachable()
 
     # loops
 
@@ -411,13 +433,21 @@ class Function(Lifetimes):
             n = self._turns_of(start, stop, step)
             return Iteration(n, lambda i: self._advanced(start, i, step))
         if isinstance(node, ast.Call) and known is enumerate:
+            named = {each.arg: each.value for each in node.keywords}
+            if not 1 <= len(node.args) <= 2 or named.keys() - {"start"} or (named and len(node.args) == 2):
+                self.lack("enumerate takes what it runs over, and start")
             inner = self.iteration(node.args[0])
-            first = self.integer(node.args[1]) if len(node.args) == 2 else WORD(0)
+            start = node.args[1] if len(node.args) == 2 else named.get("start")
+            first = WORD(0) if start is None else self.integer(start)
             return Iteration(inner.n, lambda i: bundle([self._advanced(first, i, 1), inner.item(i)]), inner.apart)
         if isinstance(node, ast.Call) and known is zip:
             if [each.arg for each in node.keywords] not in ([], ["strict"]):
-                self.mistake("zip takes what it runs over, and strict")
-            return self._zipped([self.iteration(each) for each in node.args])
+                self.lack("zip takes what it runs over, and strict")
+            parts = [self.iteration(each) for each in node.args]
+            lengths = {part.n.constant if isinstance(part.n, ir.Constant) else None for part in parts}
+            if node.keywords and (len(lengths) > 1 or None in lengths):
+                self.lack("zip with strict needs parts of one length, known when compiling")
+            return self._zipped(parts)
         value = self.value(node)
         if value.kind.items is not None:
             return self._over_items(items_of(value))

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
-from .expressions import A_COPY, Expressions, Variable
-from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
+from .expressions import Expressions, Variable
+from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, contiguous, items_of, leaves_of
 
 
 def bindings(statements: Iterable[ast.stmt]) -> Iterator[str]:
@@ -74,6 +74,7 @@ class Lifetimes(Expressions):
         self.plan, self.block, self.turning = plan, 0, None
         self.written_out = 0  # loops around this place whose turns are written out
         self.turnings: list[Turning] = []
+        self.views: dict[str, set[str | Memory]] = {}  # of what each name is a view, anywhere in the function
         self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
 
     def turning_of(self, node: ast.stmt) -> Turning:
@@ -89,7 +90,7 @@ class Lifetimes(Expressions):
         if numbers is None:
             numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
         turns = self.turning is not None and name in self.turning.names
-        value = Value(its.kind, numbers, False, its.steady and not turns, its.outer and not turns)
+        value = Value(its.kind, numbers, False, its.steady and not turns, roots=frozenset({name}))
         return bundle(items_of(value)) if its.kind.items is not None else value
 
     def bind(self, name: str, value: Value, once: bool = False) -> None:
@@ -101,6 +102,9 @@ class Lifetimes(Expressions):
             self.constants[name] = value
             if not self.written_out:
                 return
+        its_views = self.views.setdefault(name, set())
+        for leaf in leaves_of(value):
+            its_views |= {Memory(own=True)} if leaf.fresh else leaf.roots
         if self.turning is not None:
             value = self._kept(value)
         if (wanted := self.plan.kinds.get(name)) is not None:
@@ -108,7 +112,7 @@ class Lifetimes(Expressions):
         kind, its = value.kind.variable, self.variables.get(name)
         if value.place is not None and name not in self.plan.in_memory:
             if its is None or its.block == self.block:
-                self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, tuple(value.llvm))
+                self.variables[name] = Variable(kind, [], self.block, value.steady, tuple(value.llvm))
                 return
             self.plan.in_memory.add(name)
             raise Again
@@ -117,16 +121,29 @@ class Lifetimes(Expressions):
             raise Again
         if once and self.turning is None and not self.written_out:
             numbers = tuple(self.adapted(value, kind))
-            self.variables[name] = Variable(kind, [], self.block, value.steady, value.outer, numbers)
+            self.variables[name] = Variable(kind, [], self.block, value.steady, numbers)
             return
         if its is None or its.at_place or (its.kind != kind and its.block == self.block):
             its = self.variables[name] = Variable(kind, self._slots(kind), self.block)
         if its.kind != kind:
             self.plan.kinds[name] = self._one_kind(name, its.kind, kind)
             raise Again
-        its.steady, its.outer = its.steady and value.steady, its.outer and value.outer
+        its.steady = its.steady and value.steady
         for slot, each in zip(its.slots, self.adapted(value, kind), strict=True):
             self.at.store(each, slot)
+
+    def origins(self, value: Value) -> set[Memory]:
+        """The memory that an array may be in. What a name stands for is collected from all statements, so that neither
+        branches nor loops count."""
+        if value.fresh:
+            return {Memory(own=True)}
+        todo, found = list(value.roots), set[str | Memory]()
+        while todo:
+            each = todo.pop()
+            if each not in found:
+                found.add(each)
+                todo += self.views[each] if isinstance(each, str) else []
+        return {each for each in found if isinstance(each, Memory)}
 
     def _slots(self, kind: Kind) -> list[ir.Value]:
         slots = [self.entry.alloca(each) for each in kind.llvm]
@@ -142,11 +159,11 @@ class Lifetimes(Expressions):
             return self.unified([Value(before, ()), Value(now, ())])
         same = before.items is None and now.items is None and before.shape == now.shape and before.base == now.base
         if not same or self.plan.kinds.get(name) is not None:
-            self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
+            self.lack(f"{name} is {now.described()} here, and {before.described()} before")
         readonly = before.readonly or now.readonly
         self.may_write(before, now)
         if before.is_array and before.strides != now.strides:
-            return contiguous(before.base, before.sizes, readonly or A_COPY)
+            self.lack(f"{name} has its numbers in another order here than before; write .copy(), or another name")
         return replace(before, readonly=readonly)
 
     def _adapted_if_it_can(self, value: Value, wanted: Kind) -> Value:
@@ -157,7 +174,7 @@ class Lifetimes(Expressions):
         if value.kind.readonly != wanted.readonly:
             self.may_write(value.kind)
         if value.kind.strides != wanted.strides:
-            value = self._kept(self.copied(value)) if self.turning is not None else self.copied(value)
+            self.lack("its numbers are in another order here than before; write .copy(), or another name")
         return replace(value, kind=wanted)
 
     # memory of what a loop makes
@@ -169,6 +186,8 @@ class Lifetimes(Expressions):
         if not value.kind.is_array:
             return value
         assert self.turning is not None
+        if value.fleeting:
+            self.lack("it may be an array of this turn only; write .copy()")
         if not value.fresh:
             self.turning.shared |= not value.steady
             return value
@@ -181,6 +200,12 @@ class Lifetimes(Expressions):
         kept = Value(kind, (self.at.load(slot, typ=POINTER),), steady=False)
         self.fill(kept, value)
         return replace(kept, kind=replace(kind, readonly=value.kind.readonly))
+
+    def kept(self, value: Value) -> Value:
+        """A value in a loop, before anything else is made; a new array in memory that no name has."""
+        if not any(leaf.fresh for leaf in leaves_of(value)):
+            return value
+        return replace(self._kept(value), roots=value.roots | {Memory(own=True)})
 
     def finish_turnings(self) -> None:
         """Reserve the memory that loops keep arrays in, at the end of the function, when all names are known."""

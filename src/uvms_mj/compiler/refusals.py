@@ -37,9 +37,9 @@ def field_suggestion(word: str, known: Sequence[str]) -> str:
     return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
 
 
-INDEX, DIVISION, CONVERSION, RAISED, STOPPED = range(1, 6)
-"""Why: an index out of bounds, a division of an integer by zero, a float that fits no integer, ``raise``, a signal. It
-is the lowest byte of the number; then the file (a byte) and the line."""
+INDEX, DIVISION, CONVERSION, RAISED, STOPPED, OVERFLOW = range(1, 7)
+"""Why: an index out of bounds, a division of an integer by zero, a float that fits no integer, ``raise``, a signal, an
+integer of more than 64 bits. It is the lowest byte of the number; then the file (a byte) and the line."""
 
 
 def code_of(why: int, file: int, line: int) -> int:

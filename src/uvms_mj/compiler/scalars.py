@@ -10,12 +10,13 @@ from llvmlite import ir
 
 from . import library
 from .emission import Emission
-from .refusals import CONVERSION, DIVISION
+from .refusals import CONVERSION, DIVISION, OVERFLOW
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
 COMPARISONS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}
 _KNOWN = {"Add": operator.add, "Sub": operator.sub, "Mult": operator.mul}
+_OVERFLOW = {"Add": "sadd", "Sub": "ssub", "Mult": "smul"}
 _COMPARED: dict[str, Callable[[Any, Any], bool]] = {
     **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
     **{"==": operator.eq, "!=": operator.ne},
@@ -34,15 +35,15 @@ class Scalars(Emission):
 
     def constant(self, value: object) -> Value:
         """A Python number."""
+        if type(value) not in (bool, int, float, np.bool_, np.int64, np.float64):
+            self.lack(f"a {type(value).__name__} is not a number of Python's, of float64 or of int64")
         if isinstance(value, bool | np.bool_):
             return scalar(FLAG(bool(value)), BOOL)
-        if isinstance(value, int | np.integer):
+        if isinstance(value, int | np.int64):
             if not -(1 << 63) <= int(value) < 1 << 63:
                 self.lack("an integer has 64 bits")
             return whole(int(value))
-        if isinstance(value, float | np.floating) and not isinstance(value, np.longdouble):
-            return scalar(DOUBLE(float(value)), FLOAT)
-        return self.lack(f"{value!r} is not a number, a tuple of numbers or an array")
+        return scalar(DOUBLE(float(value)), FLOAT)  # type: ignore[arg-type]  # a float
 
     def common(self, values: Sequence[Value]) -> np.dtype:
         """The type of a result of several numbers, at least an integer."""
@@ -100,6 +101,43 @@ class Scalars(Emission):
             return self.written(library.floor_divide if name == "FloorDiv" else library.remainder, [left, right])
         return self._whole_division(name, x, y)
 
+    def of_python(self, name: str, left: Value, right: Value) -> Value:
+        """As :meth:`operation`, of two numbers of Python. Its integers grow where a processor's wrap, and the quotient
+        of two of them is rounded once: a user's function ends early there."""
+        known = left.constant is not None and right.constant is not None
+        if not self.unit.checked or self.ours or known or FLOAT in (left.kind.base, right.kind.base):
+            return self.operation(name, left, right)
+        x, y = self.converted(left, INT), self.converted(right, INT)
+        if name == "Pow" and right.constant is not None and right.constant >= 0:
+            return self._whole_power(left, int(right.constant), wide=True)
+        if name in _OVERFLOW and self.common([left, right]) == INT:
+            both = self.at.call(self._overflowing(_OVERFLOW[name]), [x, y])
+            self.demand(self.at.not_(self.at.extract_value(both, 1)), OVERFLOW)
+            return scalar(self.at.extract_value(both, 0), INT)
+        result = self.operation(name, left, right)
+        if name == "Div":
+            self._demand_float(left, right)
+        if name == "LShift":
+            self.demand(self.at.icmp_signed("==", self.at.ashr(result.llvm[0], y), x), OVERFLOW)
+        return result
+
+    def _overflowing(self, name: str) -> ir.Function:
+        kind = ir.FunctionType(ir.LiteralStructType([WORD, FLAG]), [WORD, WORD])
+        return self.at.module.declare_intrinsic(f"llvm.{name}.with.overflow", [WORD], kind)
+
+    def _demand_float(self, *values: Value) -> None:
+        """End a user's function early where an integer is no float."""
+        for value in values:
+            if value.kind.base == INT and value.constant is None:
+                far = self.at.add(value.llvm[0], WORD(1 << 53))
+                self.demand(self.at.icmp_unsigned("<=", far, WORD(1 << 54)), OVERFLOW)
+
+    def reciprocal(self, value: Value) -> Value:
+        """``1.0 / value``."""
+        if value.kind.base != FLOAT:
+            self.lack("np.reciprocal of integers is an integer; write 1.0 / x")
+        return self.operation("Div", self.constant(1.0), value)
+
     def written(self, function, values: Sequence[Value]) -> Value:
         """The value of a function of :mod:`.library`."""
         result = self.unit.call(self, function, values, bool(self.rounding))
@@ -110,8 +148,13 @@ class Scalars(Emission):
         base = self.common([left, right])
         if base == FLOAT:
             self.mistake("bits are those of integers")
-        if base == BOOL and name in ("LShift", "RShift"):
-            base = INT
+        if name in ("LShift", "RShift"):
+            base, by = INT, self.converted(right, INT)
+            if isinstance(by, ir.Constant):
+                if not 0 <= by.constant < 64:
+                    self.lack("an integer is shifted by 0 to 63 bits")
+            elif self.unit.checked:
+                self.demand(self.at.icmp_unsigned("<", by, WORD(64)), CONVERSION)
         return scalar(getattr(self.at, _BITS[name])(self.converted(left, base), self.converted(right, base)), base)
 
     def _whole_division(self, name: str, a: ir.Value, b: ir.Value) -> Value:
@@ -140,20 +183,20 @@ class Scalars(Emission):
         x = scalar(self.float_of(left), FLOAT)
         if exponent == 2:
             return self.operation("Mult", x, x)
-        if exponent == 0.5:
-            return self.c_function("sqrt", [x])
         if exponent == 1:
             return x
         return self.c_function("pow", [x, right])
 
-    def _whole_power(self, base: Value, exponent: int) -> Value:
+    def _whole_power(self, base: Value, exponent: int, wide: bool = False) -> Value:
         if base.constant is not None:
             return self.constant(int(base.constant) ** exponent)
+        multiplied = self.of_python if wide else self.operation
         result, square = whole(1), scalar(self.converted(base, INT), INT)
         while exponent:
             if exponent & 1:
-                result = self.operation("Mult", result, square)
-            square, exponent = self.operation("Mult", square, square), exponent >> 1
+                result = multiplied("Mult", result, square)
+            exponent >>= 1
+            square = multiplied("Mult", square, square) if exponent else square
         return result
 
     def negative(self, value: Value) -> Value:
@@ -215,7 +258,10 @@ class Scalars(Emission):
             code = self.at.module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
         else:
             name, kind = self.unit.library + name, ir.FunctionType(DOUBLE, [DOUBLE] * len(numbers))
-            code = self.at.module.globals.get(name) or ir.Function(self.at.module, kind, name)
+            code = self.at.module.globals.get(name)
+            if code is None:  # LLVM would put other functions in place of it, which round otherwise or lose a NaN
+                code = ir.Function(self.at.module, kind, name)
+                code.attributes.update(("nobuiltin", "nounwind", "readnone"))
         return scalar(self.at.call(code, numbers), FLOAT)
 
     def _of_ours(self, name: str, numbers: Sequence[ir.Value]) -> Value:

@@ -3,7 +3,7 @@
 import ast
 import types
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from llvmlite import ir
@@ -11,7 +11,6 @@ from llvmlite import ir
 from ..files import function_tree
 from . import libm, library
 from .emission import Emission, Module
-from .expressions import A_COPY
 from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking
@@ -21,9 +20,11 @@ from .values import (
     DOUBLE,
     FLOAT,
     INT,
+    OUTSIDE,
     POINTER,
     WORD,
     Kind,
+    Memory,
     Value,
     argument_kind,
     bundled,
@@ -59,6 +60,10 @@ class Unit(Module):
             at.lack(f"{function.__name__} calls itself; write a loop")
         kinds, fused = tuple(argument_kind(argument) for argument in arguments), fused or function in self.fused
         done = self.done(function, kinds, fused)
+        if isinstance(at, Function) and at.turning is not None and done.mixes(arguments):
+            arguments = [at.kept(argument) for argument in arguments]  # so that its result is in memory that lasts
+            kinds = tuple(argument_kind(argument) for argument in arguments)
+            done = self.done(function, kinds, fused)
         words = [word for argument in arguments for word in words_of(argument)]
         result = at.reserve(done.size)
         code = at.at.call(done.code, [*words, *at.given, result])
@@ -100,15 +105,12 @@ class Unit(Module):
 
 @dataclass
 class _Done:
-    """A translated function. Its last argument is the memory [bytes] for its result: the numbers of it one after the
-    other, of an array the address, or all entries if the array is the function's own. ``leaves`` are its parts that are
-    no tuples, with their sizes [bytes]."""
+    """A translated function. Its last argument is the memory [bytes] for its result: its parts that are no tuples, one
+    after the other."""
 
     code: ir.Function
     kind: Kind | None
-    leaves: list[tuple[Kind, int]] = field(default_factory=list)
-    copies: bool = False
-    readonly: str = ""
+    leaves: list["_Leaf"] = field(default_factory=list)
     callers: list[ir.Function] = field(default_factory=list)
     inlined: bool = False
 
@@ -126,11 +128,8 @@ class _Done:
         if all(value.kind.is_none for value in values):
             done = cls(code, None)
         else:
-            kind = body.unified(values)
-            own = [value for value in values if not value.outer]
-            mixed = len(own) not in (0, len(values))
-            done = cls(code, kind, copies=bool(own), readonly=A_COPY if mixed else "")
-            done.leaves = [(leaf, done._bytes(leaf)) for leaf in kind.leaves]
+            done = cls(code, body.unified(values))
+            done.leaves = _leaves(body, done.kind, values)
         for block, value in body.returns:
             body.at.position_at_end(block)
             done._store(body, value, code.args[-1])
@@ -140,46 +139,122 @@ class _Done:
 
     @property
     def size(self) -> int:
-        return sum(size for _, size in self.leaves)
+        return sum(leaf.size for leaf in self.leaves)
 
-    def _bytes(self, kind: Kind) -> int:
-        """The size of a part of the result."""
-        if kind.is_array and self.copies:
-            return -(-kind.size * kind.base.itemsize // 8) * 8
-        return 8 * len(kind.llvm)
+    def mixes(self, arguments: Sequence[Value]) -> bool:
+        """Whether a part of the result may be an array that a caller has just made, and may be another one, or another
+        part may be the same."""
+        made = [{k for k in leaf.arguments if _is_made(arguments[k])} for leaf in self.leaves]
+        both = any(made[i] & made[k] for i in range(len(made)) for k in range(i))
+        return both or any(of and not leaf.only(of) for of, leaf in zip(made, self.leaves, strict=True))
 
     def _store(self, body: Function, value: Value, memory: ir.Value) -> None:
         at = 0
-        for part, (kind, size) in zip(leaves_of(value), self.leaves, strict=False):  # nothing of None
-            place = body.shifted(memory, WORD(at))
-            if kind.is_array and self.copies:
-                body.fill(Value(contiguous(kind.base, kind.sizes), (place,)), part)
-            else:
-                for k, number in enumerate(body.adapted(part, kind)):
-                    body.store(number, body.shifted(place, WORD(8 * k)))
-            at += size
+        for part, leaf in zip(leaves_of(value), self.leaves, strict=False):  # nothing of None
+            place, kind = body.shifted(memory, WORD(at)), leaf.kind
+            at += leaf.size
+            if kind.is_array and _is_own(body, part):
+                numbers = body.shifted(place, WORD(8)) if leaf.given else place
+                body.fill(Value(contiguous(kind.base, kind.sizes), (numbers,)), part)
+                if leaf.given:
+                    body.store(numbers, place)
+                continue
+            for k, number in enumerate(body.adapted(part, kind)):
+                body.store(number, body.shifted(place, WORD(8 * k)))
 
     def result(self, at: Emission, memory: ir.Value, arguments: Sequence[Value]) -> Value | None:
         """The result of a call, from its memory."""
         if self.kind is None:
             return None
-        steady, outer = all(each.steady for each in arguments), all(each.outer for each in arguments)
-        arrays = [each for each in arguments if each.kind.is_array or each.kind.items is not None]
-        fresh = any(each.fresh for each in arrays)  # then the result may be in memory of this statement
-        readonly = A_COPY if fresh and not all(each.fresh for each in arrays) else ""
-        found, place = [], 0
-        for kind, size in self.leaves:
-            pointer = at.shifted(memory, WORD(place))
-            place += size
-            if kind.is_number:
-                found.append(at.load(pointer, kind.base))
-            elif kind.is_array and self.copies:
-                found.append(Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True))
-            else:
-                words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
-                kind = replace(kind, readonly=kind.readonly or readonly)
-                found.append(Value(kind, tuple(words), fresh, steady, outer))
+        found, place, mixes = [], 0, self.mixes(arguments)
+        for leaf in self.leaves:
+            found.append(leaf.read(at, at.shifted(memory, WORD(place)), arguments, mixes))
+            place += leaf.size
         return bundled(self.kind, iter(found))
+
+
+@dataclass
+class _Leaf:
+    """A part of a function's result that is no tuple, in the memory of the result.
+
+    An array may be the function's own; then its numbers are there. Or it is given, a part of an argument or a constant;
+    then its address is there. If it may be either, so at different returns, its address is there, and room for numbers.
+
+    Attributes:
+        kind: its kind.
+        own, given: of an array, which it may be.
+        arguments: what it may be a view of: positions of arguments.
+        constant: whether it may be a view of anything else.
+    """
+
+    kind: Kind
+    own: bool = False
+    given: bool = True
+    arguments: frozenset[int] = frozenset()
+    constant: bool = False
+
+    @classmethod
+    def of(cls, body: Function, kind: Kind, parts: Sequence[Value]) -> "_Leaf":
+        """From the same part of all results."""
+        own = [kind.is_array and _is_own(body, part) for part in parts]
+        if any(own) and kind.strides != contiguous(kind.base, kind.sizes).strides:
+            body.lack("the new array that it returns has its numbers in another order than a copy; write .copy()")
+        if kind.is_number:
+            return cls(kind)
+        reached = {each for part, its in zip(parts, own, strict=True) if not its for each in body.origins(part)}
+        arguments = frozenset(each.argument for each in reached if each.argument is not None)
+        return cls(kind, any(own), not all(own), arguments, any(each.argument is None for each in reached))
+
+    @property
+    def size(self) -> int:
+        """Its size in the memory of the result [bytes]."""
+        numbers = -(-self.kind.size * self.kind.base.itemsize // 8) * 8 if self.own else 0
+        return numbers + (8 * len(self.kind.llvm) if self.given else 0)
+
+    def only(self, arguments: set[int]) -> bool:
+        """Whether it is a part of one of these arguments, and of nothing else."""
+        return self.arguments <= arguments and not self.own and not self.constant
+
+    def read(self, at: Emission, place: ir.Value, arguments: Sequence[Value], mixes: bool) -> Value:
+        """It, after a call. ``mixes``: it may be in memory that the caller has just made, and not alone."""
+        kind = self.kind
+        if kind.is_number:
+            return at.load(place, kind.base)
+        if not self.given:
+            return Value(contiguous(kind.base, kind.sizes), (place,), fresh=True)
+        words = [at.at.load(at.shifted(place, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
+        of = [arguments[k] for k in self.arguments]
+        made = self.own or any(map(_is_made, of))
+        roots = frozenset({Memory(own=True)} if made else ()) | ({OUTSIDE} if self.constant else set())
+        return Value(
+            kind,
+            tuple(words),
+            fresh=made and not mixes and not self.own and not self.constant,
+            steady=all(each.steady for each in of),
+            roots=roots.union(*(each.roots for each in of)),
+            fleeting=(made and mixes) or self.own or any(each.fleeting for each in of),
+        )
+
+
+def _is_made(value: Value) -> bool:
+    return any(leaf.fresh for leaf in leaves_of(value))
+
+
+def _is_own(body: Function, array: Value) -> bool:
+    """Whether an array that is returned is the function's own, so that the caller gets its numbers."""
+    own = {each.own for each in body.origins(array)}
+    if len(own) != 1:
+        body.lack("it may return a part of an argument here, or a new array; write .copy(), or one return for each")
+    return own.pop()
+
+
+def _leaves(body: Function, kind: Kind, values: Sequence[Value]) -> list[_Leaf]:
+    returned = [leaves_of(value) for value in values]
+    for parts in returned:  # the caller would get two arrays where the function has one
+        own = [body.origins(part) for part in parts if part.kind.is_array and _is_own(body, part)]
+        if any(own[i] & own[k] for i in range(len(own)) for k in range(i)):
+            body.lack("it returns two views of one array of its own; write .copy()")
+    return [_Leaf.of(body, leaf, [parts[k] for parts in returned]) for k, leaf in enumerate(kind.leaves)]
 
 
 def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]]:

@@ -125,24 +125,38 @@ class Place:
     offset: int
 
 
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """Memory that arrays may be in, apart from all other memory: the function's own, of one statement; or what its
+    argument at a position has reached the function with; or, of neither, a constant's or the run's."""
+
+    own: bool = False
+    argument: int | None = None
+
+
+OUTSIDE = Memory()
+
+
 @dataclass(frozen=True)
 class Value:
     """A value in the course of a function.
 
     Attributes:
         kind, llvm: its kind and its LLVM values.
-        fresh: whether it is an array that the statement has just made, so that no name holds it.
+        fresh: whether it is an array that the statement has just made, so that nothing else holds it.
         steady: whether its memory surely keeps its contents while a loop turns, except by a store.
-        outer: whether its memory surely is not the function's own.
         items: of a tuple.
+        roots: what an array or a record that is not fresh may be a view of: names, and memory.
+        fleeting: whether it may be in memory of this statement although it is not fresh.
     """
 
     kind: Kind
     llvm: Sequence[Any]  # ir.Value, or of an array or a record a Place
     fresh: bool = False
     steady: bool = True
-    outer: bool = False
     items: tuple["Value", ...] = ()
+    roots: frozenset[str | Memory] = frozenset()
+    fleeting: bool = False
 
     @property
     def constant(self) -> Any:
@@ -203,7 +217,7 @@ def kind_of(dtype: np.dtype, readonly: str = "") -> Kind:
 
 def view(pointer: ir.Value, dtype: np.dtype, readonly: str = "") -> Value:
     """The record or, if the dtype has a shape, the array at a pointer."""
-    return Value(kind_of(dtype, readonly), (pointer,), outer=True)
+    return Value(kind_of(dtype, readonly), (pointer,), roots=frozenset({OUTSIDE}))
 
 
 def bundle(items: list[Value]) -> Value:
@@ -213,8 +227,9 @@ def bundle(items: list[Value]) -> Value:
         tuple(each for item in items for each in words_of(item)),
         any(item.fresh for item in items),
         all(item.steady for item in items),
-        all(item.outer for item in items),
         tuple(items),
+        frozenset[str | Memory]().union(*(item.roots for item in items)),
+        any(item.fleeting for item in items),
     )
 
 
@@ -240,8 +255,8 @@ def unbundled(kind: Kind, llvm: Sequence[ir.Value], like: Value) -> Value:
     if kind.constant is not None:
         return Value(replace(kind, constant=None), (SCALARS[kind.base](int(kind.constant)),))
     if kind.place is not None:
-        return Value(replace(kind, place=None), (Place(kind.place),), outer=True)
-    return Value(kind, llvm, like.fresh, like.steady, like.outer)
+        return Value(replace(kind, place=None), (Place(kind.place),), roots=like.roots)
+    return Value(kind, llvm, like.fresh, like.steady, roots=like.roots, fleeting=like.fleeting)
 
 
 def items_of(value: Value) -> list[Value]:

@@ -308,7 +308,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
     """
     if plain_python():
         raise NotCompiled(f"{PLAIN} is set")
-    from ...compiler.refusals import Lacking
+    from ...compiler.refusals import Lacking, Mistake
     from .intrinsics import stage_module
 
     with _compiling():
@@ -317,8 +317,15 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
         except Lacking as lacking:
             where = f" ({Path(lacking.file).name}, line {lacking.line}: {lacking.words})" if lacking.words else ""
             raise NotCompiled(f"{lacking.reason}{where}") from lacking
+        except Mistake:
+            raise
+        except Exception as error:  # the translator's own fault is a lack, too
+            raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
         name = object_name([b"stage", module.encode()], sources=False)
-        (address,) = load(name) or _compiled(module, name, [_STAGE])
+        try:
+            (address,) = load(name) or _compiled(module, name, [_STAGE])
+        except Exception as error:
+            raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
     return _callable(address, 5, tuple(files))
 
 

@@ -9,7 +9,7 @@ from llvmlite import ir
 
 from ...compiler.emission import Emission, Intrinsic
 from ...compiler.unit import Unit, translate
-from ...compiler.values import FLOAT, INT, POINTER, WORD, Place, Value, contiguous, scalar, view
+from ...compiler.values import FLOAT, INT, OUTSIDE, POINTER, WORD, Place, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels
 from . import memory
 
@@ -21,10 +21,10 @@ def _array(base: np.dtype, *inner: int):
         address, n = arguments
         size = n.constant if isinstance(n, ir.Constant) else None
         if at.unit.cells and size is not None and isinstance(address, ir.Constant):
-            return Value(contiguous(base, (size, *inner)), (Place(address.constant),), outer=True)
+            return Value(contiguous(base, (size, *inner)), (Place(address.constant),), roots=frozenset({OUTSIDE}))
         pointer = at.at.inttoptr(address, POINTER)
         kind = contiguous(base, (size, *inner))
-        return Value(kind, (pointer, n) if size is None else (pointer,), outer=True)
+        return Value(kind, (pointer, n) if size is None else (pointer,), roots=frozenset({OUTSIDE}))
 
     return generate
 
@@ -55,7 +55,7 @@ def _shared(name: str, array: np.ndarray):
     def generate(at, arguments):
         builder = at.at
         memory = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
-        return Value(contiguous(array.dtype, array.shape), (memory,), outer=True)
+        return Value(contiguous(array.dtype, array.shape), (memory,), roots=frozenset({OUTSIDE}))
 
     return generate
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...actuation.thrusters import Inflow
-from ...compiler.refusals import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
+from ...compiler.refusals import CONVERSION, DIVISION, INDEX, OVERFLOW, RAISED, STOPPED, place
 from ...control.base import Controller, Delay
 from ...control.model import (
     UP_TO_ESTIMATES,
@@ -50,7 +50,7 @@ from ...stages.signals import (
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .memory import OwnMemory, at_address, layout
-from .plain_stage import PlainStage, StageFault, called
+from .plain_stage import PlainStage, StageFault
 from .record import Field, Image, Shape, run_dtype, with_numbers
 from .shared_library import Library, UnitInstance
 from .user_stage import compile_user_stage, is_check
@@ -132,10 +132,9 @@ class CompiledStage:
         try:
             before = getattr(self.stage, "get_before_step", False) if self.library else False
             return compile_user_stage(self.library.kind if self.library else function, self.stage.room, kinds, before)
-        except Mistake as mistake:
-            where = f"{Path(mistake.file).name}, line {mistake.line}"
-            said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
-            raise InputError(said) from mistake
+        except Mistake as mistake:  # whether it is one, Python says at its first instant
+            where = f"{Path(mistake.file).name}, line {mistake.line}: {mistake.words}"
+            raise NotCompiled(f"Python may refuse it: {mistake.reason} ({where})") from mistake
 
     @functools.cached_property
     def _plain(self) -> PlainStage:
@@ -189,6 +188,7 @@ WHY = {
     INDEX: "an index is out of bounds",
     DIVISION: "an integer is divided by zero",
     CONVERSION: "a number that is not finite, or too large, can't become an integer",
+    OVERFLOW: "an integer has more than 64 bits",
     RAISED: "it raises",
     STOPPED: "it was interrupted",
 }

@@ -1,0 +1,158 @@
+"""Which array may share memory with which: machine code changes what plain Python changes, or there is none."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from compiled import compare, defined
+from uvms_mj.compiler.refusals import Lacking
+
+GIVEN = np.dtype([("k", "f8"), ("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6))], align=True)
+OUT = np.dtype([("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6)), ("seen", "f8", (12,))], align=True)
+NAMES = {"np": np, "math": math, "TABLE": np.arange(6.0), "WHOLE": np.arange(6), "TRUE": np.array([True, False] * 3)}
+
+VECTORS = ["x", "y", "x[::-1]", "A[0]", "A[:, 1]", "A.T[2]", "x + 1.0", "x.copy()", "same(x)", "TABLE", "WHOLE", "TRUE"]
+MATRICES = ["A", "A.T", "A[::-1]", "A * 2.0", "(A * 2.0).T", "np.outer(x, y)", "A.reshape(6, 6)", "A[:, ::-1]"]
+PARTS = ["x[:3]", "x[3:]", "x[::2]", "A[0, :3]", "A[:3, 0]", "x[:3] * 2.0", "A[0][::-2]", "np.array([k, 1.0, 2.0])"]
+BUNDLES = ["(x, 1.0)", "(y, 2.0)", "(x + 1.0, k)", "(x[::-1], k)", "(y, x[0])", "(TABLE, 0.5)"]
+
+SAME = "def same(z):\n    return z\n\n"
+RETURNS = "def picked(x, y, A, k):\n    if k > 0.0:\n        return {}\n    return {}\n\n"
+CHOOSES = "def picked(x, y, A, k):\n    return {} if k > 0.0 else {}\n\n"
+BINDS = "def picked(x, y, A, k):\n    z = {}\n    if k > 0.0:\n        z = {}\n    return z\n\n"
+USE = """
+def used(g, o):
+    r = picked(o.x, o.y, o.A, g.k)
+    {took}
+    o.seen[0] = 1.0 * z.sum()
+    o.x[1] += 5.0
+    o.A[0, 1] -= 3.0
+    o.seen[1] = 1.0 * z.sum()
+    {stored}
+    o.seen[2] = 1.0 * z.sum()
+"""
+PLACES = {"vectors": (VECTORS, "z[0] = 7.0"), "matrices": (MATRICES, "z[0, 2] = 7.0"), "parts": (PARTS, "z[1] = 7.0")}
+
+
+def same_or_lacking(source):
+    """Whether there is machine code; then it must do as plain Python does."""
+    try:
+        compare(
+            defined(source, dict(NAMES)), [GIVEN, OUT], runs=4, exact=False
+        )  # NumPy's sums have orders of their own
+    except Lacking:
+        return False
+    return True
+
+
+def programs(template, forms, took, stored):
+    for first, second in itertools.product(forms, forms):
+        yield SAME + template.format(first, second) + USE.format(took=took, stored=stored)
+
+
+@pytest.mark.parametrize("template", [RETURNS, CHOOSES, BINDS], ids=["returns", "chooses", "binds"])
+@pytest.mark.parametrize("kind", PLACES)
+def test_one_of_two_arrays_is_the_array_that_python_takes(kind, template):
+    """Every pair, stored into if both may be; constants are only read."""
+    forms, stored = PLACES[kind]
+    compiled = [
+        same_or_lacking(each)
+        for each in programs(
+            template, forms, "z = r", "o.seen[3] = z[0, 1]" if kind == "matrices" else "o.seen[3] = z[1]"
+        )
+    ]
+    free = [each for each in forms if each not in ("TABLE", "WHOLE", "TRUE")]
+    compiled += [same_or_lacking(each) for each in programs(template, free, "z = r", stored)]
+    assert sum(compiled) >= len(forms)  # each with itself, at least
+
+
+@pytest.mark.parametrize("template", [RETURNS, CHOOSES], ids=["returns", "chooses"])
+def test_an_array_in_one_of_two_tuples_is_the_array_that_python_takes(template):
+    compiled = [same_or_lacking(each) for each in programs(template, BUNDLES, "z, n = r", "o.seen[4] = n")]
+    compiled += [same_or_lacking(each) for each in programs(template, BUNDLES[:-1], "z, n = r", "z[0] = n")]
+    assert sum(compiled) >= len(BUNDLES)
+
+
+HELPERS = """
+def view_and_number(x):
+    return x[:3], x.sum()
+
+def both(x):
+    return x, x[:2]
+
+def one_of(x, y, k):
+    return x if k > 0.0 else y
+
+def shifted(x):
+    return x[:-1]
+
+def swapped(x, y):
+    return y, x
+
+def limited(x, most):
+    n = np.abs(x).max()
+    if n <= most:
+        return x
+    return x * (most / n)
+
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "compiles"),
+    [
+        ("a, n = view_and_number(o.x)\na[0] = n", True),
+        ("a, b = both(o.x)\na[0] = 9.0\no.seen[0] = b[0]", True),
+        ("a, b = both(o.x + 1.0)\na[0] = 9.0\no.seen[0] = b[0]", True),
+        ("for i in range(3):\n    a, b = both(o.x + i)\n    a[0] = 9.0\n    o.seen[i] = b[0]", True),
+        ("z = one_of(o.x, o.y + 1.0, g.k)\nz[0] = 3.0\no.seen[0] = z.sum()", True),
+        ("o.x[1:] = one_of(o.x[:-1], o.x[1:] + 1.0, 1.0)", True),
+        ("o.x[1:] = shifted(o.x)", True),
+        ("o.x[1:] = o.x[:-1]\no.y[:-1] += o.y[1:]", True),
+        ("a, b = o.x, o.y\nfor i in range(5):\n    a, b = b, a\n    a[i] += 1.0", True),
+        ("a, b = o.x, o.y\nfor i in range(5):\n    a, b = swapped(a, b)\n    a[i] += 1.0", True),
+        ("a, b, c = o.x, o.y, o.A[0]\nfor i in range(4):\n    a, b, c = b, c, a + 1.0\no.seen[:6] = a + b - c", True),
+        ("z = o.x\nif g.k > 0.0:\n    z = z + 1.0\no.x[0] = 8.0\no.seen[:6] = z", True),
+        ("z = o.x\nfor i in range(3):\n    z = limited(z, 2.0 - i)\n    o.x[0] += 1.0\n    o.seen[i] = z[0]", None),
+        (
+            "before = o.x * 1.0\nz = before\nfor i in range(3):\n    before = z\n    z = z + 1.0\no.seen[:6] = before",
+            True,
+        ),
+        ("pair = (o.x, o.y)\nz = pair[1] if g.k > 0.0 else pair[0]\nz[2] = 4.0", True),
+        ("o.A[0], o.A[1] = o.A[1], o.A[0]", True),
+        ("o.x[0], o.x[1] = o.x[1], o.x[0]", True),
+        ("z = o.A.T.ravel()\nz[1] = 3.0", True),
+        ("z = o.A[:, 0].reshape(2, 3)\nz[0, 1] = 3.0", True),
+        ("z = o.A[:, 0].ravel()\nz[1] = 3.0", True),
+        ("z = np.ascontiguousarray(o.A[:, 0])\nz[1] = 3.0", True),
+        ("z = np.ascontiguousarray(o.x)\nz[1] = 3.0", True),
+        ("z = np.asarray(o.x)\nz[1] = 3.0", True),
+        ("z = np.zeros(6)\nfor row in o.A:\n    z, row[0] = row, z[0]\no.seen[:6] = z", None),
+    ],
+)
+def test_names_stand_for_arrays_as_in_python(body, compiles):
+    source = HELPERS + "def program(g, o):\n" + "".join(f"    {line}\n" for line in body.splitlines())
+    try:
+        done = same_or_lacking(source)
+    except ValueError:  # of Python itself, too: the truth value of an array
+        done = None
+    assert compiles in (None, done)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "o.x[int(o.push(1.0))] = 2.0",
+        "o.seen[pushed(o.y)] = 2.0",
+        "o.seen[pushed(o.y)] += 2.0",
+        "o.A[pushed(o.y), pushed(o.y)] += 2.0",
+        "i = 0\no.seen[i + pushed(o.y)] = o.y[0]",
+        "o.seen[:6][o.x > pushed(o.y)] = 1.0",
+    ],
+)
+def test_an_index_is_evaluated_once(body):
+    helper = "def pushed(y):\n    y[0] += 1.0\n    y[1] = 0.0\n    return int(y[1]) + 1\n\n"
+    body = body.replace("o.push(1.0)", "pushed(o.y)")
+    assert same_or_lacking(helper + "def program(g, o):\n" + "".join(f"    {line}\n" for line in body.splitlines()))
