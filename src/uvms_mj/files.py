@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import dataclasses
+import functools
 import inspect
 import linecache
 import os
@@ -12,6 +13,7 @@ import textwrap
 import threading
 import tomllib
 import types
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -197,16 +199,23 @@ _parsing = threading.Lock()
 """Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
 
 
+class SourceChanged(OSError):
+    """A function's file has another text than what was loaded."""
+
+
 def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
     """The tree of a function's source, and its lines, without the indentation of the first one.
 
-    Raises OSError if the source is in no file, and SyntaxError if it can't stand alone. The lines are found by their
-    numbers in the code; ``inspect.getsource`` reads every token, which takes twenty times as long, and is asked if the
-    code doesn't have a number for the last line.
+    Raises OSError if the source is in no file, or is not the function's any more; and SyntaxError if it can't stand
+    alone. The lines are found by their numbers in the code; ``inspect.getsource`` reads every token, which takes twenty
+    times as long, and is asked if the code doesn't have a number for the last line.
     """
     code = function.__code__
     linecache.checkcache(code.co_filename)
-    lines = linecache.getlines(code.co_filename, function.__globals__)[code.co_firstlineno - 1 :]
+    text = linecache.getlines(code.co_filename, function.__globals__)
+    if text and code not in _codes("".join(text)):
+        raise SourceChanged(f"{code.co_filename} has changed since it was loaded")
+    lines = text[code.co_firstlineno - 1 :]
     end = max((last or 0 for _, last, _, _ in code.co_positions()), default=0) - code.co_firstlineno + 1
     while end < len(lines) and (not lines[end].strip() or _margin(lines[end]) > _margin(lines[0])):
         end += 1  # statements without effect are not in the code
@@ -216,6 +225,17 @@ def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
     except (SyntaxError, IndexError):
         source = textwrap.dedent(inspect.getsource(function))
         return parsed(source).body[0], source.splitlines()
+
+
+@functools.lru_cache(100)
+def _codes(text: str) -> frozenset[types.CodeType]:
+    """The code of all functions of a source."""
+    with _parsing, warnings.catch_warnings(action="ignore"):
+        todo, found = [compile(text, "", "exec", dont_inherit=True)], set[types.CodeType]()
+    while todo:
+        found.add(code := todo.pop())
+        todo += [each for each in code.co_consts if isinstance(each, types.CodeType)]
+    return frozenset(found)
 
 
 def _margin(line: str) -> int:

@@ -231,6 +231,10 @@ _TWO: dict[str, tuple[Any, ...]] = {
     "fmod": (math.fmod, np.fmod),
     "pow": (math.pow,),
 }
+OF_C: dict[Any, tuple[str, int]] = {
+    function: (name, n) for n, table in ((1, _ONE), (2, _TWO)) for name, of in table.items() for function in of
+}
+"""The name in C, and the number of arguments, of a function that is one of the C library."""
 _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
     **{functions: (1, _c(name)) for name, functions in _ONE.items()},
     **{functions: (2, _c(name)) for name, functions in _TWO.items()},

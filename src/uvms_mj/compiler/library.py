@@ -138,3 +138,12 @@ def interp(x, xp, fp):
         else:
             high = middle
     return (fp[low + 1] - fp[low]) / (xp[low + 1] - xp[low]) * (x - xp[low]) + fp[low]
+
+
+def solve_either(A, b):
+    """The solution of A x = b, for one right side or several."""
+    return solve(A, b) if b.ndim == 1 else solve_all(A, b)
+
+
+REPLACED = {np.linalg.solve: solve_either, np.linalg.inv: inv, np.linalg.det: det, np.linalg.cholesky: cholesky}
+"""NumPy's functions of which machine code has other digits, each with the function that it has in place of it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from llvmlite import ir
 
-from ..files import function_tree
+from ..files import SourceChanged, function_tree
 from . import libm, library
 from .emission import Emission, Module
 from .function import Function
@@ -261,6 +261,8 @@ def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]
     """The tree of a function, and the lines of its source. Raises Lacking for one that has none."""
     try:
         tree, source = function_tree(function)
+    except SourceChanged:
+        raise Lacking(function, 1, "", "its file has changed since it was loaded") from None
     except (OSError, TypeError, SyntaxError, IndexError):
         raise Lacking(function, 1, "", "its source is not in a file") from None
     if not isinstance(tree, ast.FunctionDef):

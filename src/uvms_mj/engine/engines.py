@@ -83,6 +83,9 @@ class Engine(ABC):
     def sense(self) -> None:  # noqa: B027  # free_body has nothing to show
         """Set the poses that somebody may look at between two steps."""
 
+    def go_back(self, t: float) -> None:  # noqa: B027  # free_body has not moved
+        """After a stop within a step, stand at its beginning again."""
+
     def check(self, t: float, timestep: float) -> None:  # noqa: B027  # nobody else can step free_body
         """Raise RuntimeError if somebody else has stepped the engine."""
 
@@ -201,7 +204,8 @@ class MujocoEngine(Engine):
         self.water, self._run = self._attachment.water, run
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
         self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]
-        self._q = data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
+        n = len(plant.vehicle.arm.links)
+        self._q, self._q_dot = data.qpos[qpos + 7 : qpos + 7 + n], data.qvel[dof + 6 : dof + 6 + n]
         self._start = data.qpos.copy(), data.qvel.copy()
         stopped_clock()  # now, since an interrupt of a run must not meet the loading of machine code
         run["plant"]["mujoco"]["solved_at"] = data.sensordata[plant.contact_sensor :].ctypes.data
@@ -234,6 +238,12 @@ class MujocoEngine(Engine):
     def write_initial(self, setup: Setup) -> None:
         super().write_initial(setup)
         self._q[:] = self._plant.initial_joints(setup.scenario.initial)
+
+    def go_back(self, t: float) -> None:
+        read = self._run["plant"]
+        self.qpos[:], self._q[:] = read["qpos"][0, :7], read["qpos"][0, 7:]
+        self.qvel[:], self._q_dot[:] = read["qvel"][0, :6], read["qvel"][0, 6:]
+        self._data.time = t
 
     def sense(self) -> None:
         self._place()

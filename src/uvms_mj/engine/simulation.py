@@ -5,6 +5,7 @@ from __future__ import annotations  # Signals is below
 import dataclasses
 import threading
 import time
+import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NoReturn
@@ -21,6 +22,10 @@ from ..setup.checks import changed, checked, warnings_of
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
 from .native.loop import Diverged, stop_reason
+from .native.memory import stopped
+from .native.net import Net, NetWarning, Watch
+from .native.plain_stage import called
+from .native.record import STOP_STAGE
 from .native.run_memory import RunMemory
 
 ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (MujocoEngine, FreeEngine)}
@@ -87,6 +92,8 @@ class Simulation:
             raise
         self._stages = self._memory.stages
         self._plain = [stage for stage in self._stages.running if stage.code is None]
+        self._net = Net(self._stages.running, self._stages.rows)
+        self._net.begin()
         self._users = [stage for stage in self._stages.running if stage.users]
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
@@ -195,6 +202,7 @@ class Simulation:
         with self._alone:
             setup = changed(self._base, given, "reset") if given else self._base
             self._memory.restart(setup)
+            self._net.begin()
             self.setup = setup
             self._prepare()
 
@@ -261,10 +269,14 @@ class Simulation:
         now = start
         while done < n and now - start < seconds and not run["stop"][0]:
             size, begun = min(self._slice, n - done), now
-            if self._plain:
+            ahead = self._net.steps_ahead(self.steps) if self._net.watches else size
+            if self._plain or ahead == 0:
                 size = 1
                 self._run_stages(len(self._stages.rows))
+            before, size = self.steps, max(1, min(size, ahead))
             self._engine.step(size)
+            if run["stop"][0] == STOP_STAGE and self._goes_on_plain():
+                size = self.steps - before
             done, now = done + size, time.perf_counter()
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done
@@ -310,15 +322,68 @@ class Simulation:
         self.check()
 
     def _run_stages(self, end: int) -> None:
-        memory = self._memory
         self._engine.sense()
+        held = self._net.hold(self.steps) if self._net.watches else []
+        try:
+            self._run_until(end)
+        finally:
+            self._net.release(held)
+
+    def _run_until(self, end: int) -> None:
+        memory = self._memory
         while (waiting := memory.code["advance"].ctypes(memory.address, end)) >= 0:
             try:
-                self._stages.running[waiting].call_plain()
+                if self._stages.running[waiting].code is None:
+                    self._stages.running[waiting].call_plain()
+                elif not self._compare(self._net.watches[waiting]):
+                    return
             except BaseException:
                 self._stages.take_back(waiting)
                 raise
             memory.run["next"] = waiting + 1
+
+    def _compare(self, watch: Watch) -> bool:
+        """Call a compiled stage, and compare it with plain Python. Returns False if it stops the run. Raises
+        StageFault if Python does."""
+        stages, run = self._stages, self._memory.run
+        instant, first = int(stages.rows["instant"][watch.index]) - 1, watch.in_first_run
+        code, difference = watch.compare(instant)
+        if difference:
+            self._distrust(watch.index, difference, surely_right_before=first)
+            watch.give()
+        elif code:
+            run["stop"], run["stop_index"], run["next"] = STOP_STAGE, code, watch.index
+            return False
+        return True
+
+    def _goes_on_plain(self) -> bool:
+        """After a stop by a compiled stage, let Python go on where it can."""
+        run = self._memory.run
+        waiting, code = int(run["next"][0]), int(run["stop_index"][0])
+        stage = self._stages.running[waiting]
+        if not stage.compared or stopped[0] or not (why := stage.ends_alone(code)):
+            return False
+        self._distrust(waiting, f"machine code ended early ({why})", surely_right_before=True)
+        self._stages.take_back(waiting)
+        run["stop"], run["stop_index"] = 0, 0
+        self._engine.go_back(self.t)
+        return True
+
+    def _distrust(self, index: int, why: str, surely_right_before: bool) -> None:
+        """Let a compiled stage run as plain Python from the instant in hand on, and say so."""
+        stage = self._stages.running[index]
+        before = "" if surely_right_before else "; what it gave before may be wrong, too: run again"
+        said = f"at t = {self.t:.6g} s {why}{before}"
+        warnings.warn(
+            f"{called(stage.stage)} goes on as plain Python, which is slow: {said}. "
+            f"A difference is a fault of uvms-mj: please report it with this file",
+            NetWarning,
+            stacklevel=2,
+        )
+        stage.distrust(said)
+        self._stages.rows["code_at"][index] = 0
+        self._net.watches.pop(index, None)
+        self._plain.append(stage)
 
     def check(self) -> None:
         """Report a failure of a user's stage.

@@ -25,7 +25,7 @@ import time
 import types
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -251,11 +251,13 @@ Known = Mapping[tuple[np.dtype, str], int]
 @dataclass(frozen=True)
 class NativeFunction:
     """Machine code: its address, and a ctypes function to call it from Python. ``files`` are the sources that the
-    number which it returns may refer to (:func:`uvms_mj.compiler.refusals.place`)."""
+    number which it returns may refer to (:func:`uvms_mj.compiler.refusals.place`). Equal machine code of users' stages
+    has one ``name``."""
 
     address: int
     ctypes: Any
     files: tuple[str, ...] = ()
+    name: str = ""
 
 
 class NotCompiled(Exception):
@@ -326,7 +328,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
             (address,) = load(name) or _compiled(module, name, [_STAGE])
         except Exception as error:
             raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
-    return _callable(address, 5, tuple(files))
+    return replace(_callable(address, 5, tuple(files)), name=name)
 
 
 @functools.cache

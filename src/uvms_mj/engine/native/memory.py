@@ -151,7 +151,7 @@ class OwnMemory:
     def __init__(self, room: Room, memory: np.ndarray, settings: np.ndarray) -> None:
         self.room = room
         self.names = dict(zip(("settings", "state", "given", "state_dot", "out"), room.arguments, strict=True))
-        self._memory = memory
+        self.memory = memory
         self.arrays = {name: memory[name] for name in self.names}
         if self.arrays["out"].dtype.names is None:
             self.arrays["out"] = self.arrays["out"][0]
@@ -179,6 +179,11 @@ class OwnMemory:
         self.arrays["given"][:] = given
         self.arrays["state"][:] = state
 
+    def take_over(self, other: "OwnMemory") -> None:
+        """Copy the derivatives and the output that the stage has set in another memory."""
+        for name in ("state_dot", "out"):
+            self._numbers(name)[:] = other._numbers(name)
+
     def take(self, state: np.ndarray, state_dot: np.ndarray, out: np.ndarray) -> None:
         """Copy states (1,), their derivatives (1,) and the output to the loop's."""
         state[:], state_dot[:] = self.arrays["state"], self.arrays["state_dot"]
@@ -186,9 +191,9 @@ class OwnMemory:
 
     def _numbers(self, name: str) -> np.ndarray:
         """The numbers of an argument as integers. A view."""
-        fields: Any = self._memory.dtype.fields
+        fields: Any = self.memory.dtype.fields
         kind, place = fields[name][:2]
-        return self._memory.view(np.uint8)[place : place + kind.itemsize].view(np.int64)
+        return self.memory.view(np.uint8)[place : place + kind.itemsize].view(np.int64)
 
     def wrong(self) -> str:
         """What the stage did wrong, as a predicate, e.g. "set tau_cmd[2] to nan"; empty if nothing."""

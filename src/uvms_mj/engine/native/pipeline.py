@@ -50,6 +50,7 @@ from ...stages.signals import (
 )
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .memory import OwnMemory, at_address, layout
+from .net import account
 from .plain_stage import PlainStage, StageFault
 from .record import Field, Image, Shape, run_dtype, with_numbers
 from .shared_library import Library, UnitInstance
@@ -131,7 +132,11 @@ class CompiledStage:
 
         try:
             before = getattr(self.stage, "get_before_step", False) if self.library else False
-            return compile_user_stage(self.library.kind if self.library else function, self.stage.room, kinds, before)
+            of = self.library.kind if self.library else function
+            code = compile_user_stage(of, self.stage.room, kinds, before)
+            if account(code.name).differs:
+                raise NotCompiled(account(code.name).differs)
+            return code
         except Mistake as mistake:  # whether it is one, Python says at its first instant
             where = f"{Path(mistake.file).name}, line {mistake.line}: {mistake.words}"
             raise NotCompiled(f"Python may refuse it: {mistake.reason} ({where})") from mistake
@@ -140,6 +145,42 @@ class CompiledStage:
     def _plain(self) -> PlainStage:
         assert self.own is not None
         return PlainStage(self.stage, self.own, self.library)
+
+    @property
+    def compared(self) -> bool:
+        """Whether it is machine code of a user's Python, which the net compares with plain Python."""
+        return self.users and self.code is not None and self.library is None
+
+    @property
+    def words(self) -> list[int]:
+        """The arguments of its machine code."""
+        start = self.state.ctypes.data - 8 * self.places["state"]
+        return [start + 8 * self.places[name] for name in ("settings", "state", "given", "state_dot", "out")]
+
+    def distrust(self, reason: str) -> None:
+        """Run as plain Python from now on, also in the next runs of this process."""
+        assert self.code is not None
+        account(self.code.name).differs, self.code, self.not_compiled = reason, None, reason
+
+    def ends_alone(self, code: int) -> str:
+        """Why machine code ended early with this number, if Python goes on with the same numbers; otherwise empty."""
+        assert self.own is not None
+        assert self.code is not None
+        if not self.compared or is_check(place(code, self.code.files)[1]):
+            return ""
+        kept = OwnMemory(self.stage.room, np.zeros_like(self.own.memory), self.settings)
+        kept.take_over(self.own)
+        self.own.fill(self.given, self.state)
+        with np.errstate(all="ignore"):
+            fault = self._plain.fault_of(self._plain.function)
+        self.own.take_over(kept)
+        return "" if fault else self.place_of(code)
+
+    def place_of(self, code: int) -> str:
+        """Where and why machine code ended early with this number."""
+        assert self.code is not None
+        why, file, line = place(code, self.code.files)
+        return f"{Path(file).name}, line {line}: {WHY[why]}"
 
     def fill(self, row: np.void) -> None:
         """Set the code and the places of a STAGE record."""
@@ -167,14 +208,14 @@ class CompiledStage:
     def explain(self, code: int) -> StageFault:
         """The exception for a compiled stage that stopped the run with this return code."""
         assert self.code is not None
-        why, file, line = place(code, self.code.files)
+        _, file, _ = place(code, self.code.files)
         assert self.own is not None
         fault = self.own.wrong() if is_check(file) else ""
         if self.library:  # to call it again would change what it keeps
             return self._plain.fault(self.library.said(self.foreign_record) or fault)
         self.own.clear()
         self.own.fill(self.given, self.state)
-        return self._plain.explain(fault, "" if is_check(file) else f"{Path(file).name}, line {line}: {WHY[why]}")
+        return self._plain.explain(fault, "" if is_check(file) else self.place_of(code))
 
     @property
     def slow(self) -> str:

@@ -45,13 +45,13 @@ class PlainStage:
         self._arguments = [_argument(called, records[name]) for name, called in own.names.items()]
 
     @functools.cached_property
-    def _function(self) -> Callable:
+    def function(self) -> Callable:
         return self._library or _without_numba(type(self.stage).function())
 
     def __call__(self) -> None:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
         try:
-            returned = self._function(*self._arguments)
+            returned = self.function(*self._arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
@@ -59,6 +59,17 @@ class PlainStage:
         did = f"returned {returned}" if self._library and returned else self.own.wrong()
         if did:
             raise self.fault(did)
+
+    def fault_of(self, function: Callable) -> StageFault | None:
+        """Call another function in the stage's place. Returns what it did wrong, if anything."""
+        try:
+            function(*self._arguments)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            return StageFault(self._raised(error))
+        did = self.own.wrong()
+        return self.fault(did) if did else None
 
     def fault(self, did: str) -> StageFault:
         """The exception for a violation, which ``did`` describes as a predicate."""
@@ -70,7 +81,7 @@ class PlainStage:
         line = ""
         try:
             with np.errstate(all="ignore"), _first_not_finite(self._file) as found:
-                self._function(*self._arguments)
+                self.function(*self._arguments)
             line = found.get("line", "")
         except KeyboardInterrupt:
             raise

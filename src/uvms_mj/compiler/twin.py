@@ -1,0 +1,222 @@
+"""A function as plain Python with the arithmetic of its machine code.
+
+Machine code and NumPy round some operations in other ways: a product of matrices is summed in another order, an
+exponential is that of the C library. Plain Python and machine code can then differ in the last digit, and a difference
+of two large numbers in all digits. In a twin, every call and every operator of this kind is a call of what computes as
+machine code does. All else is Python's. So a twin and machine code have equal bits, and any difference is a fault.
+"""
+
+import ast
+import builtins
+import copy
+import ctypes
+import functools
+import math
+import types
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..files import function_tree
+from .builtin import METHODS, OF_C
+from .library import REPLACED
+
+_FOREIGN = ("numpy", "scipy", "math", "builtins", "functools")
+_OPERATORS = {ast.MatMult: "product", ast.Pow: "power"}
+_EXACT = ("sqrt", "fabs", "copysign", "fmod")
+_MARK = "__as_machine_code__"
+_PLAIN = set(vars(builtins)) - {"print", "pow", "map", "filter", "sorted", "getattr"}
+"""Functions of Python's own that call no other function."""
+
+
+def twin(function: types.FunctionType) -> Callable:
+    """The twin of a function; the function itself if it has no source. Raises OSError if its source has changed since
+    it was loaded."""
+    names = function.__globals__
+    if _MARK in names:
+        return function
+    made = _made(function)
+    made.__globals__.update(names)
+    made.__globals__[_MARK] = _Arithmetic
+    return made
+
+
+@functools.lru_cache(1000)
+def _made(function: types.FunctionType) -> types.FunctionType:
+    tree, _ = function_tree(function)
+    if not isinstance(tree, ast.FunctionDef):
+        return types.FunctionType(function.__code__, dict(function.__globals__), closure=function.__closure__)
+    code = function.__code__
+    tree = copy.deepcopy(tree)  # others have it, too
+    tree.decorator_list, tree.returns = [], None
+    for argument in ast.walk(tree.args):
+        if isinstance(argument, ast.arg):
+            argument.annotation = None
+    tree.args.defaults = [ast.Constant(None) for _ in tree.args.defaults]  # they are set below
+    tree.args.kw_defaults = [each and ast.Constant(None) for each in tree.args.kw_defaults]
+    ast.increment_lineno(tree, code.co_firstlineno - 1)
+    inner = _Arithmetics().visit(tree)
+    outer: Any = ast.parse(f"def outer({', '.join(code.co_freevars)}):\n    return 0")
+    outer.body[0].body = [inner, ast.Return(ast.Name(tree.name, ast.Load()))]
+    names: dict[str, Any] = {}
+    exec(compile(ast.fix_missing_locations(outer), code.co_filename, "exec", dont_inherit=True), names)
+    made: Any = names["outer"](*(cell.cell_contents for cell in function.__closure__ or ()))
+    made.__defaults__, made.__kwdefaults__ = function.__defaults__, function.__kwdefaults__
+    return made
+
+
+class _Arithmetics(ast.NodeTransformer):
+    """Let operators and calls be calls of :class:`_Arithmetic`."""
+
+    def _call(self, name: str, node: ast.expr, *arguments: ast.expr, keywords: Any = ()) -> ast.expr:
+        function = ast.Attribute(ast.Name(_MARK, ast.Load()), name, ast.Load())
+        return ast.copy_location(ast.Call(function, [*arguments], [*keywords]), node)
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        name = _OPERATORS.get(type(node.op))
+        return node if name is None else self._call(name, node, node.left, node.right)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
+        self.generic_visit(node)
+        name = _OPERATORS.get(type(node.op))
+        if name is None or any(isinstance(each, ast.Call) for each in ast.walk(node.target)):
+            return node
+        before: Any = copy.deepcopy(node.target)
+        before.ctx = ast.Load()
+        value = self._call("in_place", node.value, ast.Constant(name), before, node.value)
+        return ast.copy_location(ast.Assign([node.target], value), node)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id in _PLAIN:
+            return node
+        return self._call("call", node, node.func, *node.args, keywords=node.keywords)
+
+
+class _Arithmetic:
+    """What computes as machine code does."""
+
+    @staticmethod
+    def product(a: Any, b: Any) -> Any:
+        """``a @ b``; each sum is in the order of the indices."""
+        exact = a @ b  # raises what Python raises
+        a, b = np.asarray(a), np.asarray(b)
+        if not exact.size or not 0 < a.ndim <= 2 or not 0 < b.ndim <= 2 or "f" not in a.dtype.kind + b.dtype.kind:
+            return exact
+        left, right = a if a.ndim == 2 else a[None], b if b.ndim == 2 else b[:, None]
+        sums = np.add.accumulate(left[:, :, None] * right, axis=1)[:, -1] if a.shape[-1] else exact
+        return sums.reshape(exact.shape)[()]
+
+    @staticmethod
+    def power(base: Any, exponent: Any) -> Any:
+        """``base ** exponent``."""
+        exact = base**exponent
+        if np.asarray(exact).dtype.kind != "f":
+            return exact
+        if isinstance(exponent, int | float | np.number) and exponent in (1, 2):
+            return exact if exponent == 1 else base * base
+        if isinstance(base, np.ndarray) and np.ndim(exponent) == 0 and exponent == 0.5:
+            return exact
+        return _of_c("pow", 2)(base, exponent)
+
+    @staticmethod
+    def in_place(name: str, before: Any, value: Any) -> Any:
+        """``before @= value``, or ``before **= value``."""
+        result = getattr(_Arithmetic, name)(before, value)
+        if isinstance(before, np.ndarray):
+            before[...] = result
+            return before
+        return result
+
+    @staticmethod
+    def call(function: Any, /, *arguments: Any, **keywords: Any) -> Any:
+        """A call of a function of the user's, of NumPy's, or of an array."""
+        if type(function) is types.FunctionType and function.__module__.partition(".")[0] not in _FOREIGN:
+            return twin(function)(*arguments, **keywords)
+        if type(function) is types.BuiltinMethodType and isinstance(function.__self__, np.ndarray):
+            of_numpy = METHODS.get(function.__name__)
+            if _replaced(of_numpy) is None:
+                return function(*arguments, **keywords)
+            function, arguments = of_numpy, (function.__self__, *arguments)
+        if type(function) is types.MethodType:
+            return twin(function.__func__)(function.__self__, *arguments, **keywords)
+        if type(function) is functools.partial:
+            keywords = function.keywords | keywords
+            return _Arithmetic.call(function.func, *function.args, *arguments, **keywords)
+        if (plain := getattr(function, "py_func", None)) is not None:  # numba.njit has marked it
+            return twin(plain)(*arguments, **keywords)
+        other = _replaced(function)
+        return function(*arguments, **keywords) if other is None else other(*arguments, **keywords)
+
+
+def _replaced(function: Any) -> Callable | None:
+    """What computes as machine code does where NumPy's function or Python's does not."""
+    try:
+        return _others().get(function)
+    except TypeError:  # it has no hash
+        return None
+
+
+@functools.cache
+def _others() -> dict[Any, Callable]:
+    found: dict[Any, Callable] = {print: _nothing}
+    for function, (name, n) in OF_C.items():
+        if name not in _EXACT and (isinstance(function, np.ufunc) or function is math.hypot):
+            found[function] = _of_c(name, n)
+    for function in (np.sum, np.mean):
+        found[function] = functools.partial(_in_order, function)
+    found |= dict.fromkeys((np.matmul, np.dot, np.inner, np.vdot), _product)
+    found |= {np.power: _Arithmetic.power, pow: _power, np.linalg.norm: _norm}
+    return found | {function: functools.partial(_ours, function, ours) for function, ours in REPLACED.items()}
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    """The run has printed it already."""
+
+
+@functools.cache
+def _of_c(name: str, n: int) -> Callable:
+    """A function of the C library, of the entries of arrays."""
+    function = getattr(ctypes.CDLL(None), name)
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * n
+    of_entries = np.frompyfunc(function, n, 1)
+
+    def call(*arguments: Any, out: Any = None) -> Any:
+        result = np.asarray(of_entries(*arguments), float)[()]
+        return result if out is None else _put(result, out)
+
+    return call
+
+
+def _put(result: Any, out: Any) -> Any:
+    (out,) = out if isinstance(out, tuple) else (out,)
+    out[...] = result
+    return out
+
+
+def _in_order(function: Callable, a: Any, *further: Any, **keywords: Any) -> Any:
+    """A sum in the order of the indices, whatever the order in memory."""
+    return function(np.ascontiguousarray(a) if np.ndim(a) else a, *further, **keywords)
+
+
+def _product(a: Any, b: Any, out: Any = None) -> Any:
+    result = _Arithmetic.product(a, b) if np.ndim(a) and np.ndim(b) else a * b
+    return result if out is None else _put(result, out)
+
+
+def _power(base: Any, exponent: Any, *further: Any) -> Any:
+    return pow(base, exponent, *further) if further else _Arithmetic.power(base, exponent)
+
+
+def _norm(x: Any, *further: Any, **keywords: Any) -> Any:
+    exact = np.linalg.norm(x, *further, **keywords)
+    flat = np.ravel(x)
+    return exact if further or keywords else np.sqrt(_Arithmetic.product(flat, flat))
+
+
+def _ours(theirs: Callable, ours: Any, *arguments: Any, **keywords: Any) -> Any:
+    """A function of :mod:`.library` in NumPy's place; where NumPy raises, it raises."""
+    theirs(*arguments, **keywords)
+    return twin(ours)(*(np.array(each, float) for each in arguments), **keywords)
