@@ -119,7 +119,7 @@ def test_a_law_beyond_the_language_runs_and_says_why(tmp_path):
     [
         ("tau_cmd[:] = signals.M_hat @ signals.t", 9, "@ takes vectors and matrices"),
         ("state.z = signals.p_d", 9, r"an array of shape \(3,\) does not fit into one of shape \(2,\)"),
-        ("if signals.t > 9.0:\n    tau_cmd[0] = gainz.k", 10, "gainz is not defined"),
+        ("if signals.t >= 0.0:\n    tau_cmd[0] = gainz.k", 10, "gainz is not defined"),
         ("tau_cmd[:] = signals.zta", 9, "signals has no 'zta'; did you mean 'zeta'?"),
         ("tau_cmd[6] = 0.0", 9, "index 6 is out of bounds for size 6"),
         ("signals.M_hat[:] = 0.0", 9, "signals can only be read; change a copy"),

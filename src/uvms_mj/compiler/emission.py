@@ -99,6 +99,11 @@ class Emission:
     def mistake(self, reason: str) -> NoReturn:
         raise Mistake(self.function, self.line, self._words(), reason)
 
+    def forbid(self, reason: str) -> NoReturn:
+        found = Mistake(self.function, self.line, self._words(), reason)
+        found.forbidden = True
+        raise found
+
     def lack(self, reason: str) -> NoReturn:
         raise Lacking(self.function, self.line, self._words(), reason)
 

@@ -382,7 +382,7 @@ class Expressions(Arrays):
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
         known = self.unit.instead.get(known, known)
         if known is np.lib.stride_tricks.as_strided:
-            self.mistake("as_strided reaches numbers beyond an array; write slices")
+            self.forbid("as_strided reaches numbers beyond an array; write slices")
         if not isinstance(known, types.FunctionType) or known.__module__.partition(".")[0] in _FOREIGN:
             self.lack(f"the language has no {ast.unparse(node.func)}")
         return self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))

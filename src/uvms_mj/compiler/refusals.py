@@ -24,7 +24,10 @@ class Untranslatable(TypeError):
 
 
 class Mistake(Untranslatable):
-    """The function is wrong: shapes that do not fit, an unknown name, a store into what is only read."""
+    """The function looks wrong: shapes that do not fit, an unknown name, a store into what is only read. Python has the
+    last word, unless it is ``forbidden``: then it might end the process."""
+
+    forbidden = False
 
 
 class Lacking(Untranslatable):

@@ -51,7 +51,7 @@ from ...stages.signals import (
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .memory import OwnMemory, at_address, layout
 from .net import account
-from .plain_stage import PlainStage, StageFault
+from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
 from .shared_library import Library, UnitInstance
 from .user_stage import compile_user_stage, is_check
@@ -137,9 +137,19 @@ class CompiledStage:
             if account(code.name).differs:
                 raise NotCompiled(account(code.name).differs)
             return code
-        except Mistake as mistake:  # whether it is one, Python says at its first instant
-            where = f"{Path(mistake.file).name}, line {mistake.line}: {mistake.words}"
-            raise NotCompiled(f"Python may refuse it: {mistake.reason} ({where})") from mistake
+        except Mistake as mistake:
+            where = f"{Path(mistake.file).name}, line {mistake.line}"
+            if mistake.forbidden or self._raises_in(mistake.file, mistake.line):
+                said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
+                raise InputError(said) from mistake
+            raise NotCompiled(f"Python may refuse it: {mistake.reason} ({where}: {mistake.words})") from mistake
+
+    def _raises_in(self, file: str, line: int) -> bool:
+        """Whether plain Python raises in this line, too, if it is called with zeros."""
+        memory = np.zeros(1, layout(*self.kinds))
+        own = OwnMemory(self.stage.room, memory, self._start["settings"])
+        own.fill(memory["given"], self._start["state"])
+        return PlainStage(self.stage, own).raises_in(file, line)
 
     @functools.cached_property
     def _plain(self) -> PlainStage:
