@@ -31,6 +31,9 @@ from .values import (
 
 ROWS = 4
 """Rows of a product that are summed side by side, so that one sum does not wait for the other."""
+WRITTEN_OUT = 216
+"""So many multiplications of a product are written out in a user's function, as of two matrices (6, 6); more are loops,
+which take a fifth of the time to compile, and none longer to run."""
 _BLOCK, _LANES = 128, 8
 """NumPy sums up to 128 numbers in eight partial sums, and halves what is longer."""
 
@@ -243,12 +246,13 @@ class Arrays(Scalars):
             def term(row: list[ir.Value], k: ir.Value) -> Value:
                 return self.operation("Mult", self.element(a, [*row, k]), self.element(b, [k, *column]))
 
-            return self._side_by_side(m, [partial(term, row) for row in rows], base)
+            return self._side_by_side(m, [partial(term, row) for row in rows], base, 3 if many else None)
 
+        many = self.unit.checked and int(np.prod((*left, *right[1:]), dtype=int)) > WRITTEN_OUT
         if len(left) == 1 and len(right) == 1:
             return scalar(sums([[]], [])[0], base)
-        out = self.made(base, (*left[:-1], *right[1:]))
-        self._fill_product(out, left[:-1], right[1:], sums)
+        out = (self.temporary if many else self.made)(base, (*left[:-1], *right[1:]))
+        self._fill_product(out, left[:-1], right[1:], sums, many)
         return out
 
     def _fill_product(
@@ -257,8 +261,9 @@ class Arrays(Scalars):
         rows: tuple[int, ...],
         columns: tuple[int, ...],
         sums: Callable[[Sequence[list[ir.Value]], list[ir.Value]], Sequence[ir.Value]],
+        many: bool,
     ) -> None:
-        """Set the entries of a product, some rows at a time."""
+        """Set the entries of a product, some rows at a time; of ``many``, in loops."""
 
         def block(first: ir.Value, n: int) -> None:
             def column(j: list[ir.Value]) -> None:
@@ -268,13 +273,19 @@ class Arrays(Scalars):
                 for place, number in zip(places, sums(places, j), strict=True):
                     self.put(number, out, [*place, *j])
 
-            self.each(columns, column)
+            of_all(column)
+
+        def of_all(body: Callable[[list[ir.Value]], None]) -> None:
+            if many and columns:
+                self.turns(WORD(columns[0]), lambda j: body([j]))
+            else:
+                self.each(columns, body)
 
         if not rows:
-            self.each(columns, lambda j: self.put(sums([[]], j)[0], out, j))
+            of_all(lambda j: self.put(sums([[]], j)[0], out, j))
             return
         whole_blocks = rows[0] // ROWS
-        if rows[0] <= self.unit.unrolled:
+        if rows[0] <= self.unit.unrolled and not (many and whole_blocks > 1):
             for i in range(whole_blocks):
                 block(WORD(i * ROWS), ROWS)
         else:
@@ -282,10 +293,14 @@ class Arrays(Scalars):
         for i in range(whole_blocks * ROWS, rows[0]):
             block(WORD(i), 1)
 
-    def _side_by_side(self, n: int, terms: Sequence[Callable[[ir.Value], Value]], base: np.dtype) -> Sequence[ir.Value]:
-        """Several sums of n terms, each in the order of the indices."""
+    def _side_by_side(
+        self, n: int, terms: Sequence[Callable[[ir.Value], Value]], base: np.dtype, most: int | None = None
+    ) -> Sequence[ir.Value]:
+        """Several sums of n terms, each in the order of the indices; up to ``most`` additions are written out."""
         if not n:
             return [SCALARS[base](0) for _ in terms]
+
+        most = self.unit.unrolled - 1 if most is None else most
 
         def further(so_far: Sequence[ir.Value], k: ir.Value) -> list[ir.Value]:
             return [
@@ -293,7 +308,7 @@ class Arrays(Scalars):
                 for each, term in zip(so_far, terms, strict=True)
             ]
 
-        return self.folded(n, [self.converted(term(WORD(0)), base) for term in terms], further, self.unit.unrolled - 1)
+        return self.folded(n, [self.converted(term(WORD(0)), base) for term in terms], further, most)
 
     # reductions
 

@@ -17,7 +17,7 @@ from .values import INT, NONE, WORD, Kind, Memory, Value, bundle, items_of, scal
 
 _LACKS = "lacks: "
 MOST_TURNS = 256
-"""A loop of up to so many turns may be written out, and is not looked at for an interrupt."""
+"""A loop of up to so many turns may be written out, with those around it, and is not looked at for an interrupt."""
 
 
 @dataclass
@@ -388,6 +388,9 @@ class Function(Lifetimes):
         if not isinstance(turns.n, ir.Constant) or turns.n.constant > MOST_TURNS:
             self.lack(f"this loop has to be written out, and has more than {MOST_TURNS} turns")
         end, ways = self.at.append_basic_block(), []
+        around, self.copies = self.copies, self.copies * max(1, turns.n.constant)
+        if self.copies > MOST_TURNS:
+            self.lack(f"this loop and those around it have to be written out, and have more than {MOST_TURNS} turns")
         inside, self.written_out = set(bindings(node.body)), self.written_out + 1
         for k in range(turns.n.constant):
             following = self.at.append_basic_block()
@@ -408,7 +411,7 @@ class Function(Lifetimes):
         if not self.at.block.is_terminated:
             ways.append(self.assigned)
             self.at.branch(end)
-        self.written_out -= 1
+        self.written_out, self.copies = self.written_out - 1, around
         self.at.position_at_end(end)
         self.assigned = set.intersection(*ways) if ways else self.assigned
         for name in inside:  # its place is that of one turn

@@ -73,6 +73,7 @@ class Lifetimes(Expressions):
     def start(self, plan: Plan) -> None:
         self.plan, self.block, self.turning = plan, 0, None
         self.written_out = 0  # loops around this place whose turns are written out
+        self.copies = 1  # of this place, by these loops
         self.turnings: list[Turning] = []
         self.views: dict[str, set[str | Memory]] = {}  # of what each name is a view, anywhere in the function
         self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
