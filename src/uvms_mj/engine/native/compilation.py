@@ -25,7 +25,7 @@ import time
 import types
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,7 @@ def _origin(name: str) -> Path | None:
 
 _ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "engine/native")
 """The folders whose sources affect machine code. A test checks that kernels import nothing else of the package."""
-_KEPT_OBJECTS = 200
+_KEPT_OBJECTS = 400  # of a user's stage two: its machine code, and the name of its translation
 _MIN_AGE_S = 7 * 24 * 3600.0
 _VARIABLE = "UVMS_MJ_CACHE_DIR"
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
@@ -112,7 +112,7 @@ def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
 def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str]) -> None:
     """Keep an object on disk if that is possible; otherwise the next process compiles it again."""
     about: dict[str, Any] = {"symbols": [*symbols], "externals": sorted(externals)}
-    about["sha256"] = _digest(code, about)
+    about["sha256"] = _digest(name, code, about)
     with contextlib.suppress(OSError):  # e.g. on a full disk
         _write(name, code, about)
 
@@ -123,7 +123,7 @@ def load(name: str) -> tuple[int, ...] | None:
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
         code = (folder / f"{name}.o").read_bytes()
-        if about["sha256"] != _digest(code, about):
+        if about["sha256"] != _digest(name, code, about):
             return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
@@ -133,7 +133,7 @@ def load(name: str) -> tuple[int, ...] | None:
 def remember(name: str, code: bytes, facts: dict[str, Any]) -> None:
     """Keep the code of a fleet on disk, with facts about it, if that is possible."""
     about: dict[str, Any] = {"symbols": [], "externals": [], "facts": facts}
-    about["sha256"] = _digest(code, about)
+    about["sha256"] = _digest(name, code, about)
     with contextlib.suppress(OSError):
         _write(name, code, about)
 
@@ -144,7 +144,7 @@ def recall(name: str) -> tuple[bytes, dict[str, Any]] | None:
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
         code = (folder / f"{name}.o").read_bytes()
-        return (code, about["facts"]) if about["sha256"] == _digest(code, about) else None
+        return (code, about["facts"]) if about["sha256"] == _digest(name, code, about) else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
@@ -173,9 +173,10 @@ def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
             os.replace(part, folder / part.name)
 
 
-def _digest(code: bytes, about: dict[str, Any]) -> str:
-    """Digest of an object file and its metadata. A damaged or forged file could crash the process."""
-    parts = [about["symbols"], about["externals"], *([about["facts"]] if "facts" in about else [])]
+def _digest(name: str, code: bytes, about: dict[str, Any]) -> str:
+    """Digest of an object file with its name and metadata. A damaged file, or that of another function, could crash the
+    process."""
+    parts = [name, about["symbols"], about["externals"], *([about["facts"]] if "facts" in about else [])]
     return fingerprint([code, json.dumps(parts).encode()])
 
 
@@ -310,25 +311,56 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
     """
     if plain_python():
         raise NotCompiled(f"{PLAIN} is set")
+    from .translation import parts_of
+
+    with _compiling():
+        parts = parts_of(function, records)
+        known = object_name([b"translation", *parts]) if parts is not None else ""
+        kept = recall(known) if known else None
+        if kept is not None and (found := _stage(kept[1]["object"], kept[1]["files"])) is not None:
+            return found
+        module, files = _translated(function, records)
+        name = object_name([b"stage", module.encode()], sources=False)
+        if name not in _stages and (addresses := load(name) or _built(module, name)):
+            _stages[name] = addresses
+        if known:
+            remember(known, b"", {"object": name, "files": files})
+        return _callable(_stages[name][0], 5, tuple(files), name)
+
+
+_stages: dict[str, tuple[int, ...]] = {}
+"""The addresses of users' stages by the names of their objects; an object is loaded once in a process."""
+
+
+def _stage(name: str, files: Sequence[str]) -> NativeFunction | None:
+    """The machine code of a user's stage, loaded or from disk; None if it is not kept."""
+    if name not in _stages and (addresses := load(name)) is not None:
+        _stages[name] = addresses
+    return _callable(_stages[name][0], 5, tuple(files), name) if name in _stages else None
+
+
+def _built(module: str, name: str) -> tuple[int, ...]:
+    try:
+        return _compiled(module, name, [_STAGE])
+    except Exception as error:
+        raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
+
+
+def _translated(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> tuple[str, list[str]]:
+    """The module of a user's stage, and its source files. What the translator can't do is a lack of the language, also
+    if it fails."""
     from ...compiler.refusals import Lacking, Mistake
     from .intrinsics import stage_module
 
-    with _compiling():
-        try:
-            module, files = stage_module(function, records, _STAGE)
-        except Lacking as lacking:
-            where = f" ({Path(lacking.file).name}, line {lacking.line}: {lacking.words})" if lacking.words else ""
-            raise NotCompiled(f"{lacking.reason}{where}") from lacking
-        except Mistake:
-            raise
-        except Exception as error:  # the translator's own fault is a lack, too
-            raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
-        name = object_name([b"stage", module.encode()], sources=False)
-        try:
-            (address,) = load(name) or _compiled(module, name, [_STAGE])
-        except Exception as error:
-            raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
-    return replace(_callable(address, 5, tuple(files)), name=name)
+    try:
+        return stage_module(function, records, _STAGE)
+    except Lacking as lacking:
+        where = f" ({Path(lacking.file).name}, line {lacking.line}: {lacking.words})" if lacking.words else ""
+        raise NotCompiled(f"{lacking.reason}{where}") from lacking
+    except Mistake:
+        raise
+    except Exception as error:
+        raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
 
 
 @functools.cache
@@ -360,9 +392,9 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
     return NativeFunction(ctypes.cast(code, ctypes.c_void_p).value or 0, code)
 
 
-def _callable(address: int, arguments: int, files: tuple[str, ...] = ()) -> NativeFunction:
+def _callable(address: int, arguments: int, files: tuple[str, ...] = (), name: str = "") -> NativeFunction:
     kind = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * arguments)
-    return NativeFunction(address, kind(address), files)
+    return NativeFunction(address, kind(address), files, name)
 
 
 def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:
