@@ -13,6 +13,7 @@ import struct
 import time
 import warnings
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -182,10 +183,11 @@ class ArduPilot:
     def close(self) -> None:
         self._socket.close()
 
-    def command(self, sim: Any) -> int:
-        """Wait for the next frame, and set its pulse widths. Returns the number of time steps to take."""
+    def command(self, sim: Any, idle: Callable[[], None] = lambda: None) -> int:
+        """Wait for the next frame, and set its pulse widths; ``idle`` is called meanwhile. Returns the number of time
+        steps to take."""
         since = time.perf_counter()
-        servo = self._next()
+        servo = self._next(idle)
         self.waited_s += time.perf_counter() - since
         pulses = np.array(servo.pwm, float)[self.motors]
         pulses[pulses == 0.0] = NEUTRAL_US  # no signal
@@ -226,10 +228,11 @@ class ArduPilot:
         attitude = quat * np.array([1.0, *_FLIP])
         return reply(sim.t * (1.0 + _ABOVE), _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
 
-    def _next(self) -> Servo:
+    def _next(self, idle: Callable[[], None] = lambda: None) -> Servo:
         """The next frame to step."""
         self._heard = time.monotonic()
         while True:
+            idle()
             try:
                 data, address = self._waiting.popleft() if self._waiting else self._socket.recvfrom(512)
             except TimeoutError:
@@ -273,7 +276,9 @@ class ArduPilot:
         if before is not None and (new or servo.frame <= self._last):
             counts.restarts += 1
             if new:
-                warnings.warn(f"an autopilot at {_place(address)} goes on, since {_place(before)} is silent", stacklevel=2)
+                warnings.warn(
+                    f"an autopilot at {_place(address)} goes on, since {_place(before)} is silent", stacklevel=2
+                )
         elif self._last >= 0:
             counts.skipped += servo.frame - self._last - 1
         counts.frames += 1

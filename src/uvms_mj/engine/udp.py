@@ -13,6 +13,7 @@ import math
 import socket
 import struct
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,8 @@ class UdpLaw:
     def close(self) -> None:
         self._socket.close()
 
-    def command(self, sim: Any) -> int:
-        """Ask the law for the command of the instant in hand."""
+    def command(self, sim: Any, idle: Callable[[], None] = lambda: None) -> int:
+        """Ask the law for the command of the instant in hand. ``idle`` is called while the run waits."""
         sim.signals  # noqa: B018  # computed now, if they are not
         request = _REQUEST.pack(MAGIC, self._instant) + sim.given.tobytes()
         until = time.monotonic() + self._timeout
@@ -67,6 +68,7 @@ class UdpLaw:
                 if time.monotonic() > until:
                     at = f" at t = {sim.t:.6g} s" if self._instant else ""
                     raise self._wrong(f"no law answers{{}} within {self._timeout:g} s{at}{self._odd}") from None
+                idle()
                 time.sleep(0.01)
                 continue
             for i, value in enumerate(answer):
