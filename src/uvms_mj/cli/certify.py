@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted "
+    "(143 SIGTERM, 129 SIGHUP)."
 )
 @run_options(
     "Use the samples and gains of a log, run.mcap, instead of a new run.",

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted "
+    "(143 SIGTERM, 129 SIGHUP)."
 )
 @run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
 @click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")

@@ -2,9 +2,11 @@
 
 The autopilot sends the pulse widths of a frame; the plant takes the steps of the frame and answers with what the
 sensors measure and with its time, by which the autopilot's clock advances. A frame that is repeated gets the same
-answer again, and no second step. One autopilot flies the vehicle: what others send is ignored, and said, until it has
-been silent for :data:`SILENT_S`, as an autopilot is that was ended; a new one has another address. Formats and their quirks are those of ArduPilot's SIM_JSON; its frames are north,
+answer again, and no second step. Formats and their quirks are those of ArduPilot's SIM_JSON; its frames are north,
 east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
+
+One autopilot flies the vehicle. What others send is ignored, and said once. An autopilot that is started again has a
+new address: it takes over when the first has been silent for :data:`SILENT_S`.
 """
 
 import contextlib
