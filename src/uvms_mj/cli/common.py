@@ -210,7 +210,7 @@ def ended(trace: "Trace") -> int:
     """Print why a run did not complete, and return the exit status."""
     status = trace.status.name
     if status != "completed":
-        click.echo(f"{status}: {trace.message}", err=True)
+        click.echo(printable(f"{status}: {trace.message}"), err=True)
     return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, warn
+from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
 from .folders import LOG, RunFolder, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
@@ -209,7 +209,7 @@ def run_and_report(
     report = summary(trace, _existing(files))
     console.report(trace, report)
     if error is not None:
-        click.echo(f"error: {error}", err=True)
+        click.echo(printable(f"error: {error}"), err=True)
         return EXIT_BAD_INPUT
     for note in ending(trace):
         warn(note)
