@@ -247,7 +247,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     another stage or the vehicle is named anew.
     """
     from ..errors import InputError
-    from ..studies.bundle import StudyBundle, changed_files
+    from ..studies.bundle import StudyBundle, changed_files, renamed
     from ..studies.plan import Plan
     from ..studies.results import STUDY, about_of, changes, version_of
     from ..studies.rows import chosen_engine
@@ -268,6 +268,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     if overrides or controller:
         scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}", note=warn)
     now = about_of(plan, StudyBundle.of(replace(plan, tables=scenario.to_dict())))
+    now["files"] = renamed(now["files"], then["files"])
     of_row = {name: digest for name, digest in then["files"].items() if name in now["files"]}
     code, files = changes(then | {"files": of_row}, now)
     if files and not named:  # e.g. a file beside the law's that an import finds first
