@@ -59,11 +59,15 @@ def _read(path: Path, base: type[Stage]) -> Unit:
     try:
         description = fmpy.read_model_description(os.fspath(path), validate=True)
     except ValidationError as error:
-        raise InputError(f"{path.name}: its modelDescription.xml is wrong: {'; '.join(error.problems)}") from None
+        raise InputError(
+            f"{path.name}: its modelDescription.xml is wrong: {'; '.join(map(printable, error.problems))}"
+        ) from None
     except Exception as error:  # of the XML parser, and plain ones of FMPy
-        raise InputError(f"{path.name}: its modelDescription.xml can't be read: {error}") from None
+        raise InputError(f"{path.name}: its modelDescription.xml can't be read: {printable(str(error))}") from None
     if not str(description.fmiVersion).startswith("2."):
-        raise InputError(f"{path.name}: is an FMU of FMI {description.fmiVersion}; export it as FMI 2.0")
+        raise InputError(
+            f"{path.name}: is an FMU of FMI {printable(str(description.fmiVersion))}; export it as FMI 2.0"
+        )
     if description.coSimulation is None:
         raise InputError(f"{path.name}: has no co-simulation, only model exchange; export it for co-simulation")
     for each in (description, *description.modelVariables):  # texts that are shown
@@ -283,9 +287,9 @@ class OfUnit:
             elif wrong := self._wrong_unit(each, units[element]):
                 said = f"{wrong}; the signal {element} is in {units[element]}, as SI has it: export the FMU in SI units"
             else:
-                found.append((f"the {causality} {each.name}", places[element], each))
+                found.append((f"the {causality} {printable(each.name)}", places[element], each))
                 continue
-            faults.append(Fault(f"{table}.name", f"the {causality} {each.name} {said}"))
+            faults.append(Fault(f"{table}.name", f"the {causality} {printable(each.name)} {said}"))
         return found
 
     def _wrong_unit(self: Any, variable: Any, unit: str) -> str:
@@ -339,9 +343,12 @@ def stage_class(path: Path, base: type[Stage], module: str) -> type[Stage]:
     unit, fields = _read(path, base), list[Any]()
     for name, members in unit.parameters.items():
         starts, first = [_start(each) for each in members], members[0]
-        of, meaning = printable(_declared(first, "unit") or OWN_UNIT), first.description or f"parameter {first.name}"
+        of, meaning = (
+            printable(_declared(first, "unit") or OWN_UNIT),
+            first.description or f"parameter {printable(first.name)}",
+        )
         if name != first.name.partition("[")[0] and first.description:
-            meaning += f" ({first.name})"
+            meaning += f" ({printable(first.name)})"
         kinds = {"Boolean": Annotated[bool, Field(strict=True)], "Integer": Whole}
         number: Any = kinds.get(first.type, Number)
         if name in unit.lists:
@@ -378,7 +385,7 @@ def _within_ranges(members: Sequence[Any]) -> AfterValidator:
     def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
         for each, value, (low, high) in zip(members, values, ranges, strict=True):
             if not low <= value <= high:
-                raise ValueError(f"has {value:g} for {each.name}, which must be from {low:g} to {high:g}")
+                raise ValueError(f"has {value:g} for {printable(each.name)}, which must be from {low:g} to {high:g}")
         return values
 
     return AfterValidator(check)
