@@ -46,6 +46,7 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
     assert {f"uvms_mj/models/{name}.xml" for name in shipped("models")} <= set(names)
     assert {f"uvms_mj/cli/templates/{template}.txt" for template, _ in KINDS.values()} <= set(names)
     assert "uvms_mj/scenarios/push_wall.toml" in names
+    assert "uvms_mj/py.typed" in names  # so that a type checker reads the annotations
     assert {f"uvms_mj/examples/{path.name}" for path in shipped("examples").values()} <= set(names)
     site = tmp_path / "site"
     subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)

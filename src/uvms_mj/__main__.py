@@ -43,8 +43,9 @@ def _leave(status: list[int]) -> None:
 
 def main() -> None:
     gc.set_threshold(100_000)  # imports make many objects and no garbage: collecting took a tenth of their time
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _end_at_once)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores it
+            signal.signal(number, _end_at_once)
     _open_streams()
     from .cli import main as command
 

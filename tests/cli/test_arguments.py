@@ -1,11 +1,13 @@
 """Bad arguments: one message that names them, exit status 2, nothing written."""
 
+import re
 import time
 from pathlib import Path
 
 import pytest
 
 from uvms_mj import InputError
+from uvms_mj.control import SHIPPED
 from uvms_mj.files import parse_setting, parsed_toml
 
 ROOT = Path(__file__).parents[2]
@@ -173,6 +175,16 @@ def test_paper_names_the_gain_that_was_typed(here, setting, said):
     assert done.exit_code == 2
     assert said in done.stderr
     assert not Path("x").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "converge"])
+def test_help_names_every_law_and_every_kind_of_file(here, command):
+    said = " ".join(here(command, "--help").stdout.split())
+    said = said[said.index("--controller LAW") : said.index("--set KEY=VALUE")]
+    for name in {*SHIPPED} - {"external"}:  # which no command can run
+        assert re.search(rf"\b{name}\b", said), name
+    for ending in (".py:", ".c,", ".so:", ".fmu"):
+        assert ending in said
 
 
 def test_help_teaches_and_lists(here):

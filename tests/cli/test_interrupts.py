@@ -1,7 +1,9 @@
 """Interrupts, signals, closed streams and the environment: commands end soon, in one line, and keep what they have."""
 
+import contextlib
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ from forked import done as forked
 from forked import ended, started
 from law_files import law_file, one_liner
 from strict_json import no_constants
-from uvms_mj import Trace
+from uvms_mj import Status, Trace
 
 SHORT = ("--set", "simulation.duration=0.05")
 
@@ -37,6 +39,41 @@ def test_an_interrupted_run_ends_soon_and_keeps_what_it_had(tmp_path):
     assert len(t) > 100
     assert np.allclose(np.diff(t), 1e-3)
     assert abs(t[-1] - report["duration_s"]) < 2e-3
+
+
+def test_a_closed_terminal_ends_a_run_whose_log_is_whole(tmp_path):
+    pid, terminal = pty.fork()
+    if not pid:
+        os.chdir(tmp_path)
+        command = ("-m", "uvms_mj", "run", "simulation.duration=2000", "--engine", "free_body", "--log-rate", "10")
+        os.execv(sys.executable, [sys.executable, *command, "--out", "here"])
+    log, end, size = tmp_path / "here" / "run.mcap", time.monotonic() + 60.0, 0
+    os.set_blocking(terminal, False)
+    while time.monotonic() < end and size < 700_000:  # until rows are in the log
+        with contextlib.suppress(BlockingIOError):
+            os.read(terminal, 10_000)
+        time.sleep(0.05)
+        size = log.stat().st_size if log.exists() else 0
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 128 + signal.SIGHUP
+    trace = Trace.load(log)
+    assert trace.status is Status.interrupted
+    assert len(trace) > 10
+    assert trace.t[-1] == pytest.approx(1e-4 * trace.outcome.steps, abs=0.1)
+
+
+def test_a_hangup_that_nohup_ignores_is_ignored(tmp_path):
+    code = """if True:
+        import signal, sys
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        from uvms_mj.cli import main
+        from uvms_mj.cli.common import Stop
+        stop = Stop()
+        signal.raise_signal(signal.SIGHUP)
+        print("goes on", stop.requested)
+    """
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "goes on False\n"), done.stderr
 
 
 def test_what_hangs_at_its_end_can_be_stopped(tmp_path):

@@ -154,6 +154,34 @@ def test_a_row_imports_no_file_that_changed(imported, here, folder, monkeypatch,
     assert not imported()
 
 
+@pytest.mark.parametrize("command", ["study out -q --workers 1", "study out --dry-run", "tune found -q --workers 1"])
+@pytest.mark.parametrize("file", ["law.py", "sensor.py", "metric.py"])
+def test_a_folder_imports_no_file_that_changed(imported, here, folder, monkeypatch, command, file):
+    monkeypatch.chdir(folder)
+    text = (folder / file).read_text()
+    (folder / file).write_text(text + "\n# changed\n")
+    try:
+        done = here(*command.split())
+    finally:
+        (folder / file).write_text(text)
+    assert done.exit_code == 2
+    assert f"began, {file} changed; choose another folder" in done.stderr
+    assert not imported()
+
+
+def test_a_row_with_its_law_in_another_folder_is_that_of_the_study(here, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "elsewhere").mkdir()
+    shutil.copy(folder / "law.py", folder / "elsewhere" / "law.py")
+    command = ("run", "--from", "out", "--row", "1", "-c", "elsewhere/law.py:Mine", "-q", "-o")
+    done = here(*command, "same")
+    assert done.exit_code == 0, done.output
+    assert "changed" not in done.stderr
+    with (folder / "elsewhere" / "law.py").open("a") as file:
+        file.write("# another one\n")
+    assert "law.py changed" in here(*command, "other").stderr
+
+
 def test_a_row_imports_the_files_of_that_row_alone(imported, here, folder, monkeypatch):
     monkeypatch.chdir(folder)
     shutil.copy(folder / "law.py", folder / "kept")

@@ -5,6 +5,8 @@ import re
 import socket
 import struct
 import threading
+import time
+import warnings
 
 import numpy as np
 import pytest
@@ -203,7 +205,8 @@ def test_lost_repeated_and_late_packets_neither_step_twice_nor_lose_a_frame():
     np.testing.assert_array_equal(trace.p_WB, clean.p_WB)
 
 
-def test_an_autopilot_that_is_started_again_goes_on():
+def test_an_autopilot_that_is_started_again_goes_on(monkeypatch):
+    monkeypatch.setattr("uvms_mj.engine.ardupilot.SILENT_S", 0.3)
     scenario = Scenario.load("push_wall", {**HEAVY, "simulation.duration": 0.2})
     _, motors, signs = motors_of(set_up(scenario).vehicle.B)
     peer = ArduPilot(motors, signs, 10, port=0)
@@ -218,10 +221,12 @@ def test_an_autopilot_that_is_started_again_goes_on():
 
     thread = threading.Thread(target=both, daemon=True)
     thread.start()
-    trace = simulate(scenario, engine="free_body", peer=peer)
+    with pytest.warns(UserWarning, match=r"an autopilot at 127.0.0.1:\d+ goes on, since 127.0.0.1:\d+ is silent"):
+        trace = simulate(scenario, engine="free_body", peer=peer)
     thread.join(30.0)
     peer.close()
-    assert (peer.counts.frames, peer.counts.restarts, peer.counts.noise, peer.counts.skipped) == (200, 1, 1, 0)
+    assert (peer.counts.frames, peer.counts.restarts, peer.counts.noise, peer.counts.skipped) == (200, 1, 0, 0)
+    assert peer.counts.strays > 1  # the noise, and first frames until the other one has been silent
     assert second.times[0] == pytest.approx(0.101)
     assert trace.t[-1] == pytest.approx(0.2)
 
@@ -300,12 +305,61 @@ def test_a_frame_that_is_repeated_after_its_answer_is_answered_again():
     assert (peer.counts.frames, peer.counts.repeated) == (4, 3)
 
 
-def test_an_autopilot_whose_restart_has_the_same_address_and_one_that_was_replaced():
+def test_an_autopilot_whose_restart_has_the_same_address():
     peer = ArduPilot(np.arange(8), np.ones(8), 10, port=0)
-    one, other = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    stepped = [peer._to_step(Servo(400, frame, ()), place) for place, frame in (
-        (one, 0), (one, 1), (one, 500), (one, 499), (one, 0), (one, 1), (other, 0), (one, 2), (other, 1),
-    )]  # fmt: skip
-    assert stepped == [True, True, True, False, True, True, True, False, True]
-    assert (peer.counts.restarts, peer.counts.stale) == (2, 2)
+    stepped = [peer._to_step(Servo(400, frame, ()), ("127.0.0.1", 1)) for frame in (0, 1, 500, 499, 0, 1)]
+    assert stepped == [True, True, True, False, True, True]
+    assert (peer.counts.restarts, peer.counts.stale) == (1, 1)
+    peer.close()
+
+
+def test_packets_of_others_are_ignored_and_said_once():
+    """Before and after each frame of the autopilot another program sends one, with its own pulse widths and numbers."""
+    clean, _, _ = session(100, pwm=forward)
+    scenario = Scenario.load("push_wall", {**HEAVY, "simulation.duration": 0.1})
+    _, motors, signs = motors_of(set_up(scenario).vehicle.B)
+    peer = ArduPilot(motors, signs, 10, port=0)
+    port = peer._socket.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+
+        def disturb(frame: int) -> list[int]:
+            if frame:
+                other.sendto(packet(5000 + frame, [1900] * 8), ("127.0.0.1", port))
+            return [1]
+
+        pilot = Pilot(port, 100, pwm=forward, disturb=disturb)
+        pilot.start()
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            trace = simulate(scenario, engine="free_body", peer=peer)
+        pilot.join(30.0)
+        peer.close()
+        with pytest.raises(BlockingIOError):  # it got no answer
+            other.recv(100, socket.MSG_DONTWAIT)
+        place = f"127.0.0.1:{other.getsockname()[1]}"
+    found = [str(each.message) for each in said if "ignored" in str(each.message)]
+    assert len(found) == 1
+    assert f"ignored what {place} sends" in found[0]
+    np.testing.assert_array_equal(trace.pwm_cmd, clean.pwm_cmd)
+    np.testing.assert_array_equal(trace.nu, clean.nu)
+    assert (peer.counts.frames, peer.counts.restarts, peer.counts.skipped) == (100, 0, 0)
+    assert peer.counts.strays >= 99
+
+
+def test_the_first_autopilot_takes_over_again_from_a_stray_that_came_while_it_was_silent(monkeypatch):
+    monkeypatch.setattr("uvms_mj.engine.ardupilot.SILENT_S", 0.0)
+    peer = ArduPilot(np.arange(8), np.ones(8), 10, port=0)
+    place = ("127.0.0.1", peer._socket.getsockname()[1])
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray,
+        warnings.catch_warnings(record=True) as said,
+    ):
+        warnings.simplefilter("always")
+        for sender, frame in ((one, 7), (stray, 9000), (one, 8), (one, 9)):
+            sender.sendto(packet(frame), place)
+            time.sleep(0.01)
+            assert peer._next().frame == frame
+    assert len(said) == 2
     peer.close()

@@ -216,12 +216,15 @@ def test_ten_instances_side_by_side_and_a_state_saved_in_contact(plants):
     np.testing.assert_array_equal(units[7].all(), alone.all())
     unit = next(each for each in units if each.all()[each.outputs.index("force_peak")] > 0.0)
     state, bytes_ = unit.fmu.getFMUstate(), unit.fmu.serializeFMUstate(unit.fmu.getFMUstate())
+    saved = unit.t
     unit.step(3000)
     later = unit.all()
     unit.fmu.setFMUstate(state)
+    unit.t = saved
     unit.step(3000)
     np.testing.assert_array_equal(unit.all(), later)
     unit.fmu.setFMUstate(unit.fmu.deSerializeFMUstate(bytes_))
+    unit.t = saved
     unit.step(3000)
     np.testing.assert_array_equal(unit.all(), later)
     other = Unit(plants["noisy"])
@@ -253,6 +256,86 @@ def test_what_is_wrong_is_a_status(plants):
     with pytest.raises(FMICallException):
         Unit(plants["plant"], {"wall.stiffness": -1.0}, said.append)
     assert said == ["wall.stiffness is out of its range"]
+
+
+def test_a_call_out_of_order_is_a_status_and_changes_nothing(plants):
+    """The communication point is that of the run, and the calls are in the order of FMI."""
+    said = []
+    unit, other = Unit(plants["plant"], log=said.append), Unit(plants["plant"])
+    pushed = {"tau_cmd[1]": 20.0}
+    for each in (unit, other):
+        each.set(pushed)
+        each.step(1000)
+    for t, words in (
+        (0.0, "a step from t = 0 s: the run is at t = 0.1 s"),  # again
+        (0.2, "a step from t = 0.2 s: the run is at t = 0.1 s"),  # one is left out
+        (0.09999, "a step from t = 0.09999 s"),
+        (float("nan"), "the run is at t = 0.1 s"),
+    ):
+        with pytest.raises(FMICallException):
+            unit.fmu.doStep(t, 0.1)
+        assert words in said[-1]
+    for call, words in (
+        (lambda: unit.fmu.setupExperiment(startTime=0.0), "fmi2SetupExperiment is not allowed in a run"),
+        (unit.fmu.enterInitializationMode, "fmi2EnterInitializationMode is not allowed in a run"),
+        (unit.fmu.exitInitializationMode, "fmi2ExitInitializationMode is not allowed in a run"),
+    ):
+        with pytest.raises(FMICallException):
+            call()
+        assert said[-1] == words
+    for each in (unit, other):
+        each.step(1000)
+    np.testing.assert_array_equal(unit.all(), other.all())
+    state = unit.fmu.getFMUstate()
+    unit.step(1000)
+    unit.fmu.setFMUstate(state)  # a step is repeated from a saved state, whose time it has
+    unit.t = 0.2
+    unit.step(1000)
+    other.step(1000)
+    np.testing.assert_array_equal(unit.all(), other.all())
+    unit.fmu.terminate()
+    with pytest.raises(FMICallException):
+        unit.step(1)
+    assert said[-1] == "fmi2DoStep is not allowed after its end"
+    unit.fmu.reset()
+    with pytest.raises(FMICallException):
+        unit.fmu.doStep(0.0, 0.1)
+    assert said[-1] == "fmi2DoStep is not allowed before it is set up"
+    unit.fmu.setupExperiment(startTime=0.0, stopTime=0.25)
+    with pytest.raises(FMICallException):
+        unit.fmu.doStep(0.0, 0.1)
+    unit.fmu.enterInitializationMode()
+    unit.fmu.exitInitializationMode()
+    unit.t = 0.0
+    unit.step(2000)
+    with pytest.raises(FMICallException):
+        unit.step(1000)
+    assert said[-1] == "a step passes the end that fmi2SetupExperiment has set"
+    unit.fmu.doStep(0.2, 0.05)
+
+
+def test_a_run_that_has_failed_takes_no_step_until_it_is_reset(plants):
+    said = []
+    unit = Unit(plants["plant"], log=said.append)
+    unit.set({"tau_cmd[1]": 1e9})
+    with pytest.raises(FMICallException):
+        unit.step(10)
+    with pytest.raises(FMICallException):
+        unit.fmu.doStep(1e-3, 1e-3)
+    assert said[-1] == "fmi2DoStep is not allowed after it has failed"
+    unit.fmu.reset()
+    unit.fmu.setupExperiment(startTime=0.0)
+    unit.fmu.enterInitializationMode()
+    unit.fmu.exitInitializationMode()
+    unit.fmu.doStep(0.0, 1e-3)
+
+
+def test_the_time_that_a_master_adds_up_is_that_of_the_run(plants):
+    unit, t = Unit(plants["plant"]), 0.0
+    for _ in range(100_000):
+        unit.fmu.doStep(t, 3e-4)
+        t += 3e-4
+    assert t != 30.0
 
 
 def test_what_can_not_be_in_an_fmu_is_refused(tmp_path):

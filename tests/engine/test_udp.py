@@ -88,6 +88,69 @@ def test_late_copies_and_noise_are_left_alone():
     np.testing.assert_array_equal(trace.tau_cmd[:, 0], np.arange(101.0))
 
 
+def test_the_plant_listens_on_loopback_and_to_its_law_alone():
+    """A program beside the law answers each request first, with other numbers."""
+    port, listens = free_port(), set()
+
+    def law() -> None:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        ):
+            peer.bind(("127.0.0.1", port))
+            for k in range(101):
+                _, address = peer.recvfrom(65536)
+                listens.add(address[0])
+                table = Path("/proc/net/udp").read_text() if sys.platform == "linux" else ""
+                assert f"00000000:{address[1]:04X}" not in table  # any address
+                other.sendto(struct.pack("<Q6d", k, *[1e3] * 6), address)
+                peer.sendto(struct.pack("<Q6d", k, *[1.0] * 6), address)
+
+    thread = threading.Thread(target=law, daemon=True)
+    thread.start()
+    keys = {"simulation.duration": 0.1, "controller.period": 1e-3, "controller.port": port}
+    trace = simulate(Scenario.load("push_wall", keys, "udp"), engine="free_body")
+    thread.join(10.0)
+    assert listens == {"127.0.0.1"}
+    np.testing.assert_array_equal(trace.tau_cmd, 1.0)
+
+
+def test_a_server_answers_the_run_that_began_last():
+    """A law that counts its calls sees the instants of one run at a time."""
+    calls, port = [], free_port()
+
+    def law(signals) -> np.ndarray:
+        calls.append(float(signals.t))
+        return np.full(6, float(len(calls)))
+
+    thread = threading.Thread(target=serve, args=(law, port, 4), daemon=True)
+    thread.start()
+    record = np.zeros(1, SIGNALS)
+
+    def asked(run: socket.socket, instant: int) -> float | None:
+        record["t"] = instant
+        run.sendto(MAGIC + struct.pack("<Q", instant) + record.tobytes(), ("127.0.0.1", port))
+        try:
+            return struct.unpack("<Q6d", run.recv(100))[1]
+        except TimeoutError:
+            return None
+
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as old,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as new,
+    ):
+        old.settimeout(0.3)
+        new.settimeout(5.0)
+        while asked(old, 0) is None:  # until it serves
+            pass
+        assert asked(old, 1) == 2.0
+        assert [asked(new, 0), asked(old, 2), asked(new, 1), asked(new, 1), asked(new, 2)] == [3.0, None, 4.0, 4.0, 5.0]
+        assert calls == [0.0, 1.0, 0.0, 1.0, 2.0]
+        asked(new, 3)
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
 @pytest.mark.parametrize(
     ("answer", "words"),
     [

@@ -210,3 +210,11 @@ def test_a_circle_of_whole_turns_stops_as_smoothly_as_it_began():
     assert np.abs(here.p_d_ddot).max() > 0.1
     assert np.allclose(here.p_d[-1], here.p_d[0], atol=1e-12)
     assert not here.p_d_dot[-1].any()
+
+
+@pytest.mark.parametrize("name", ["path", "along_wall"])
+def test_a_leg_of_thousands_of_years_is_followed(name):
+    """Its ramp takes less time than a double resolves at its end: the speed is there from the start."""
+    keys = {"reference.name": name, "reference.speed": 1e-12, "reference.start_time": 1.0, "simulation.duration": 2.0}
+    trace = simulate(Scenario.load("push_wall", keys), engine="free_body", log_rate=10)
+    np.testing.assert_allclose(trace.p_d[:, 0], 1e-12 * np.maximum(trace.t - 1.0, 0.0), atol=1e-20)

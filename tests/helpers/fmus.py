@@ -4,6 +4,7 @@ import subprocess
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from uvms_mj.engine.native.shared_library import compiler
 
@@ -15,6 +16,10 @@ _SOURCE = """
 typedef struct { double r[COUNT]; double x[64]; } unit;
 typedef void *instance;
 static int instances;
+static const struct {
+    void (*log)(void *, const char *, int, const char *, const char *, ...);
+    void *others[3], *environment;
+} *called;
 
 static void step(double *r, double *x, double t, double h)
 {
@@ -39,6 +44,7 @@ instance fmi2Instantiate(const char *n, int type, const char *guid, const char *
     if (instances++ > 0)
         return NULL; /* one instance in a library, as many tools make them */
     unit *u = malloc(sizeof(unit));
+    called = f;
     begin(u);
     return u;
 }
@@ -64,6 +70,8 @@ int fmi2DoStep(instance c, double t, double h, int last)
 {
     unit *u = c;
     step(u->r, u->x, t, h);
+    if (FAILS && called->log)
+        called->log(called->environment, "unit", 3, "logStatusError", SAYS);
     return FAILS ? 3 : 0;
 }
 #define NOT(NAME) int NAME(void) { return 3; }
@@ -77,21 +85,24 @@ NOT(fmi2GetRealStatus) NOT(fmi2GetIntegerStatus) NOT(fmi2GetBooleanStatus) NOT(f
 
 def description(
     name: str, parameters: Mapping[str, float], inputs: Sequence[str], outputs: Sequence[str],
-    kind: str = "CoSimulation", version: str = "2.0",
+    kind: str = "CoSimulation", version: str = "2.0", units: str = "", attributes: Mapping[str, str] | None = None,
+    type_: str = "Real",
 ) -> str:  # fmt: skip
-    lines = []
+    """modelDescription.xml; ``units`` are its elements Unit, ``attributes`` those of the type of a variable by its
+    name, and ``type_`` is the type of the parameters."""
+    lines, more = [], {each: f" {given}" for each, given in (attributes or {}).items()}
     for each, start in parameters.items():
         reference = len(lines)
         lines.append(
             f'<ScalarVariable name="{each}" valueReference="{reference}" causality="parameter" variability="fixed">'
-            f'<Real start="{start!r}"/></ScalarVariable>'
+            f'<{type_} start="{start!r}"{more.get(each, "")}/></ScalarVariable>'
         )
     for causality, names in (("input", inputs), ("output", outputs)):
         for each in names:
             start = ' start="0.0"' if causality == "input" else ""
             lines.append(
                 f'<ScalarVariable name="{each}" valueReference="{len(lines)}" causality="{causality}" '
-                f'variability="continuous"><Real{start}/></ScalarVariable>'
+                f'variability="continuous"><Real{start}{more.get(each, "")}/></ScalarVariable>'
             )
     first = len(parameters) + len(inputs) + 1
     steps = ' canHandleVariableCommunicationStepSize="true"' if kind == "CoSimulation" else ""
@@ -99,6 +110,7 @@ def description(
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription fmiVersion="{version}" modelName="{name}" '
         f'guid="{{{name}}}"><{kind} modelIdentifier="{name}"{steps}/>'
+        f"{f'<UnitDefinitions>{units}</UnitDefinitions>' if units else ''}"
         f"<ModelVariables>{''.join(lines)}</ModelVariables>"
         f"<ModelStructure><Outputs>{unknowns}</Outputs><InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure>"
         "</fmiModelDescription>\n"
@@ -107,12 +119,14 @@ def description(
 
 def build(
     folder: Path, name: str, body: str, parameters: Mapping[str, float], inputs: Sequence[str], outputs: Sequence[str],
-    fails: str = "0", beside: str = "", **given: str,
+    fails: str = "0", beside: str = "", says: str = "", **given: Any,
 ) -> Path:  # fmt: skip
     """An FMU whose step runs ``body``, C with the numbers ``r``: parameters, inputs, outputs; ``x`` is its state, ``t``
-    the time and ``h`` the step. ``beside`` is the source of a library beside its own."""
+    the time and ``h`` the step. ``says`` are the arguments of the logger, after the category, when a step fails.
+    ``beside`` is the source of a library beside its own."""
     starts = [*parameters.values(), *[0.0] * (len(inputs) + len(outputs))]
     source = _SOURCE.replace("BODY", body).replace("COUNT", str(len(starts))).replace("FAILS", fails)
+    source = source.replace("SAYS", says or '"failed"')
     source = source.replace("START", ", ".join(map(repr, starts)))
     (folder / f"{name}.c").write_text(source)
     library = folder / f"{name}.so"

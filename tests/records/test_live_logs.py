@@ -5,7 +5,9 @@ import io
 import os
 import random
 import signal
+import socket
 import struct
+import threading
 import time
 
 import numpy as np
@@ -17,6 +19,7 @@ from forked import started
 from law_files import law_file, one_liner
 from recorded import LAW
 from uvms_mj import McapLog, Scenario, SinkError, Status, Trace, simulate
+from uvms_mj.engine.udp import serve
 
 
 def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
@@ -67,6 +70,54 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
         simulate(scenario, sinks=[sink], engine="mujoco")
     assert caught.value.trace.status is Status.failed
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
+
+
+def test_rows_reach_the_disk_while_a_run_waits_for_another_program(tmp_path):
+    """A law over UDP answers slowly for half a second, and then no more: all rows up to then are in the file."""
+    answered, last = threading.Event(), 100
+
+    def law(signals):
+        time.sleep(0.005)
+        if signals.t > 1e-3 * (last - 0.5):
+            answered.set()
+            time.sleep(60.0)
+        return np.zeros(6)
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    threading.Thread(target=serve, args=(law, port), daemon=True).start()
+    keys = ("controller.period=1e-3", f"controller.port={port}", "controller.timeout=60")
+    process = started("run", "-c", "udp", *keys, "-q", "-o", "a", cwd=tmp_path)
+    try:
+        assert answered.wait(60.0)
+        time.sleep(1.0)
+    finally:
+        process.kill()
+        process.join(60.0)
+    trace = Trace.load(tmp_path / "a" / "run.mcap")
+    assert trace.status is Status.truncated
+    assert len(trace) == last
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_command_that_holds_longer_than_a_chunk_loses_no_row(engine):
+    class Constant:
+        """A peer that commands once a second."""
+
+        def command(self, sim, idle):
+            sim.tau_cmd[:] = 1.0
+            return 10_000
+
+        def measure(self, sim):
+            pass
+
+        finish = measure
+
+    keys = {"simulation.duration": 2.0, "controller.name": "external"}
+    trace = simulate(Scenario.load("push_wall", keys), peer=Constant(), engine=engine, log_rate="full")
+    np.testing.assert_allclose(np.diff(trace.t), 1e-4)
+    assert len(trace) == 20_001
 
 
 def test_kill_9_at_any_moment_loses_no_chunk(tmp_path):

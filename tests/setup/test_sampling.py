@@ -1,18 +1,20 @@
 """Limits of the sampled loop: where vibration grows, and what a run is warned of."""
 
+import tracemalloc
 import warnings
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from uvms_mj import Scenario, simulate
+from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control.base import NoClosedForm, SteadyState
-from uvms_mj.control.theory.loop import ForceAge, ForceLatency, Loop
+from uvms_mj.control.theory.loop import ForceAge, ForceLatency, Loop, _power
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.control.theory.stability import Stability
 from uvms_mj.setup.base import set_up
-from uvms_mj.setup.checks import SamplingWarning
+from uvms_mj.setup.checks import SamplingWarning, checked, warnings_of
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
@@ -438,3 +440,39 @@ def test_a_law_rests_on_one_side_of_the_border_of_the_eigenvalues_and_moves_on_o
         before, after = (np.ptp(trace.nu[np.abs(trace.t - t) < 2.0, 0]) for t in (20.0, 38.0))
         lasts.append(after > 1e-6 and after > 0.9 * before)
     assert lasts == ([True, False] if key == "controller.epsilon" else [False, True])
+
+
+def test_a_product_of_many_periods_neither_overflows_nor_changes_a_digit():
+    """Powers of a matrix whose eigenvalues are known, far beyond a double, and beside those of NumPy within it."""
+    V = np.array([[1.0, 0.3], [-0.2, 1.0]])
+    matrices = np.array([V @ np.diag(values) @ np.linalg.inv(V) for values in ((3.0, 0.5), (1e-3, -2.0), (0.9, 0.1))])
+    found, exponents = _power(matrices, 5000)
+    radius = np.log(np.abs(np.linalg.eigvals(found)).max(axis=-1)) + exponents * np.log(2.0)
+    np.testing.assert_allclose(radius, 5000 * np.log([3.0, 2.0, 0.9]), rtol=1e-12)
+    found, exponents = _power(matrices, 37)
+    assert not exponents.any()
+    np.testing.assert_array_equal(found, np.linalg.matrix_power(matrices, 37))
+
+
+@pytest.mark.parametrize("time_constant", [1.0, 10.0, 100.0])
+def test_an_observer_of_any_lag_is_no_overflow(time_constant):
+    keys = {"observer.name": "momentum_observer", "observer.time_constant": time_constant}
+    found = list(warnings_of(checked(Scenario.load("push_wall", keys))))
+    assert any(f"the observer's lag of {time_constant:g} s" in note for note in found)
+
+
+def test_a_loop_with_too_many_samples_on_their_way_is_said_to_be_unknown_in_a_moment():
+    keys = {"observer.name": "momentum_observer", "observer.time_constant": 100.0, "simulation.timestep": 1e-6}
+    setup = checked(Scenario.load("push_wall", keys))
+    tracemalloc.start()
+    (found,) = warnings_of(setup)
+    rest = steady_state(setup)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == (
+        "whether gsta chatters or vibrates is not checked: with delays of so many samples the sampled loop is not known"
+    )
+    assert rest == NoClosedForm("with delays of so many samples the sampled loop is not known")
+    assert most < 50e6
+    with pytest.raises(InputError, match=r"observer.time_constant: 100000.0 must be from 1e-06 to 100 s"):
+        Scenario.load("push_wall", keys | {"observer.time_constant": 1e5})

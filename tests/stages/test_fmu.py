@@ -333,3 +333,139 @@ def test_variables_that_are_no_exchange_are_named(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             Simulation(Scenario.load("push_wall", {"controller.name": str(unit), "controller.variables": named}))
+
+
+KN = '<Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit>'
+MM = '<Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>'
+NEWTON = '<Unit name="newton"><BaseUnit kg="1" m="1" s="-2"/></Unit>'
+KELVIN = '<Unit name="x"><BaseUnit K="1"/></Unit>'
+
+
+@pytest.mark.parametrize(
+    ("named", "unit", "units", "words"),
+    [
+        (
+            "tau_cmd[1]",
+            "kN",
+            KN,
+            "the output tau_cmd[1] is in kN, 1000 of the unit of SI; the signal tau_cmd[1] is in N",
+        ),
+        ("eta_e[2]", "mm", MM, "the input eta_e[2] is in mm, 0.001 of the unit of SI; the signal eta_e[2] is in m"),
+        (
+            "tau_cmd[1]",
+            "kN",
+            '<Unit name="kN"/>',
+            "is in 'kN', which is no unit of SI and which the FMU does not define",
+        ),
+        ("nu_e[4]", "deg/s", '<Unit name="deg/s"/>', "is in 'deg/s', which is no unit of SI"),
+        ("tau_cmd[4]", "N", '<Unit name="N"/>', "the output tau_cmd[4] is in N; the signal tau_cmd[4] is in N m"),
+        ("eta_e[1]", "x", KELVIN, "the input eta_e[1] is in x; the signal eta_e[1] is in m"),
+    ],
+)
+def test_a_unit_that_is_not_that_of_the_signal_is_refused(tmp_path, named, unit, units, words):
+    files = {"modelDescription.xml": description(
+        "unit", PD_GAINS, PD_INPUTS, WRENCH, units=units, attributes={named: f'unit="{unit}"'}
+    )}  # fmt: skip
+    scenario = Scenario.load("push_wall", {"controller.name": archive(tmp_path / "unit.fmu", files)})
+    with pytest.raises(InputError) as raised:
+        Simulation(scenario, engine="free_body")
+    assert words in str(raised.value)
+
+
+def test_units_of_si_are_taken_in_all_spellings(tmp_path, in_python):
+    spelt = dict(zip(entries("tau_cmd"), ("N", "newton", "kg.m/s2", "N.m", "N*m", "Nm"), strict=True))
+    spelt |= dict(zip(entries("nu_e"), ("m/s", "m.s-1", "m/sec", "rad/s", "1/s", "rad.s^-1"), strict=True))
+    spelt |= {"eta_e[1]": "m", "eta_e[4]": "rad"}
+    attributes = {name: f'unit="{unit}"' for name, unit in spelt.items()}
+    units = NEWTON + "".join(f'<Unit name="{each}"/>' for each in {*spelt.values()} - {"newton"})
+    unit = build(tmp_path, "pd", PD, PD_GAINS, PD_INPUTS, WRENCH, units=units, attributes=attributes)
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.1})
+    assert_same(
+        *(simulate(scenario.updated({}, controller=each), engine="free_body") for each in (str(unit), in_python))
+    )
+
+
+def test_ranges_of_parameters_are_those_of_the_settings(tmp_path):
+    parameters = {"k": 1.0, "low[1]": 1.0, "low[2]": 2.0, "free": 0.0}
+    attributes = {"k": 'min="0.5" max="4" unit="kN"', "low[1]": 'min="0"', "low[2]": 'max="3"'}
+    unit = str(build(tmp_path, "ranges", "", parameters, [], WRENCH, units=KN, attributes=attributes))
+    for keys, words in (
+        ({"k": 5.0}, "controller.k: 5.0 must be from 0.5 to 4 kN"),
+        ({"low": [-1.0, 2.0]}, "has -1 for low[1], which must be from 0 to inf"),
+        ({"low": [1.0, 3.5]}, "has 3.5 for low[2], which must be from -inf to 3"),
+    ):
+        with pytest.raises(InputError) as raised:
+            Scenario.load("push_wall", {f"controller.{name}": each for name, each in keys.items()}, unit)
+        assert words in str(raised.value)
+    law = Scenario.load("push_wall", {"controller.k": 4.0, "controller.free": 1e9}, unit).controller
+    assert (law.k, law.low, law.free) == (4.0, (1.0, 2.0), 1e9)
+
+
+@pytest.mark.parametrize("plain", ["", "1"])
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize(
+    ("named", "limits", "words"),
+    [
+        ("eta_e[1]", 'min="-1e-4" max="10"', r"the input eta_e\[1\] is -\d.*range -0.0001 to 10"),
+        ("tau_cmd[6]", 'max="-1"', r"the output tau_cmd\[6\] is .*range -inf to -1"),
+    ],
+)
+def test_a_number_out_of_a_declared_range_ends_the_run(tmp_path, monkeypatch, plain, named, limits, words):
+    monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
+    unit = build(tmp_path, "ranged", PD, PD_GAINS, PD_INPUTS, WRENCH, attributes={named: limits})
+    keys = {"controller.name": str(unit), "reference.step_time": 0.0}
+    with Simulation(Scenario.load("push_wall", keys), engine="free_body") as sim:
+        with pytest.raises(StageFault, match=words):
+            sim.step(3000)
+        assert sim.t > 0.0 or named != "eta_e[1]"
+
+
+def test_no_parameter_is_left_out(tmp_path):
+    """Entries with a gap, of a matrix, and names that no Python has are settings; each reaches its own number."""
+    names = ["k[1]", "k[3]", "A[1,1]", "A[1,2]", "der(x)", "2nd", "_x", "a b", "one[1]", "\u00e4", "__init__"]
+    body = "for (int i = 0; i < 6; i++) r[11 + i] = i < 5 ? r[2 * i] + 100 * r[2 * i + 1] : r[10];"
+    unit = str(build(tmp_path, "gaps", body, dict.fromkeys(names, 0.0), [], WRENCH))
+    settings = ["k_1", "k_3", "A_1_1", "A_1_2", "der_x", "parameter_2nd", "x", "a_b", "one", "parameter_", "init"]
+    law = Scenario.load("push_wall", {"controller.name": unit}).controller
+    assert [field.name for field in type(law).setting_fields()][:11] == settings
+    keys = {f"controller.{name}": float(i + 1) for i, name in enumerate(settings)} | {"controller.one": [9.0]}
+    trace = simulate(Scenario.load("push_wall", keys | {"simulation.duration": 1e-3}, unit), engine="free_body")
+    np.testing.assert_array_equal(trace.tau_cmd[0], [201.0, 403.0, 605.0, 807.0, 1009.0, 11.0])
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_damaged_archive_is_one_sentence(tmp_path, compression):
+    path = tmp_path / "unit.fmu"
+    with zipfile.ZipFile(path, "w") as made:
+        made.writestr("modelDescription.xml", whole()["modelDescription.xml"])
+        made.writestr("binaries/linux64/unit.so", bytes(range(256)) * 100, compress_type=compression)
+        place, size = made.infolist()[1].header_offset, made.infolist()[1].compress_size
+    data = bytearray(path.read_bytes())
+    for i in range(place + 60, place + 60 + min(200, size - 10)):
+        data[i] ^= 0x55
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"unit.fmu: can't be unpacked: "):
+        Simulation(Scenario.load("push_wall", {"controller.name": str(path)}), engine="free_body")
+    unknown = bytearray(data)
+    for sign, at in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):  # the method of compression
+        unknown[unknown.rindex(sign) + at] = 77
+    path.write_bytes(unknown)
+    with pytest.raises(InputError, match=r"unit.fmu: can't be unpacked: .*compression"):
+        Simulation(Scenario.load("push_wall", {"controller.name": str(path)}), engine="free_body")
+
+
+def test_messages_have_their_numbers_and_do_not_control_a_terminal(tmp_path):
+    said = '"%s of \\033[31m%g N at %d\\x9b31m", "limit", 2.5, 7'
+    units = [
+        build(tmp_path, name, PD, PD_GAINS, PD_INPUTS, WRENCH, fails="1", says=said.replace("limit", name))
+        for name in ("one", "two")
+    ]
+    sims = [
+        Simulation(Scenario.load("push_wall", {"controller.name": str(each)}), engine="free_body") for each in units
+    ]
+    for name, sim in zip(("one", "two"), sims, strict=True):
+        with sim, pytest.raises(StageFault) as raised:
+            sim.step()
+        text = str(raised.value)
+        assert f"{name} of \\x1b[31m2.5 N at 7" in text
+        assert text.isprintable()

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
+    epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted "
+    "(143 SIGTERM, 129 SIGHUP)."
 )
 @run_options(
     "Use the samples and gains of a log, run.mcap, instead of a new run.",
@@ -155,7 +156,9 @@ def _tables(report: dict[str, Any]) -> None:
     Listing(title, ("axis", *heads.values()), rows, right=[*heads.values()], fixed=("axis",)).show()
 
 
-@command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
+@command(
+    epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
+)
 @run_options("Use scenario and vehicle of a log, run.mcap.")
 @click.option(
     "-m",

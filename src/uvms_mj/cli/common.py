@@ -22,8 +22,16 @@ if TYPE_CHECKING:
     from ..reproduce.claims import Row
 
 
+STOPPING = tuple(
+    number
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
+)
+"""The signals that stop a command: Ctrl-C, SIGTERM and that of a closed terminal, unless nohup ignores it."""
+
+
 class Stop:
-    """Handler of Ctrl-C and SIGTERM.
+    """Handler of the signals :data:`STOPPING`.
 
     The first signal raises KeyboardInterrupt in the main thread. If the program still runs 5 s later, for example
     because a disk hangs, the next signal ends it immediately.
@@ -43,7 +51,7 @@ class Stop:
         self.requested = False
         Stop._first = Stop.received = None
         signal.set_wakeup_fd(_watched(), warn_on_full_buffer=False)
-        for each in (signal.SIGINT, signal.SIGTERM):
+        for each in STOPPING:
             signal.signal(each, self._on_signal)
 
     def _on_signal(self, number: int, frame: Any) -> None:
@@ -56,7 +64,7 @@ class Stop:
     def watch(cls, read_end: int) -> None:
         """End the program at a late second signal. C writes signals to the pipe even if the main thread is busy."""
         while number := os.read(read_end, 1):
-            if number[0] in (signal.SIGINT, signal.SIGTERM):
+            if number[0] in STOPPING:
                 now = time.monotonic()
                 if cls._first is None:
                     cls._first = now
@@ -69,7 +77,7 @@ class Stop:
 
     def ignore(self) -> None:
         """Ignore signals while the last results are written. :meth:`watch` still ends a write that hangs."""
-        for each in (signal.SIGINT, signal.SIGTERM):
+        for each in STOPPING:
             signal.signal(each, signal.SIG_IGN)
 
 
@@ -83,7 +91,7 @@ def _watched() -> int:
 
 
 def exit_interrupted() -> int:
-    """Exit status after a signal, as in shells: 130 for Ctrl-C, 143 for SIGTERM."""
+    """Exit status after a signal, as in shells: 130 for Ctrl-C, 143 for SIGTERM, 129 for a closed terminal."""
     return 128 + (Stop.received or signal.SIGINT)
 
 
@@ -202,7 +210,7 @@ def ended(trace: "Trace") -> int:
     """Print why a run did not complete, and return the exit status."""
     status = trace.status.name
     if status != "completed":
-        click.echo(f"{status}: {trace.message}", err=True)
+        click.echo(printable(f"{status}: {trace.message}"), err=True)
     return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)
 
 

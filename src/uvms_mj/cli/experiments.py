@@ -34,8 +34,8 @@ _RESULTS = ("logs", "claims.csv", "claims.json", "report.html")
 
 
 @command(
-    epilog="Exit status: 0 every claim holds or is explained, 1 a claim fails, 2 bad input, 130 interrupted (143 by "
-    "SIGTERM)."
+    epilog="Exit status: 0 every claim holds or is explained, 1 a claim fails, 2 bad input, 130 interrupted (143 "
+    "SIGTERM, 129 SIGHUP)."
 )
 @scenario_argument
 @set_option
@@ -149,8 +149,8 @@ def _claims_of_the_paper(rows: "list[Row]") -> None:
 
 
 @command(
-    epilog="Exit status: 0 every claim holds, 1 a claim fails, 2 bad input or no space, 130 interrupted (143 by "
-    "SIGTERM)."
+    epilog="Exit status: 0 every claim holds, 1 a claim fails, 2 bad input or no space, 130 interrupted (143 "
+    "SIGTERM, 129 SIGHUP)."
 )
 @set_option
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/practicality].")
@@ -199,7 +199,7 @@ def validate() -> None:
     """
 
 
-@command(epilog="Exit status: 0 completed, 2 bad input or no space, 130 interrupted (143 by SIGTERM).")
+@command(epilog="Exit status: 0 completed, 2 bad input or no space, 130 interrupted (143 SIGTERM, 129 SIGHUP).")
 @path_option("--data", required=True, metavar="DIR", help="Folder of the records.")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/validate-pool].")
 @workers_option
@@ -262,7 +262,7 @@ class _Commands(click.Group):
 
 @command(
     epilog="Exit status: 0 every law has its rows, also where it fails, 2 bad input or no space, 130 interrupted (143 "
-    "by SIGTERM)."
+    "SIGTERM, 129 SIGHUP)."
 )
 @click.argument("laws", nargs=-1, metavar="[LAW [KEY=VALUE]...]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/bench].")

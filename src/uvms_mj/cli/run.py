@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, warn
+from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
 from .folders import LOG, RunFolder, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
+    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted "
+    "(143 SIGTERM, 129 SIGHUP)."
 )
 @run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
 @click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
@@ -208,7 +209,7 @@ def run_and_report(
     report = summary(trace, _existing(files))
     console.report(trace, report)
     if error is not None:
-        click.echo(f"error: {error}", err=True)
+        click.echo(printable(f"error: {error}"), err=True)
         return EXIT_BAD_INPUT
     for note in ending(trace):
         warn(note)
@@ -246,7 +247,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     another stage or the vehicle is named anew.
     """
     from ..errors import InputError
-    from ..studies.bundle import StudyBundle, changed_files
+    from ..studies.bundle import StudyBundle, changed_files, renamed
     from ..studies.plan import Plan
     from ..studies.results import STUDY, about_of, changes, version_of
     from ..studies.rows import chosen_engine
@@ -267,6 +268,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     if overrides or controller:
         scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}", note=warn)
     now = about_of(plan, StudyBundle.of(replace(plan, tables=scenario.to_dict())))
+    now["files"] = renamed(now["files"], then["files"])
     of_row = {name: digest for name, digest in then["files"].items() if name in now["files"]}
     code, files = changes(then | {"files": of_row}, now)
     if files and not named:  # e.g. a file beside the law's that an import finds first

@@ -50,7 +50,7 @@ class _Commands(click.Group):
 
 @command(
     epilog="Exit status: 0 every run has its row, also one that failed, 4 likewise, but the engines differ in a run of "
-    "the sample by more than run.tolerance, 2 bad input or no space, 130 interrupted (143 by SIGTERM)."
+    "the sample by more than run.tolerance, 2 bad input or no space, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
 )
 @click.argument("arguments", nargs=-1, metavar="STUDY [KEY=VALUE]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the study>].")

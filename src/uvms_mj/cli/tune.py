@@ -20,7 +20,7 @@ EXIT_NOT_FOUND = 1
 
 @command(
     epilog="Exit status: 0 gains were found, 4 likewise, but with them the engines differ by more than run.tolerance, "
-    "1 no trial is feasible, 2 bad input or no space, 130 interrupted (143 by SIGTERM)."
+    "1 no trial is feasible, 2 bad input or no space, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
 )
 @click.argument("arguments", nargs=-1, metavar="TUNE [KEY=VALUE]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the tuning>].")

@@ -4,13 +4,18 @@ The autopilot sends the pulse widths of a frame; the plant takes the steps of th
 sensors measure and with its time, by which the autopilot's clock advances. A frame that is repeated gets the same
 answer again, and no second step. Formats and their quirks are those of ArduPilot's SIM_JSON; its frames are north,
 east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
+
+One autopilot flies the vehicle. What others send is ignored, and said once. An autopilot that is started again has a
+new address: it takes over when the first has been silent for :data:`SILENT_S`.
 """
 
 import contextlib
 import socket
 import struct
 import time
+import warnings
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +31,9 @@ _FORMATS = {18458: _16, 29569: _32}
 PORT = 9002
 LOOPBACK = "127.0.0.1"
 _LOOKS_EVERY_S = 0.2
+SILENT_S = 2.5
+"""Wall time without a packet, while the plant waits for one, after which another autopilot may take over [s]. ArduPilot
+sends a frame that has no answer again each second."""
 _MOST_WAITING = 1000
 """Packets that are looked through before an answer, so that noise holds nothing up."""
 _ABOVE = 1e-8
@@ -123,13 +131,15 @@ def given_motors(text: str, n: int) -> tuple[np.ndarray, np.ndarray]:
 @dataclass
 class Counts:
     """What came from the autopilot: frames that were stepped, repeated ones that were answered again, older ones that
-    were left alone, numbers that were skipped, restarts of the autopilot, and datagrams that were no packet."""
+    were left alone, numbers that were skipped, restarts of the autopilot, datagrams of others, and datagrams of the
+    autopilot that were no packet."""
 
     frames: int = 0
     repeated: int = 0
     stale: int = 0
     skipped: int = 0
     restarts: int = 0
+    strays: int = 0
     noise: int = 0
 
     def __str__(self) -> str:
@@ -168,17 +178,18 @@ class ArduPilot:
             raise InputError(f"port {self.port} of {self.host}: {hint}") from None
         self._socket.settimeout(_LOOKS_EVERY_S)
         self._address: Any = None
-        self._before: set[Any] = set()  # addresses of autopilots that others have replaced
+        self._heard = 0.0  # when the autopilot sent, or the plant began to wait for it
         self._last, self._sent = -1, b""
         self._waiting: deque[tuple[bytes, Any]] = deque()
 
     def close(self) -> None:
         self._socket.close()
 
-    def command(self, sim: Any) -> int:
-        """Wait for the next frame, and set its pulse widths. Returns the number of time steps to take."""
+    def command(self, sim: Any, idle: Callable[[], None] = lambda: None) -> int:
+        """Wait for the next frame, and set its pulse widths; ``idle`` is called meanwhile. Returns the number of time
+        steps to take."""
         since = time.perf_counter()
-        servo = self._next()
+        servo = self._next(idle)
         self.waited_s += time.perf_counter() - since
         pulses = np.array(servo.pwm, float)[self.motors]
         pulses[pulses == 0.0] = NEUTRAL_US  # no signal
@@ -219,27 +230,42 @@ class ArduPilot:
         attitude = quat * np.array([1.0, *_FLIP])
         return reply(sim.t * (1.0 + _ABOVE), _FLIP * nu[3:], _FLIP * force, position, attitude, _FLIP * velocity)
 
-    def _next(self) -> Servo:
+    def _next(self, idle: Callable[[], None] = lambda: None) -> Servo:
         """The next frame to step."""
+        self._heard = time.monotonic()
         while True:
+            idle()
             try:
                 data, address = self._waiting.popleft() if self._waiting else self._socket.recvfrom(512)
             except TimeoutError:
                 continue
             servo = Servo.of(data)
-            if servo is None:
+            if not self._is_of_autopilot(servo, address):
+                self._stray(address)
+            elif servo is None:
                 self.counts.noise += 1
-                continue
-            if self._to_step(servo, address):
+            elif self._to_step(servo, address):
                 return servo
+
+    def _is_of_autopilot(self, servo: Servo | None, address: Any) -> bool:
+        """Whether a datagram is of the autopilot that flies, or of one that may begin to."""
+        now = time.monotonic()
+        if address == self._address:
+            self._heard = now
+            return True
+        return servo is not None and (self._address is None or now - self._heard > SILENT_S)
+
+    def _stray(self, address: Any) -> None:
+        """Count a datagram of others, and say so at the first one."""
+        self.counts.strays += 1
+        if self.counts.strays == 1:
+            flies = "no autopilot has sent yet" if self._address is None else f"{_place(self._address)} flies"
+            warnings.warn(f"ignored what {_place(address)} sends to UDP port {self.port}: {flies}", stacklevel=2)
 
     def _to_step(self, servo: Servo, address: Any) -> bool:
         """Whether a frame is new. A repeated one is answered again."""
-        counts = self.counts
-        if address in self._before:
-            counts.stale += 1
-            return False
-        new = address != self._address
+        counts, before = self.counts, self._address
+        new = address != before
         if servo.frame == self._last and not new:
             counts.repeated += 1
             self._send(address)
@@ -249,12 +275,15 @@ class ArduPilot:
             if not (new or again):
                 counts.stale += 1  # a late copy
                 return False
+        if before is not None and (new or servo.frame <= self._last):
             counts.restarts += 1
+            if new:
+                warnings.warn(
+                    f"an autopilot at {_place(address)} goes on, since {_place(before)} is silent", stacklevel=2
+                )
         elif self._last >= 0:
             counts.skipped += servo.frame - self._last - 1
         counts.frames += 1
-        if new and self._address is not None:
-            self._before.add(self._address)
         self._address, self._last = address, servo.frame
         return True
 
@@ -264,6 +293,10 @@ class ArduPilot:
                 self._socket.sendto(self._sent, address)
             except OSError:  # it has gone away; its next packet comes from elsewhere
                 return
+
+
+def _place(address: Any) -> str:
+    return ":".join(map(str, address[:2]))
 
 
 def steps_of(rate: float, timestep: float) -> int:

@@ -27,9 +27,14 @@ typedef struct {
     double parameters[PARAMETERS + 1];
     callbacks called;
     char name[200];
-    int begun;
+    int stage;     /* what was called last; see the stages below */
+    double end;    /* time that no step may pass */
     int64_t steps; /* time steps done */
 } plant;
+
+/* The stages of FMI 2.0 for co-simulation, figure 11: each call is allowed in some of them. A run that has failed takes
+   no step: only a reset, a saved state or the end goes on. */
+enum { MADE = 1, SET_UP = 2, BEGINNING = 4, RUNNING = 8, ENDED = 16, BROKEN = 32 };
 
 static const unsigned char *image(void)
 {
@@ -49,6 +54,22 @@ static int say_of(plant *p, const char *name, const char *text)
     char both[200];
     snprintf(both, sizeof both, "%s %s", name, text);
     return say(p, FAILED, both);
+}
+
+/* Whether a call is allowed now. */
+static int allowed(plant *p, int stages, const char *call)
+{
+    static const char *const words[] = {"before it is set up", "before it is initialized", "while it is initialized", "in a run",
+        "after its end", "after it has failed"};
+    char both[200];
+    int k = 0;
+    if (p->stage & stages)
+        return 1;
+    while (p->stage >> k > 1)
+        k++;
+    snprintf(both, sizeof both, "%s is not allowed %s", call, words[k]);
+    say(p, FAILED, both);
+    return 0;
 }
 
 /* SHA-256 (FIPS 180-4) of a text of at most 55 bytes; its first 8 bytes. */
@@ -120,8 +141,10 @@ static void begin(plant *p)
 static int advance(plant *p)
 {
     uvms_mj_advance((int64_t)(intptr_t)p->numbers, CONTROL);
-    if (((int64_t *)p->numbers)[STOP] != 0)
+    if (((int64_t *)p->numbers)[STOP] != 0) {
+        p->stage = BROKEN;
         return say(p, FAILED, stopped(((int64_t *)p->numbers)[STOP]));
+    }
     return OK;
 }
 
@@ -147,6 +170,7 @@ void *fmi2Instantiate(const char *name, int type, const char *guid, const char *
     }
     memcpy(p->parameters, starts, sizeof starts);
     begin(p);
+    p->stage = MADE;
     return p;
 }
 
@@ -159,31 +183,54 @@ void fmi2FreeInstance(void *c)
 
 int fmi2SetupExperiment(void *c, int known, double tolerance, double start, int ends, double end)
 {
-    return start == 0.0 ? OK : say(c, FAILED, "a run begins at the time 0");
+    plant *p = c;
+    if (!allowed(p, MADE | SET_UP, "fmi2SetupExperiment"))
+        return FAILED;
+    if (start != 0.0)
+        return say(p, FAILED, "a run begins at the time 0");
+    p->end = ends ? end : INFINITY;
+    p->stage = SET_UP;
+    return OK;
 }
 
-int fmi2EnterInitializationMode(void *c) { return OK; }
+int fmi2EnterInitializationMode(void *c)
+{
+    plant *p = c;
+    if (!allowed(p, SET_UP, "fmi2EnterInitializationMode"))
+        return FAILED;
+    p->stage = BEGINNING;
+    return OK;
+}
 
 int fmi2ExitInitializationMode(void *c)
 {
     plant *p = c;
     double inputs[INPUTS + 1];
+    if (!allowed(p, BEGINNING, "fmi2ExitInitializationMode"))
+        return FAILED;
     for (int i = 0; i < INPUTS; i++)
         inputs[i] = p->numbers[inputs_at[i]];
     begin(p);
     for (int i = 0; i < INPUTS; i++)
         p->numbers[inputs_at[i]] = inputs[i];
-    p->begun = 1;
+    p->stage = RUNNING;
     return advance(p);
 }
 
-int fmi2Terminate(void *c) { return OK; }
+int fmi2Terminate(void *c)
+{
+    plant *p = c;
+    if (!allowed(p, RUNNING | BROKEN, "fmi2Terminate"))
+        return FAILED;
+    p->stage = ENDED;
+    return OK;
+}
 
 int fmi2Reset(void *c)
 {
     plant *p = c;
     memcpy(p->parameters, starts, sizeof starts);
-    p->begun = 0;
+    p->stage = MADE;
     begin(p);
     return OK;
 }
@@ -197,12 +244,14 @@ int fmi2SetReal(void *c, const unsigned refs[], size_t n, const double values[])
         if (!isfinite(values[i]))
             return say(p, FAILED, "a number is not finite");
         if (ref < PARAMETERS) {
-            if (p->begun)
+            if (p->stage & ~(MADE | SET_UP | BEGINNING))
                 return say_of(p, named[ref], "is a parameter, which is set before the run begins");
             if (values[i] < least[ref] || values[i] > 1e12 || (ref == SEED && values[i] != floor(values[i])))
                 return say_of(p, named[ref], "is out of its range");
             p->parameters[ref] = values[i];
         } else if (ref < PARAMETERS + INPUTS) {
+            if (!allowed(p, MADE | SET_UP | BEGINNING | RUNNING, "fmi2SetReal"))
+                return FAILED;
             p->numbers[inputs_at[ref - PARAMETERS]] = values[i];
         } else {
             return say(p, FAILED, "an output can't be set");
@@ -231,9 +280,19 @@ int fmi2GetReal(void *c, const unsigned refs[], size_t n, double values[])
 int fmi2DoStep(void *c, double t, double h, int no_return)
 {
     plant *p = c;
-    double steps = floor(h / TIMESTEP + 0.5);
+    double steps = floor(h / TIMESTEP + 0.5), now = (double)p->steps * TIMESTEP;
+    double near = fmin(0.25 * TIMESTEP, 1e-3 * TIMESTEP + 1e-9 * now); /* a master adds up its steps */
+    if (!allowed(p, RUNNING, "fmi2DoStep"))
+        return FAILED;
+    if (!(fabs(t - now) <= near)) {
+        char text[120];
+        snprintf(text, sizeof text, "a step from t = %.9g s: the run is at t = %.9g s", t, now);
+        return say(p, FAILED, text);
+    }
     if (!(steps >= 1.0 && steps < 1e15) || fabs(steps * TIMESTEP - h) > 1e-6 * TIMESTEP)
         return say(p, FAILED, "a step must be a multiple of the plant's time step");
+    if (now + h > p->end + near)
+        return say(p, FAILED, "a step passes the end that fmi2SetupExperiment has set");
     int64_t done = uvms_mj_free_steps((int64_t)(intptr_t)p->numbers, (int64_t)steps, 1);
     p->steps += done;
     return advance(p);
@@ -253,7 +312,7 @@ int fmi2SetFMUstate(void *c, void *state)
     plant *p = c, *then = state;
     memcpy(p->numbers, (char *)state + sizeof(plant), 8 * (size_t)NUMBERS);
     memcpy(p->parameters, then->parameters, sizeof p->parameters);
-    p->begun = then->begun, p->steps = then->steps;
+    p->stage = then->stage, p->end = then->end, p->steps = then->steps;
     ((int64_t *)p->numbers)[ADDRESS] = (int64_t)(intptr_t)p->numbers;
     return OK;
 }

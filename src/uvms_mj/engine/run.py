@@ -49,9 +49,9 @@ class SinkError(_Stopped):
 class Peer(Protocol):
     """Another program that sets the commands of a run, in lockstep."""
 
-    def command(self, sim: Simulation) -> int:
-        """Wait for the other program's commands, and set them. Returns the number of time steps that they are held; 0
-        ends the run."""
+    def command(self, sim: Simulation, idle: Callable[[], None]) -> int:
+        """Wait for the other program's commands, and set them; while it waits, call ``idle`` several times a second.
+        Returns the number of time steps that they are held; 0 ends the run."""
 
     def measure(self, sim: Simulation) -> None:
         """Give the other program what is measured at the instant in hand."""
@@ -151,6 +151,7 @@ class _Run:
     def __post_init__(self) -> None:
         self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
+        self._taken_at = time.monotonic()
 
     def go(self) -> Trace:
         """Step until the run ends or is stopped, and make the trace."""
@@ -222,17 +223,18 @@ class _Run:
             yield done
 
     def _exchanges(self, peer: Peer) -> Iterator[int]:
-        """Step through the run with another program, and take the rows when there are as many as of a chunk."""
+        """Step through the run with another program. The rows are taken when there are as many as of a chunk, or by
+        wall time, also while the run waits."""
         sim, steps, done, taken = self.sim, self.scenario.steps, 0, 0
         try:
-            while done < steps and not sim.divergence and (held := min(peer.command(sim), steps - done)):
-                if done + held - taken > sim.chunk_steps:
-                    self._take_rows()
-                    yield done
-                    taken = done
+            while done < steps and not sim.divergence and (held := min(peer.command(sim, self._idle), steps - done)):
                 end = done + held
                 while done < end and not sim.divergence:
-                    done += sim.run(min(end - done, sim.chunk_steps), np.inf)
+                    if done - taken == sim.chunk_steps or self._due():
+                        self._take_rows()
+                        yield done
+                        taken = done
+                    done += sim.run(min(end, taken + sim.chunk_steps) - done, CHUNK_S)
                 sim.check()
                 peer.measure(sim)
         finally:
@@ -244,8 +246,16 @@ class _Run:
             sim.check()
         yield done
 
+    def _due(self) -> bool:
+        return time.monotonic() - self._taken_at > CHUNK_S
+
+    def _idle(self) -> None:
+        if self._due():
+            self._take_rows()
+
     def _take_rows(self) -> None:
         """Pass the rows on. An interrupt between any two lines, or a second call, neither loses nor repeats a row."""
+        self._taken_at = time.monotonic()
         rows = self.memory.taken()
         if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
             block = rows.copy()

@@ -3,6 +3,9 @@
 A request is 8 bytes ``uvms-mj1``, the number of the instant (uint64), and the record of signals that a law is given, as
 ``struct signals`` of ``uvms_stage.h`` has it. The answer is the number of the instant and tau_cmd, six doubles. All
 numbers are little endian. A request that is not answered is sent again: a law answers it with the same numbers.
+
+Both sides use loopback only. The socket of a run is connected to the law's port, so that the operating system delivers
+what that port sends, and nothing else.
 """
 
 import contextlib
@@ -10,6 +13,7 @@ import math
 import socket
 import struct
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -38,6 +42,7 @@ class UdpLaw:
     def __init__(self, port: int, timeout: float, period_steps: int) -> None:
         self._place, self._timeout, self._steps, self._instant = (LOOPBACK, port), timeout, period_steps, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(self._place)
         self._socket.settimeout(_AGAIN_S)
         self._odd = ""
 
@@ -50,19 +55,20 @@ class UdpLaw:
     def close(self) -> None:
         self._socket.close()
 
-    def command(self, sim: Any) -> int:
-        """Ask the law for the command of the instant in hand."""
+    def command(self, sim: Any, idle: Callable[[], None] = lambda: None) -> int:
+        """Ask the law for the command of the instant in hand. ``idle`` is called while the run waits."""
         sim.signals  # noqa: B018  # computed now, if they are not
         request = _REQUEST.pack(MAGIC, self._instant) + sim.given.tobytes()
         until = time.monotonic() + self._timeout
         while True:
             try:
-                self._socket.sendto(request, self._place)
+                self._socket.send(request)
                 answer = self._receive(min(until, time.monotonic() + _AGAIN_S))
             except (TimeoutError, ConnectionRefusedError):
                 if time.monotonic() > until:
                     at = f" at t = {sim.t:.6g} s" if self._instant else ""
                     raise self._wrong(f"no law answers{{}} within {self._timeout:g} s{at}{self._odd}") from None
+                idle()
                 time.sleep(0.01)
                 continue
             for i, value in enumerate(answer):
@@ -100,7 +106,8 @@ class UdpLaw:
 
 def serve(law: Any, port: int, requests: int | None = None) -> None:
     """Answer requests on a port with ``law(signals)``, six numbers, from a record of :data:`SIGNALS`; for so many
-    instants, or until an interrupt. A repeated request gets the same answer.
+    instants, or until an interrupt. A repeated request gets the same answer. One run is answered at a time, the one
+    that began last: a law that remembers must not meet the instants of two runs in turn.
 
     Raises:
         InputError: another program has the port, or the law does not give six numbers.
@@ -116,6 +123,8 @@ def serve(law: Any, port: int, requests: int | None = None) -> None:
             if len(data) != _REQUEST.size + SIGNALS.itemsize or data[:8] != MAGIC:
                 continue
             instant = _REQUEST.unpack_from(data)[1]
+            if asked is not None and address != asked and instant:
+                continue  # of a run that a later one has replaced
             if (instant, address) != (last, asked):
                 signals = np.frombuffer(data, SIGNALS, 1, _REQUEST.size).view(np.recarray)[0]
                 command = np.asarray(law(signals), float)

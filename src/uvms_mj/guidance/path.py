@@ -130,7 +130,10 @@ def _leg(poses: np.ndarray, chords: np.ndarray, t: float, V: float, a: float, cr
     s = np.concatenate([ramp[0], 0.5 * V * T + V * T_cruise * between, length - ramp[0][::-1]])
     s_dot = np.concatenate([ramp[1], V * ones, ramp[1][::-1]])
     s_ddot = np.concatenate([ramp[2], 0.0 * ones, -ramp[2][::-1]])
-    kept = np.concatenate([np.diff(times) > 1e-12 * T, [True]])
+    later = (np.diff(times) > 1e-12 * T) & (
+        np.diff(t + times) > 0.0
+    )  # in a long leg, a ramp is below a double's digits
+    kept = np.concatenate([later, [True]])
     times, s, s_dot, s_ddot = times[kept], s[kept, None], s_dot[kept, None], s_ddot[kept, None]
     u = np.clip(of_length(s[:, 0]), 0.0, knots[-1])
     c, c_1, c_2 = curve(u), curve(u, 1), curve(u, 2) if not straight else np.zeros((len(u), 7))

@@ -30,14 +30,14 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
 from ..physics.frames import to_world
-from ..quantities import NonNegative, Positive, Time
+from ..quantities import NonNegative, Number, Time, within
 from ..stages.base import Room, Stage, setting
 from ..stages.signals import CLOCK, MEASURED, OBSERVER_GIVEN
 from .base import Measurement
@@ -101,7 +101,9 @@ class MotionOnly(Stage):
 class MomentumObserver(Observer):
     """Generalised-momentum observer: the contact force from motion and commanded thrust."""
 
-    time_constant: Positive = setting(0.02, "s", "T of the first-order lag of the estimated wrench")
+    time_constant: Annotated[Number, within(1e-6, 100.0, "s")] = setting(
+        0.02, "s", "T of the first-order lag of the estimated wrench"
+    )
     threshold: NonNegative = setting(
         1.0, "N", "force above which there is a contact; it ends below half of this; 0: always"
     )

@@ -1,13 +1,16 @@
 """Stages that are FMUs for co-simulation: their class, from the model description of an FMI 2.0 unit.
 
-A parameter is a setting. An input is an entry of a signal that the stage is given, and an output an entry of what it
-sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by the setting ``variables``.
+A parameter is a setting, in the unit and the range that the FMU declares. An input is an entry of a signal that the
+stage is given, and an output an entry of what it sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by
+the setting ``variables``. They are exchanged as they are: a variable that declares another unit than that of SI is
+refused, and a number out of the range that it declares ends the run.
 """
 
 import dataclasses
 import difflib
 import hashlib
 import keyword
+import math
 import os
 import re
 import tempfile
@@ -18,10 +21,10 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ..errors import Fault, InputError, needs_extra, shortened, suggestion
-from ..quantities import Number, of_length
+from ..quantities import Number, of_length, within
 from .base import ForeignCode, Stage, setting
 from .foreign import Records
 from .signals import OWN_UNIT, Signal
@@ -34,12 +37,13 @@ Whole = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """An FMU: its file, the description that FMPy reads, and the names of its parameters by the setting's name. A
-    setting that is a list has the parameters of its entries."""
+    """An FMU: its file, the description that FMPy reads, its parameters by the setting's name, and the settings that
+    are lists, which have the parameters of their entries."""
 
     file: Path
     description: Any
     parameters: Mapping[str, tuple[Any, ...]]
+    lists: frozenset[str]
 
     def variables(self, causality: str) -> list[Any]:
         return [each for each in self.description.modelVariables if each.causality == causality]
@@ -55,14 +59,27 @@ def _read(path: Path, base: type[Stage]) -> Unit:
     try:
         description = fmpy.read_model_description(os.fspath(path), validate=True)
     except ValidationError as error:
-        raise InputError(f"{path.name}: its modelDescription.xml is wrong: {'; '.join(error.problems)}") from None
+        raise InputError(
+            f"{path.name}: its modelDescription.xml is wrong: {'; '.join(map(printable, error.problems))}"
+        ) from None
     except Exception as error:  # of the XML parser, and plain ones of FMPy
-        raise InputError(f"{path.name}: its modelDescription.xml can't be read: {error}") from None
+        raise InputError(f"{path.name}: its modelDescription.xml can't be read: {printable(str(error))}") from None
     if not str(description.fmiVersion).startswith("2."):
-        raise InputError(f"{path.name}: is an FMU of FMI {description.fmiVersion}; export it as FMI 2.0")
+        raise InputError(
+            f"{path.name}: is an FMU of FMI {printable(str(description.fmiVersion))}; export it as FMI 2.0"
+        )
     if description.coSimulation is None:
         raise InputError(f"{path.name}: has no co-simulation, only model exchange; export it for co-simulation")
-    return Unit(path, description, dict(_parameters(description, base)))
+    for each in (description, *description.modelVariables):  # texts that are shown
+        each.description = printable(each.description or "")
+    found = list(_parameters(description, base))
+    lists = frozenset(name for name, _, is_list in found if is_list)
+    return Unit(path, description, {name: members for name, members, _ in found}, lists)
+
+
+def printable(text: str) -> str:
+    """A text of an FMU in one line without control characters, which would control a terminal."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text.strip())
 
 
 def check_archive(path: Path) -> None:
@@ -70,8 +87,8 @@ def check_archive(path: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive:
             found = archive.infolist()
-    except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
-        raise InputError(f"{path.name}: is not an FMU, which is a zip archive: {error}") from None
+    except Exception as error:  # a damaged list raises many kinds
+        raise InputError(f"{path.name}: is not an FMU, which is a zip archive: {printable(str(error))}") from None
     if "modelDescription.xml" not in {each.filename for each in found}:
         raise InputError(f"{path.name}: is not an FMU: it has no modelDescription.xml")
     size = sum(each.file_size for each in found)
@@ -91,8 +108,13 @@ def unpacked(path: Path, folder: Path) -> Path:
     if not target.is_dir():
         with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
             part = Path(new, target.name)
-            with zipfile.ZipFile(path) as archive:
-                archive.extractall(part)  # of each file no more than the archive's list says
+            try:
+                with zipfile.ZipFile(path) as archive:
+                    archive.extractall(part)  # of each file no more than the archive's list says
+            except Exception as error:  # a checksum, a compression: each has exceptions of its own
+                if isinstance(error, OSError) and error.errno:  # of the disk
+                    raise
+                raise InputError(f"{path.name}: can't be unpacked: {printable(str(error))}") from None
             try:
                 os.rename(part, target)
             except OSError:  # another process was first
@@ -101,9 +123,12 @@ def unpacked(path: Path, folder: Path) -> Path:
     return target
 
 
-def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """The settings with their parameters: of k[1], k[2], ... one list; a dot of a name becomes an underscore. A name
-    that a stage has for something else gets one at its end."""
+def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...], bool]]:
+    """The settings with their parameters, and whether they are lists.
+
+    k[1], k[2], ... are one list, and any other entries, k[1,2] or k[3] alone, settings of their own, k_1_2 and k_3.
+    What no name of Python has, such as a dot, becomes an underscore. A name that a stage has for something else gets
+    one at its end."""
     groups: dict[str, dict[int, Any]] = {}
     for each in description.modelVariables:
         if each.causality != "parameter" or each.type not in ("Real", "Boolean", "Integer"):
@@ -114,24 +139,68 @@ def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tupl
     taken = {"unit", "get_before_step", "variables", *dir(OfUnit), *dir(base)}
     taken |= {field.name for field in dataclasses.fields(base)}
     for called, members in groups.items():
-        whole = list(members) == [0] or sorted(members) == list(range(1, len(members) + 1))
-        name = called.replace(".", "_")
-        if name.isidentifier() and name.isascii() and whole and not name.startswith("_"):
-            while name in taken or keyword.iskeyword(name):
-                name += "_"
-            taken.add(name)
-            yield name, tuple(members[index] for index in sorted(members))
+        is_list = sorted(members) == list(range(1, len(members) + 1))
+        settings = [(each.name, (each,)) for each in members.values()]
+        if is_list:
+            settings = [(called, tuple(members[index] for index in sorted(members)))]
+        for name, of in settings:
+            word = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
+            word = word if word and not word[0].isdigit() else f"parameter_{word}"
+            while word in taken or keyword.iskeyword(word):
+                word += "_"
+            taken.add(word)
+            yield word, of, is_list
+
+
+_SYMBOLS = {
+    "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "sec": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0),
+    "N": (1, 1, -2), "Nm": (1, 2, -2), "Hz": (0, 0, -1), "Pa": (1, -1, -2), "J": (1, 2, -2), "W": (1, 2, -3),
+}  # fmt: skip
+"""Exponents of kg, m and s of coherent units of SI."""
+
+
+def _dimension(unit: str) -> tuple[int, ...] | None:
+    """Exponents of kg, m and s of a coherent unit of SI, as N.m, N m, m/s^2, m/s2 or kg.m2.s-2; None of any other."""
+    found = [0, 0, 0]
+    for i, part in enumerate(unit.replace("**", "^").split("/")):
+        for word in re.split(r"[ .*·⋅]+", part.strip("() ")):
+            parsed = re.fullmatch(r"([A-Za-z]+|1)(?:\^?\(?([+-]?\d+)\)?)?", word)
+            if parsed is None or parsed[1] not in _SYMBOLS:
+                return None
+            power = int(parsed[2] or 1) * (-1 if i else 1)
+            found = [old + power * new for old, new in zip(found, _SYMBOLS[parsed[1]], strict=True)]
+    return tuple(found)
+
+
+def _declared(variable: Any, name: str) -> Any:
+    """An attribute of a variable, or of its declared type."""
+    own = getattr(variable, name, None)
+    return own if own is not None else getattr(variable.declaredType, name, None)
+
+
+def _range(variable: Any) -> tuple[float, float]:
+    """Least and greatest value that a variable declares."""
+    low, high = _declared(variable, "min"), _declared(variable, "max")
+    return -math.inf if low is None else float(low), math.inf if high is None else float(high)
 
 
 @dataclasses.dataclass(frozen=True)
 class Wiring:
-    """What is exchanged at an instant: value references of inputs and outputs (n,), and their places among the numbers
-    that the stage is given, and among those that it sets."""
+    """What is exchanged at an instant: value references of inputs and outputs (n,), their places among the numbers that
+    the stage is given, and among those that it sets, their ranges (n, 2), and the names of all."""
 
     inputs: np.ndarray
     given: np.ndarray
+    range_in: np.ndarray
     outputs: np.ndarray
     out: np.ndarray
+    range_out: np.ndarray
+    names: tuple[str, ...]
+
+    def out_of_range(self, which: int, value: float) -> str:
+        """A sentence for a variable, counted from 0 over inputs and outputs, with a value out of its range."""
+        low, high = (*self.range_in.tolist(), *self.range_out.tolist())[which]
+        return f"{self.names[which]} is {value:g}, and the FMU declares the range {low:g} to {high:g}"
 
 
 class OfUnit:
@@ -170,16 +239,22 @@ class OfUnit:
         faults += [Fault(f"{table}.variables", each) for each in wrong]
         inputs = self._side("input", type(self).given(1), records.given, named, faults)
         outputs = self._side("output", room.out, records.out, named, faults)
-        set_by = Counter(place for _, place in outputs)
+        set_by = Counter(place for _, place, _ in outputs)
         names = {place: name for name, place in _places(room.out, records.out).items()}
         twice = [names[place] for place in sorted(set_by) if set_by[place] > 1]
         faults += [Fault(f"{table}.variables", f"two outputs of the FMU are {name}") for name in twice]
         for place in sorted(names.keys() - set_by.keys()) if not faults else ():
             wanted = f"no output of the FMU is {names[place]}; name it in {table}.variables"
             faults.append(Fault(f"{table}.name", wanted))
-        refs = [np.array([ref for ref, _ in side], np.uint32) for side in (inputs, outputs)]
-        places = [np.array([place for _, place in side], np.int64) for side in (inputs, outputs)]
-        return Wiring(refs[0], places[0], refs[1], places[1])
+        sides = [
+            (
+                np.array([each.valueReference for *_, each in side], np.uint32),
+                np.array([place for _, place, _ in side], np.int64),
+                np.array([_range(each) for *_, each in side], float).reshape(-1, 2),
+            )
+            for side in (inputs, outputs)
+        ]
+        return Wiring(*sides[0], *sides[1], tuple(name for name, *_ in (*inputs, *outputs)))
 
     def _side(
         self: Any,
@@ -188,10 +263,10 @@ class OfUnit:
         dtype: np.dtype,
         named: Mapping[str, str],
         faults: list[Fault],
-    ) -> list[tuple[int, int]]:
-        """Value reference and place of each input, or of each output that is a signal."""
-        table, places, found = self.room.table, _places(signals, dtype), list[tuple[int, int]]()
-        kinds = {signal.name: signal.kind for signal in signals}
+    ) -> list[tuple[str, int, Any]]:
+        """Its name, its place and the variable, for each input, or for each output that is a signal."""
+        table, places, found = self.room.table, _places(signals, dtype), list[tuple[str, int, Any]]()
+        kinds, units = {signal.name: signal.kind for signal in signals}, _units(signals, dtype)
         for each in self.unit.variables(causality):
             element = named.get(each.name, each.name)
             name = element.partition("[")[0]
@@ -209,11 +284,47 @@ class OfUnit:
                 said = "is a whole number: FMI's type Real alone is exchanged"
             elif each.type != "Real":
                 said = f"is {each.type}: FMI's type Real alone is exchanged"
+            elif wrong := self._wrong_unit(each, units[element]):
+                said = f"{wrong}; the signal {element} is in {units[element]}, as SI has it: export the FMU in SI units"
             else:
-                found.append((int(each.valueReference), places[element]))
+                found.append((f"the {causality} {printable(each.name)}", places[element], each))
                 continue
-            faults.append(Fault(f"{table}.name", f"the {causality} {each.name} {said}"))
+            faults.append(Fault(f"{table}.name", f"the {causality} {printable(each.name)} {said}"))
         return found
+
+    def _wrong_unit(self: Any, variable: Any, unit: str) -> str:
+        """What is wrong with the unit that a variable declares for an entry in ``unit``, as a predicate; empty if it is
+        that of SI, or none is declared."""
+        name = _declared(variable, "unit")
+        if name in (None, "", "1", "-"):
+            return ""
+        wanted, shown = _dimension(unit), printable(name)
+        (base,) = [each.baseUnit for each in self.unit.description.unitDefinitions if each.name == name][:1] or [None]
+        if base is None:
+            given = _dimension(name)
+            if given is None:
+                return f"is in {shown!r}, which is no unit of SI and which the FMU does not define"
+        else:
+            factor, offset = float(base.factor or 1.0), float(base.offset or 0.0)
+            if factor != 1.0 or offset != 0.0:
+                return f"is in {shown}, {factor:g} of the unit of SI" + (f" from {offset:g} on" if offset else "")
+            given = tuple(int(getattr(base, each) or 0) for each in ("kg", "m", "s"))
+            if any(int(getattr(base, each) or 0) for each in ("A", "K", "mol", "cd")):
+                given = None
+        return f"is in {shown}" if wanted is not None and given != wanted else ""
+
+
+def _units(signals: Sequence[Signal], dtype: np.dtype) -> dict[str, str]:
+    """The unit of each entry, by its name; of the entries of a matrix with several units, all of them."""
+    found = {}
+    fields: Any = dtype.fields or {signals[0].name: (dtype, 0)}
+    for signal in signals:
+        shape = fields[signal.name][0].shape
+        whole = len(shape) > 1 or "," not in signal.unit
+        for k, index in enumerate(np.ndindex(shape)):
+            name = f"{signal.name}[{','.join(str(i + 1) for i in index)}]" if index else signal.name
+            found[name] = signal.unit if whole else signal.units[k]
+    return found
 
 
 def _places(signals: Sequence[Signal], dtype: np.dtype) -> dict[str, int]:
@@ -231,16 +342,23 @@ def stage_class(path: Path, base: type[Stage], module: str) -> type[Stage]:
     no co-simulation of FMI 2.0, or its description is wrong."""
     unit, fields = _read(path, base), list[Any]()
     for name, members in unit.parameters.items():
-        starts = [_start(each) for each in members]
-        of, meaning = members[0].unit or OWN_UNIT, members[0].description or f"parameter {members[0].name}"
-        if members[0].name.endswith("]"):
-            number: Any = Whole if members[0].type == "Integer" else Number
-            fields.append(
-                (name, Annotated[tuple[number, ...], of_length(len(starts))], setting(tuple(starts), of, meaning))
-            )
+        starts, first = [_start(each) for each in members], members[0]
+        of, meaning = (
+            printable(_declared(first, "unit") or OWN_UNIT),
+            first.description or f"parameter {printable(first.name)}",
+        )
+        if name != first.name.partition("[")[0] and first.description:
+            meaning += f" ({printable(first.name)})"
+        kinds = {"Boolean": Annotated[bool, Field(strict=True)], "Integer": Whole}
+        number: Any = kinds.get(first.type, Number)
+        if name in unit.lists:
+            number = Whole if first.type == "Integer" else Number
+            numbers = Annotated[tuple[number, ...], of_length(len(starts)), _within_ranges(members)]
+            fields.append((name, numbers, setting(tuple(starts), of, meaning)))
+        elif first.type == "Boolean" or _range(first) == (-math.inf, math.inf):
+            fields.append((name, number, setting(starts[0], of, meaning)))
         else:
-            kinds = {"Boolean": Annotated[bool, Field(strict=True)], "Integer": Whole}
-            fields.append((name, kinds.get(members[0].type, Number), setting(starts[0], of, meaning)))
+            fields.append((name, Annotated[number, within(*_range(first), of)], setting(starts[0], of, meaning)))
     before = setting(False, "-", "whether the outputs are read before the step of an instant, not after it")
     named = setting(None, "-", "the signal of a variable of the FMU, where it has another name")
     fields += [("get_before_step", bool, before), ("variables", Mapping[str, str] | None, named)]
@@ -258,6 +376,19 @@ def stage_class(path: Path, base: type[Stage], module: str) -> type[Stage]:
     )
     kind.__module__ = module
     return kind
+
+
+def _within_ranges(members: Sequence[Any]) -> AfterValidator:
+    """A validator for the ranges of a list of parameters."""
+    ranges = [(-math.inf, math.inf) if each.type == "Boolean" else _range(each) for each in members]
+
+    def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
+        for each, value, (low, high) in zip(members, values, ranges, strict=True):
+            if not low <= value <= high:
+                raise ValueError(f"has {value:g} for {printable(each.name)}, which must be from {low:g} to {high:g}")
+        return values
+
+    return AfterValidator(check)
 
 
 def _start(variable: Any) -> float | bool:

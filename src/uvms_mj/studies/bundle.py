@@ -180,17 +180,26 @@ def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
     """Names of the files that a text of a study's table needs and that are not those of ``then``, the digests by name
     of version.json. Nothing is imported."""
     now: dict[str, bytes] = {}
-    file, function = parted(value)
-    if function and Path(file).is_file():
+    file, _ = parted(value)
+    if file and Path(file).is_file():
         path = Path(file).resolve()
         folder = f"{_code_name(path)}/"
         now = {f"{folder}{path.name}": path.read_bytes()}
         for name in (name for name in then if name.startswith(folder)):
             there = [root / name.removeprefix(folder) for root in _roots(path)]
             now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
-    elif not function:
+    elif not file:
         _packed(value, now)
     return [Path(name).name for name, data in now.items() if hashlib.sha256(data).hexdigest() != then.get(name)]
+
+
+def renamed(now: Mapping[str, str], then: Mapping[str, str]) -> dict[str, str]:
+    """The digests ``now`` by name, with the name of ``then`` for a file that is in another folder now, as it was."""
+    kept = {(name.partition("/")[2], digest): name for name, digest in then.items()}
+    return {
+        name if name in then else kept.get((name.partition("/")[2], digest), name): digest
+        for name, digest in now.items()
+    }
 
 
 def _pack_vehicle(path: Path, files: dict[str, bytes], _: str) -> str:

@@ -22,8 +22,9 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from ..errors import InputError
-from ..files import parsed_toml, text_of
+from ..files import parsed_toml, tables_of, text_of
 from ..quantities import leaves
+from .bundle import changed_files
 from .plan.metrics import AFTER, BEFORE, COMPLETED, METRICS, columns_of, unit_of_column
 
 if TYPE_CHECKING:
@@ -212,7 +213,21 @@ def check_same(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any], 
     if code:
         raise InputError(f"{folder}: was begun with other code: {'; '.join(code)}; choose another folder")
     if then["study"] != about["study"]:
-        raise InputError(f"{folder}: since its {noun} began, {', '.join(files)} changed; choose another folder")
+        raise InputError(_changed(path, files))
+
+
+def refuse_changed(path: Path) -> None:
+    """Raise InputError if a file that the study or the tuning of a folder names is not what it was when it began, by
+    study.toml or tune.toml in it. Nothing is imported."""
+    then = version_of(path.parent)["files"]
+    texts = {value for _, value in leaves(tables_of(path, _NOUNS[path.name])) if isinstance(value, str)}
+    if files := sorted({file for text in texts for file in changed_files(text, then)}):
+        raise InputError(_changed(path, files))
+
+
+def _changed(path: Path, files: Sequence[str]) -> str:
+    what = f"since its {_NOUNS[path.name]} began, {', '.join(files)} changed"
+    return f"{path.parent}: {what}; choose another folder"
 
 
 def changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[list[str], list[str]]:

@@ -18,7 +18,7 @@ from .plan import Plan
 from .plan.metrics import SETTLED, in_words, successes
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
-from .results import STUDY, StudyFolder, frame, units_of, version_of
+from .results import STUDY, StudyFolder, frame, refuse_changed, units_of, version_of
 from .rows import checked, largest, pair_of
 
 if TYPE_CHECKING:
@@ -76,9 +76,11 @@ class Study:
 
     @property
     def plan(self) -> Plan:
-        """The runs. Raises InputError if the study of a folder can't be run any more, as its files have gone."""
+        """The runs. Raises InputError if the study of a folder can't be run any more, as its files have gone or
+        changed; a changed one is not imported."""
         if self._plan is None:
             assert self.folder is not None
+            refuse_changed(_file_in(self.folder))
             self._plan = Plan.load(_file_in(self.folder), self._overrides)
         return self._plan
 

@@ -179,6 +179,11 @@ _ON_THE_WAY = 8
 """Most samples on their way through a delay. A longer delay is a shorter one with a hold of the same mean age."""
 _MOST_STEPS = 5_000
 """Longest common period [steps]. Otherwise all stages that are slower than the law count as slow as the slowest."""
+_MOST_MODELLED = 200_000
+"""Longest common period of a loop, with the holds that stand for long delays [steps]: some 60 MB. A loop with a longer
+one is not known."""
+_LARGE = 2.0**300
+"""Matrices are scaled where they have larger entries: over many periods a fast motion grows beyond any double."""
 
 
 class Line:
@@ -204,6 +209,55 @@ class Line:
         self.kept = max(0, int((until(intervals, "left") - until(sources, "left")).max()))
 
 
+@dataclass(frozen=True)
+class Timing:
+    """The instants of a loop, in steps.
+
+    Attributes:
+        control: control period.
+        common: period after which everything repeats.
+        measured: period and delay of pose, velocity and force.
+        holds: periods that hold a command, the last one first.
+        late: delay of a command.
+    """
+
+    control: int
+    common: int
+    measured: tuple[tuple[int, int], ...]
+    holds: tuple[int, ...]
+    late: int
+
+    @classmethod
+    def of(cls, setup: Any, period: float | None = None) -> "Timing":
+        """The instants of a run's loop; default of the control period [s]: its own."""
+        sensor, thrusters, h = setup.scenario.navigation, setup.scenario.thrusters, setup.scenario.simulation.timestep
+        chain = ForceLatency.of(setup, period)
+        force, c, actuation, last = (round(each / h) for each in chain.periods.values())
+        old, late, lag = (round(each / h) for each in chain.delays.values())
+        every, velocity_late = sensor.velocity_timing
+        own = round(sensor.period / h) if sensor.period else 1 if sensor.every_step else c
+        velocity = round(every / h) if every else own
+        measured = [(own, 0), (velocity, round(velocity_late / h)), (force, old)]
+        late += 0 if thrusters.lag_model(h) else lag
+        periods = [c, actuation, last, *(every for every, _ in measured)]
+        if math.lcm(*periods) > _MOST_STEPS:
+            slowest = c * round(max(periods) / c)
+            _, actuation, last, *own_periods = (slowest if every > c else c for every in periods)
+            measured = [(every, delay) for every, (_, delay) in zip(own_periods, measured, strict=True)]
+        measured = [_shortened(every, delay, c) for every, delay in measured]
+        both, late = _shortened(math.lcm(actuation, last), late, c)
+        longer = both if both > math.lcm(actuation, last) else 1
+        common = math.lcm(c, both, *(every for every, _ in measured))
+        return cls(c, common, tuple(measured), (last, actuation, longer), late)
+
+    @property
+    def too_long(self) -> str:
+        """The reason why there is no model of a loop with these instants; empty if there is."""
+        if self.common <= _MOST_MODELLED:
+            return ""
+        return "with delays of so many samples the sampled loop is not known"
+
+
 class Loop:
     """The loop of a run's law without contact, or at one of ``setup.contacts_at_rest``.
 
@@ -215,7 +269,7 @@ class Loop:
         about: states of the law at rest.
         amplitudes: B amplitudes of s [m/s]; none for a law without s. With them, the motion along the contact's normal
             counts alone.
-        period: control period [s]; default: that of the run.
+        period: control period [s]; default: that of the run. Its :class:`Timing` must not be too long.
     """
 
     def __init__(
@@ -268,28 +322,13 @@ class Loop:
 
     def _lines(self, period: float | None) -> None:
         """The control period and the common one, and the lines of pose, velocity, force and command."""
-        sensor, thrusters, h = self.setup.scenario.navigation, self.setup.scenario.thrusters, self.h
-        chain = ForceLatency.of(self.setup, period)
-        force, c, actuation, last = (round(each / h) for each in chain.periods.values())
-        old, late, lag = (round(each / h) for each in chain.delays.values())
-        every, velocity_late = sensor.velocity_timing
-        own = round(sensor.period / h) if sensor.period else 1 if sensor.every_step else c
-        velocity = round(every / h) if every else own
-        measured = [(own, 0), (velocity, round(velocity_late / h)), (force, old)]
-        late += 0 if thrusters.lag_model(h) else lag
-        periods = [c, actuation, last, *(every for every, _ in measured)]
-        if math.lcm(*periods) > _MOST_STEPS:
-            slowest = c * round(max(periods) / c)
-            _, actuation, last, *own_periods = (slowest if every > c else c for every in periods)
-            measured = [(every, delay) for every, (_, delay) in zip(own_periods, measured, strict=True)]
-        measured = [_shortened(every, delay, c) for every, delay in measured]
-        both, late = _shortened(math.lcm(actuation, last), late, c)
-        self.control, self.period = c, math.lcm(c, both, *(every for every, _ in measured))
+        timing = Timing.of(self.setup, period)
+        assert not timing.too_long, timing.too_long
+        c, self.control, self.period = timing.control, timing.control, timing.common
         at, k = np.arange(0, self.period, c), np.arange(self.period)
-        self.measured = [Line(self.period, at, (at - delay) // every * every, at) for every, delay in measured]
-        longer = both if both > math.lcm(actuation, last) else 1
-        read = functools.reduce(lambda step, held: step // held * held, (last, actuation, longer), k)
-        self.commands = Line(self.period, k, (read - late) // c * c, k // c * c)
+        self.measured = [Line(self.period, at, (at - delay) // every * every, at) for every, delay in timing.measured]
+        read = functools.reduce(lambda step, held: step // held * held, timing.holds, k)
+        self.commands = Line(self.period, k, (read - timing.late) // c * c, k // c * c)
 
     @property
     def _all(self) -> list[Line]:
@@ -332,35 +371,66 @@ class Loop:
         return np.concatenate([plant, states, *left], axis=1), sliding
 
     @functools.cached_property
-    def _whole(self) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """The matrix (B, size, size) of a common period, and those of each control period in it with its s."""
+    def _whole(self) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """The matrix (B, size, size) of a common period over 2 to the power (B,), which is zero unless the matrix is
+        large, and the matrices of each control period in it with its s."""
         power = functools.cache(functools.partial(np.linalg.matrix_power, self.step))
         events = [line.taken for line in self._all] + [self.commands.newer]
         happens = [each.reshape(-1, self.control) for each in events] + [line.newer[:, None] for line in self.measured]
         kinds = [row.tobytes() for row in np.hstack(happens)]
         first = {kind: i * self.control for i, kind in reversed(list(enumerate(kinds)))}
         found = {kind: self._over(step, power) for kind, step in first.items()}
-        whole: np.ndarray = np.eye(self._places[-1].stop)[None]
+        whole: Scaled = np.eye(self._places[-1].stop)[None], np.zeros(1, int)
         for kind, same in itertools.groupby(kinds):
-            whole = np.linalg.matrix_power(found[kind][0], len(list(same))) @ whole
-        return whole, [found[kind] for kind in kinds]
+            whole = _product(_power(found[kind][0], len(list(same))), whole)
+        return *whole, [found[kind] for kind in kinds]
 
     @functools.cached_property
     def growths(self) -> np.ndarray:
         """Growth rate of the fastest growing motion (B,), or (1,) without amplitudes [1/s]."""
-        radius = np.abs(np.linalg.eigvals(self._whole[0])).max(axis=-1)
-        return np.log(np.maximum(radius, 1e-300)) / (self.period * self.h)
+        whole, exponents, _ = self._whole
+        radius = np.abs(np.linalg.eigvals(whole)).max(axis=-1)
+        return (np.log(np.maximum(radius, 1e-300)) + exponents * math.log(2.0)) / (self.period * self.h)
 
     def force_per_s(self, which: int) -> float:
         """Force of the fastest growing motion over its s at an amplitude, by the largest of a common period [N s/m]."""
-        whole, parts = self._whole
+        whole, _, parts = self._whole
         values, vectors = np.linalg.eig(whole[which])
         mode, forces, sliding = vectors[:, np.abs(values).argmax()], [], []
         for over, s in parts:
+            if (size := float(np.abs(mode).max())) > _LARGE:
+                mode, forces, sliding = mode / size, [each / size for each in forces], [each / size for each in sliding]
             forces.append(self.contact.stiffness * np.abs(mode[0]))
             sliding.append(np.abs(s[which] @ mode)[0])
             mode = over[which] @ mode
         return float(max(forces) / max(sliding))
+
+
+Scaled = tuple[np.ndarray, np.ndarray]
+"""Matrices (B, size, size) and the powers (B,) of 2 by which they are to be multiplied."""
+
+
+def _product(left: Scaled, right: Scaled) -> Scaled:
+    product, exponents = left[0] @ right[0], left[1] + right[1]
+    sizes = np.abs(product).max(axis=(1, 2))
+    more = np.where(sizes > _LARGE, np.frexp(sizes)[1], 0)
+    if more.any():  # a power of 2 changes no digit
+        product = product * np.ldexp(1.0, -more)[:, None, None]
+    return product, exponents + more
+
+
+def _power(matrices: np.ndarray, n: int) -> Scaled:
+    """The nth power of matrices (B, size, size)."""
+    square: Scaled = matrices, np.zeros(len(matrices), int)
+    result = None
+    while n:
+        n, odd = divmod(n, 2)
+        if odd:
+            result = square if result is None else _product(result, square)
+        if n:
+            square = _product(square, square)
+    assert result is not None
+    return result
 
 
 def _shortened(every: int, delay: int, control: int) -> tuple[int, int]:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..base import SteadyState
-from .loop import About, ForceAge, Loop
+from .loop import About, ForceAge, Loop, Timing
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
@@ -51,6 +51,11 @@ class Stability:
     age: ForceAge | None = None
     layer: float = math.inf
     about: About = ()
+
+    @functools.cached_property
+    def unknown(self) -> str:
+        """The reason why nothing is known of the loop; empty if its motions are."""
+        return Timing.of(self.setup).too_long
 
     @functools.cached_property
     def free(self) -> float:
@@ -94,7 +99,9 @@ class Stability:
 
     @property
     def free_reason(self) -> str:
-        """The reason why the sampled law does not come to rest anywhere; empty if it may."""
+        """The reason why the sampled law does not come to rest anywhere, or why that is not known; empty if it may."""
+        if self.unknown:
+            return self.unknown
         what = "is unstable" if math.isinf(self.layer) else "chatters"
         return f"the sampled law {what} without contact" if self.free > GROWS else ""
 
@@ -112,7 +119,11 @@ class Stability:
         return state
 
     def notes(self, label: str) -> Iterator[str]:
-        """Warnings if a motion grows or vibrates, without a wall or against it, or decays slowly."""
+        """Warnings if a motion grows or vibrates, without a wall or against it, or decays slowly, or if that is not
+        known."""
+        if self.unknown:
+            yield f"whether {label} chatters or vibrates is not checked: {self.unknown}"
+            return
         swing, bounces, growth, contact = self.at_wall
         old = self.age is not None and self.age.share > SLOWLY_DAMPED
         if self.free > GROWS:
@@ -136,11 +147,15 @@ class Stability:
                 "estimates and delays it compensates the contact force too late"
             )
 
+    def _quiet(self, contact: Any, period: float) -> bool:
+        """Whether a small motion is known not to grow at a control period [s]."""
+        return not Timing.of(self.setup, period).too_long and self._growth(contact, period) <= GROWS
+
     def _growing(self, contact: Any, growth: float) -> str:
         """Growth rate of a small motion, and a control period or a boundary layer with which it does not grow."""
         h, period = self.setup.scenario.simulation.timestep, self.setup.scenario.control_period
         shorter = round(period / h) // 2
-        while shorter and self._growth(contact, shorter * h) > GROWS:
+        while shorter and not self._quiet(contact, shorter * h):
             shorter //= 2
         cures = [f"a period of {shorter * h:.4g} s"] if shorter else []
         if contact is None and math.isfinite(self.layer):

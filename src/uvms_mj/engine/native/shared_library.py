@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import functools
 import importlib.util
 import os
 import platform
@@ -20,7 +21,7 @@ import numpy as np
 
 from ...errors import Fault, InputError, needs_extra
 from ...stages.base import Stage
-from ...stages.fmu import Wiring, unpacked
+from ...stages.fmu import Wiring, printable, unpacked
 from ...stages.foreign import C_FILE, HEADER, Records, header
 from .compilation import cache_folder, fingerprint
 
@@ -201,12 +202,13 @@ CALLS = ("fmi2SetReal", "fmi2DoStep", "fmi2GetReal")
 
 def dtype_of(wiring: Wiring) -> np.dtype:
     """The record of an FMU in a stage's own memory: addresses of the instance and of the functions, what the last call
-    that failed returned and which it was, and what is exchanged."""
+    that failed returned and which it was, or which variable was out of its range, and what is exchanged."""
     n, m = len(wiring.inputs), len(wiring.outputs)
     whole = [(name, "i8") for name in ("instance", *CALLS, "returned", "call")]
     inputs = [("refs_in", "u4", (n + n % 2,)), ("places_in", "i8", (n,)), ("values_in", "f8", (n,))]
     outputs = [("refs_out", "u4", (m + m % 2,)), ("places_out", "i8", (m,)), ("values_out", "f8", (m,))]
-    return np.dtype([*whole, *inputs, *outputs], align=True)
+    ranges = [("range_in", "f8", (n, 2)), ("range_out", "f8", (m, 2))]
+    return np.dtype([*whole, *inputs, *outputs, *ranges], align=True)
 
 
 class UnitInstance:
@@ -261,16 +263,15 @@ class UnitInstance:
         self.start(stage)
 
     def _instantiate(self) -> None:
-        from fmpy.fmi2 import defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+        from fmpy.fmi2 import defaultCallbacks, fmi2CallbackFunctions
 
-        def log(_: Any, __: Any, status: int, ___: Any, message: bytes | None) -> None:
-            self_ = me()
-            if self_ is not None and len(self_.messages) < 100:
-                self_.messages.append((message or b"").decode(errors="replace"))
-
-        me = weakref.ref(self)
         callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(log)
+        callbacks.logger, callbacks.componentEnvironment = _logger(), id(self)
+        _LOGGING[id(self)] = self
+        with contextlib.suppress(ImportError, OSError):  # where FMPy has none, the numbers of a message are missing
+            from fmpy.logging import addLoggerProxy
+
+            addLoggerProxy(ctypes.byref(callbacks))  # it puts the numbers into a message, which C alone can
         callbacks.allocateMemory, callbacks.freeMemory = defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory
         try:
             self._fmu.instantiate(callbacks=callbacks)
@@ -324,12 +325,16 @@ class UnitInstance:
         n, m = len(self.wiring.inputs), len(self.wiring.outputs)
         record["refs_in"][0, :n], record["places_in"] = self.wiring.inputs, self.wiring.given
         record["refs_out"][0, :m], record["places_out"] = self.wiring.outputs, self.wiring.out
+        record["range_in"], record["range_out"] = self.wiring.range_in, self.wiring.range_out
 
     def said(self, record: np.ndarray) -> str:
         """What a call that failed returned, as a predicate; empty if none did."""
         returned = int(record["returned"][0])
         if not returned:
             return ""
+        if (which := int(record["call"][0]) - len(CALLS)) >= 0:
+            values = np.concatenate([record["values_in"][0], record["values_out"][0]])
+            return f"is out of range: {self.wiring.out_of_range(which, values[which])}"
         status = STATUSES[returned] if 0 <= returned < len(STATUSES) else "an unknown status"
         log = f": {self.messages[-1]}" if self.messages else ""
         return f"returned {returned} ({status}) from {CALLS[int(record['call'][0])]}{log}"
@@ -340,6 +345,7 @@ class UnitInstance:
 
         _, _, given, _, out = records
         values = np.frombuffer(given, np.float64)[self.wiring.given]
+        self._check_ranges(values, self.wiring.range_in, 0)
         inputs, outputs = self.wiring.inputs.tolist(), self.wiring.outputs.tolist()
         try:
             if inputs:
@@ -349,14 +355,37 @@ class UnitInstance:
             found = before if before is not None else self._fmu.getReal(outputs)
         except FMICallException as error:
             return int(error.status)
+        self._check_ranges(np.array(found), self.wiring.range_out, len(inputs))
         np.frombuffer(out, np.float64)[self.wiring.out] = found
         return 0
+
+    def _check_ranges(self, values: np.ndarray, ranges: np.ndarray, first: int) -> None:
+        """Raise ValueError for a value out of the range of its variable."""
+        for i in np.flatnonzero((values < ranges[:, 0]) | (values > ranges[:, 1])).tolist():
+            raise ValueError(self.wiring.out_of_range(first + i, values[i]))
 
     def _last(self, error: Exception) -> str:
         return self.messages[-1] if self.messages else str(error)
 
     def _wrong(self, said: str) -> InputError:
         return InputError([Fault(self._key, f"{self._stage.unit.file.name} {said}")])
+
+
+_LOGGING: weakref.WeakValueDictionary[int, UnitInstance] = weakref.WeakValueDictionary()
+"""The instances by the numbers that they give their FMUs. FMPy's proxy keeps one logger for all."""
+
+
+@functools.cache
+def _logger() -> Any:
+    """The function that takes messages of all FMUs."""
+    from fmpy.fmi2 import fmi2CallbackLoggerTYPE
+
+    def log(environment: int | None, _: Any, __: int, ___: Any, message: bytes | None) -> None:
+        instance = _LOGGING.get(environment or 0)
+        if instance is not None and len(instance.messages) < 100:
+            instance.messages.append(printable((message or b"").decode(errors="replace")))
+
+    return fmi2CallbackLoggerTYPE(log)
 
 
 def _free(fmu: Any) -> None:

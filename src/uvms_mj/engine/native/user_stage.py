@@ -49,6 +49,7 @@ def _of_unit(own_at, state_at, given_at, state_dot_at, out_at):
     unit, given, out = foreign(own_at + FOREIGN), floats(given_at, N_GIVEN), floats(out_at, N_OUT)
     for i in range(N_INPUTS):
         unit.values_in[i] = given[unit.places_in[i]]
+        _check_range(unit, 3 + i, unit.values_in[i], unit.range_in[i])
     at = own_at + FOREIGN
     if N_INPUTS > 0:
         _note(unit, 0, _c_int(call_code(unit.fmi2SetReal, unit.instance, at + REFS_IN, N_INPUTS, at + VALUES_IN)))
@@ -57,6 +58,8 @@ def _of_unit(own_at, state_at, given_at, state_dot_at, out_at):
     _note(unit, 1, call_step(unit.fmi2DoStep, unit.instance, given_at))
     if not GET_BEFORE:
         _note(unit, 2, _c_int(call_code(unit.fmi2GetReal, unit.instance, at + REFS_OUT, N_OUTPUTS, at + VALUES_OUT)))
+    for i in range(N_OUTPUTS):
+        _check_range(unit, 3 + N_INPUTS + i, unit.values_out[i], unit.range_out[i])
     if unit.returned != 0:
         raise _Wrong
     for i in range(N_OUTPUTS):
@@ -66,6 +69,12 @@ def _of_unit(own_at, state_at, given_at, state_dot_at, out_at):
 def _c_int(word):
     """A C int, which has 32 bits, from the word that a call returned."""
     return word << 32 >> 32
+
+
+def _check_range(unit, call, value, limits):
+    """Note a variable, which stands for a call behind the three, with a value out of its range."""
+    if value < limits[0] or value > limits[1]:
+        _note(unit, call, -1)
 
 
 def _note(unit, call, status):

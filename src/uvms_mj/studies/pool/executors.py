@@ -103,7 +103,8 @@ class Workers(Executor):
 
 def _begin() -> None:
     """Prepare a worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started it
+    for each in (signal.SIGINT, signal.SIGHUP):  # Ctrl-C and a closed terminal are for the process that started it
+        signal.signal(each, signal.SIG_IGN)
     os.dup2(2, 1)  # standard output is for the result alone
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 

@@ -15,7 +15,7 @@ from ...views.progress import following
 from ..bundle import StudyBundle
 from ..plan import Plan
 from ..pool.executors import executor_of
-from ..results import TUNING, about_of, begin, put, refuse_another
+from ..results import TUNING, about_of, begin, put, refuse_another, refuse_changed
 from ..study import Study
 from .problem import Outcome, Problem, Trial, fields_of, outcome, refused, rows, with_gains
 from .search import JOURNAL, Journal, optuna, search
@@ -52,11 +52,14 @@ class Tuning(Problem):
             overrides: dotted keys with values: of the tables objective and tune, or as for a study.
 
         Raises:
-            InputError: the file or an override is invalid; lists every error.
+            InputError: the file or an override is invalid; lists every error. Or a file of the tuning in a folder has
+                changed; it is not imported then.
         """
         path = Path(tuning, TUNING) if is_folder(tuning) else Path(tuning)
         if not is_file(path):
             raise InputError(f"tuning {str(tuning)!r}: no such file, and not the folder of a tuning")
+        if is_folder(tuning):
+            refuse_changed(path)
         return cls.from_dict(tables_of(path, "tuning"), path.parent, overrides, place=str(tuning))
 
     @classmethod
