@@ -505,7 +505,7 @@ def test_lists_and_tables_vary_like_numbers(tmp_path):
     chosen = rows.sel({key: first[key].iloc[5] for key in lists})
     assert chosen["final.position_m.x"].item() == first["final.position_m.x"].iloc[5]
     assert "[0.5, 0.5, 0.5, 0.5, 0.5, 0.25]" in again.report().read_text()
-    with pytest.raises(InputError, match="'impedance.K_f': its values are no numbers"):
+    with pytest.raises(InputError, match=r"'impedance.K_f': its values are no numbers"):
         again.plot("map", over=["impedance.K_f"])
 
 
