@@ -17,6 +17,7 @@ study = Study.from_dict(
             {"key": "current.speed", "distribution": "uniform", "low": 0.0, "high": 0.6},
         ],
         "design": {"runs": 24},
+        "run": {"engine": "free_body"},
         "success": {"contact.final_N": [1.35, 1.65]},
     }
 )
