@@ -66,7 +66,7 @@ suppress_warnings = ["misc.highlighting_failure"]  # a block of output in the wo
 sphinx_gallery_conf = {
     "examples_dirs": [str(HERE / "_build" / "gallery")],
     "gallery_dirs": ["gallery"],
-    "filename_pattern": r"\.py",
+    "filename_pattern": gallery.RUN,
     "image_scrapers": ("gallery.figures",),
     "abort_on_example_error": True,
     "download_all_examples": False,

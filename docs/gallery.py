@@ -14,8 +14,8 @@ from uvms_mj import InputError, Scenario, simulate, still
 
 ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts")
 """Programs that come first; the others follow by name."""
-WAITING = {"udp_law.py"}
-"""Examples that answer another program until Ctrl-C: the gallery runs what it shows."""
+NOT_RUN = {"learn_push.py": "learns for minutes", "udp_law.py": "answers another program until Ctrl-C"}
+"""Examples that the gallery shows and does not run, each with the reason."""
 HEADING = """
 Examples of the guides
 ----------------------
@@ -36,8 +36,7 @@ def copy_sources(docs: Path) -> None:
     examples.mkdir()
     (examples / "GALLERY_HEADER.rst").write_text(HEADING)
     for path in sorted((docs.parent / "examples").glob("*.py")):
-        if path.name not in WAITING:
-            (examples / path.name).write_text(_titled(path.read_text()))
+        (examples / path.name).write_text(_titled(path.read_text()))
     if why_not := _undrawable():
         logging.getLogger(__name__).info("the gallery has no pictures of the scene: %s", why_not)
         for path in target.glob("*.py"):
@@ -75,6 +74,10 @@ def figures(block: Any, variables: dict[str, Any], settings: dict[str, Any]) -> 
             paths.append(next(variables["image_path_iterator"]))
             figure.savefig(paths[-1], dpi=150) if isinstance(figure, Figure) else figure.save(paths[-1])
     return figure_rst(paths, settings["src_dir"])
+
+
+RUN = rf"\A(?!.*/({'|'.join(re.escape(name) for name in NOT_RUN)})$)"
+"""A pattern of the paths of the programs that the gallery runs."""
 
 
 class Order:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from uvms_mj import Scenario, Simulation
 
-stiffness, free, peaks = np.logspace(3, 6, 13), [], []
+stiffness, free, peaks = np.logspace(3, 6, 7), [], []
 with Simulation(Scenario.load("push_wall", {"simulation.timestep": 2e-5}), engine="free_body") as sim:
     M = np.linalg.inv(np.linalg.inv(sim.setup.vehicle.M)[:3, :3])  # the vehicle may turn and heave in an impact
     for k_c in stiffness:

@@ -2,7 +2,7 @@
 Many vehicles that the law does not know
 ========================================
 
-Added mass, damping and current vary. Each dot is a run of 20 s in the engine free_body; a study is the same, bit for
+Added mass, damping and current vary. Each dot is a run of 10 s in the engine free_body; a study is the same, bit for
 bit, for any number of worker processes.
 """
 
@@ -10,13 +10,14 @@ from uvms_mj import Study
 
 study = Study.from_dict(
     {
-        "base": {"scenario": "push_wall"},
+        "base": {"scenario": "push_wall", "simulation": {"duration": 10.0}},
         "laws": ["impedance", "fosm", "gsta"],
         "vary": [
             {"key": "vehicle.added_mass", "distribution": "uniform", "low": 0.5, "high": 1.5},
             {"key": "current.speed", "distribution": "uniform", "low": 0.0, "high": 0.6},
         ],
         "design": {"runs": 24},
+        "run": {"engine": "free_body"},
         "success": {"contact.final_N": [1.35, 1.65]},
     }
 )

@@ -61,7 +61,7 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
         (median(found, "fosm", "force_sensor", "effort_N2s") / median(found, "gsta", "force_sensor", "effort_N2s")),
     )
     yield (
-        "hits the wall with {} N (median), GSTA with {} N",
+        "hits the wall with {} N (median of its draws), GSTA with {} N",
         *(median(found, law, "unknown_current", "contact.peak_N") for law in ("parallel", "gsta")),
     )
     yield (

@@ -67,7 +67,7 @@ def numbers(folder: str) -> Iterator[tuple]:
     held, stopped = found.step(RETUNED, True, 1), found.step(RETUNED, True, 1 + int(claims["pool"]))
     yield "| {} N wrong, varies by {} N |", abs(held["force_error_N"]), held["force_range_N"]
     yield (
-        "works for {} steps; it stops at the sensors of a small ROV, where it presses with {} N",
+        "works for {} steps; it stops at the sensors of a small ROV, where the worst of eight runs presses with {} N",
         claims["pool"],
         stopped["contact.final_N"],
     )

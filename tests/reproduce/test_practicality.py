@@ -103,6 +103,22 @@ def test_the_first_gap_ends_what_works(planned):
     assert (found.last, found.first) == (axis.values[axis.values.index(0.1) - 1], 0.1)
 
 
+def test_a_law_works_in_noise_if_it_does_with_all_random_numbers(planned):
+    """One draw of noise decides nothing: one failure of all repeats of a value ends what works."""
+    axis = AXES["force_noise"]
+    assert axis.repeats > 1
+    assert planned[STEPS_NAME].repeats > 1
+    assert len(rows(planned["force_noise"])) == len(axis.values) * len(LAWS) * axis.repeats
+    value, last = axis.values[6], step_label("gsta", True, 2)
+    once = [(lambda row: row["law"] == "gsta" and row[axis.key] == value and row["repeat"] == 5, VIBRATES)]
+    step = [(lambda row: row["law"] == last and row["repeat"] == 3, DIVERGED)]
+    found = results_of(planned, force_noise=once, **{STEPS_NAME: step})
+    assert found.boundaries["force_noise", "gsta"].last == axis.values[5]
+    assert found.boundaries["force_noise", "gsta"].why == "vibrates: the push varies by 20 N"
+    assert found.boundaries["force_noise", "fosm"].last == axis.values[-1]
+    assert found.steps_survived("gsta", True) == 2
+
+
 def test_a_diverged_run_does_not_work_and_says_why(results):
     found = results.boundaries["wall_stiffness", "fosm"]
     assert found.first == AXES["wall_stiffness"].values[-1]
@@ -178,10 +194,10 @@ def test_the_command_writes_page_and_claims_and_ends_with_1_if_claims_fail(resul
 def test_the_studies_have_every_axis_law_and_step(planned):
     assert {*planned} == {*AXES, *MAPS, STEPS_NAME}
     assert all([law.label for law in planned[axis.name].laws] == list(LABELS) for axis in AXES.values())
-    assert planned[STEPS_NAME].runs == 4 * len(STEPS)
-    assert sum(plan.runs for plan in planned.values()) == len(LAWS) * (
-        sum(len(axis.values) for axis in AXES.values()) + sum(len(x.values) * len(y.values) for x, y in MAPS.values())
-    ) + 4 * len(STEPS)
+    assert planned[STEPS_NAME].runs == 4 * len(STEPS) * planned[STEPS_NAME].repeats
+    along = sum(len(axis.values) * axis.repeats for axis in AXES.values())
+    over = sum(len(x.values) * len(y.values) for x, y in MAPS.values())
+    assert sum(plan.runs for plan in planned.values()) == len(LAWS) * (along + over) + planned[STEPS_NAME].runs
 
 
 @pytest.mark.parametrize("vehicle", sorted(name for name in shipped("models") if name.startswith("bluerov2")))

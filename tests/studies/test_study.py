@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import errno
+import json
 import multiprocessing
 import os
 import random
@@ -21,6 +22,7 @@ from pandas.testing import assert_frame_equal
 from forked import ended, started
 from short_study import HERE, study_text
 from uvms_mj import InputError, Scenario, Study, files, simulate
+from uvms_mj.files import plain
 from uvms_mj.studies import bundle, results
 from uvms_mj.studies.pool.execution import kept
 from uvms_mj.studies.pool.executors import WorkerLost, Workers
@@ -463,3 +465,54 @@ def test_vehicles_can_vary(tmp_path):
         scenario = Scenario.from_dict(base, {"vehicle.model": name}, "gsta")
         assert simulate(scenario, engine="free_body").force_peak.max() == peak
     assert study.frame["contact.peak_N"].nunique() == 2
+
+
+LISTS = """
+name = "lists"
+[base]
+scenario = "push_wall"
+simulation.duration = 0.05
+simulation.timestep = 1e-3
+[[vary]]
+key = "impedance.K_f"
+values = [[1.0, 1, 1, 1, 1, 1], [0.5, 0.5, 0.5, 0.5, 0.5, 0.25]]
+[[vary]]
+keys = ["impedance.F_d", "wall.stiffness"]
+values = [[[-1.5, 0, 0, 0, 0, 0], 1e4], [[-3.0, 0, 0, 0, 0, 0], 1e5]]
+[[vary]]
+key = "vehicle.contact_bodies"
+values = [[{position = [0.2, 0.0, 0.0], radius = 0.1}], []]
+"""
+
+
+def test_lists_and_tables_vary_like_numbers(tmp_path):
+    """They are run, read, gone on with, found again in the rows, the data set and the report, and replayed."""
+    (tmp_path / "s.toml").write_text(LISTS)
+    study = Study.load(tmp_path / "s.toml").run(tmp_path / "out", executor=HERE)
+    first = study.frame
+    assert (first["status"] == "completed").all()
+    (tmp_path / "out" / "rows" / "part-00003.parquet").unlink()
+    again = Study.load(tmp_path / "out").run(executor=HERE)
+    assert again.damaged == ()
+    assert_frame_equal(again.frame, first, check_exact=True)
+    lists = ["impedance.K_f", "impedance.F_d", "vehicle.contact_bodies"]
+    for row in again.frame.to_dict("records"):
+        values = again.plan.run(row["index"]).values
+        assert [json.loads(row[key]) for key in lists] == [plain(values[key]) for key in lists]
+        assert row["wall.stiffness"] == values["wall.stiffness"]
+        assert list(again.plan.scenario(row["index"]).impedance.K_f) == values["impedance.K_f"]
+    rows = again.dataset()
+    chosen = rows.sel({key: first[key].iloc[5] for key in lists})
+    assert chosen["final.position_m.x"].item() == first["final.position_m.x"].iloc[5]
+    assert "[0.5, 0.5, 0.5, 0.5, 0.5, 0.25]" in again.report().read_text()
+    with pytest.raises(InputError, match=r"'impedance.K_f': its values are no numbers"):
+        again.plot("map", over=["impedance.K_f"])
+
+
+def test_values_of_several_kinds_are_texts(tmp_path):
+    text = LISTS.partition("[[vary]]")[0] + '[[vary]]\nkey = "controller.delay"\nvalues = [0, 0.001]\n'
+    (tmp_path / "s.toml").write_text(text + '[[vary]]\nkey = "thrusters.name"\nvalues = ["ideal", "t200"]\n')
+    plan = Study.load(tmp_path / "s.toml").plan
+    assert results.schema_of(plan).field("controller.delay").type == pa.float64()
+    assert results.schema_of(plan).field("thrusters.name").type == pa.string()
+    assert [results.in_a_column(each) for each in ("x", True, [1.0, "a"], None)] == ["x", "true", '[1.0, "a"]', None]

@@ -384,6 +384,10 @@ def bench_tasks(as_json: bool) -> None:
 def bench_compare(first: str, second: str, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
+    Of each task: the draws that each law passes, those that one of them alone passes, the better law, by how many
+    points of the share of draws, and the interval; "not resolved" if the interval has zero. Below it stands whether the
+    comparison is valid, and why: other code is no fault where a law that is in both results has the same numbers.
+
     Laws are paired by their labels; with one law in each file, or with :LAW behind both names, these two are a pair.
     The file "shipped" is the result of the shipped laws. Tasks whose version or contents differ are left out, with a
     note.
@@ -400,10 +404,13 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
         click.echo(json.dumps(found, allow_nan=False))
         return
     for pair in found["pairs"]:
-        heads = ("task", pair["first"], pair["second"], "only first", "only second", "difference", "95 % interval")
-        rows = [tuple(sentences(name, task)) for name, task in pair["tasks"].items()]
+        labels = (pair["first"], pair["second"])
+        heads = ("task", *labels, "only first", "only second", "better", "by points", "95 % interval")
+        rows = [tuple(sentences(name, task, labels)) for name, task in pair["tasks"].items()]
         title = f"{pair['first']} and {pair['second']}: draws passed"
         Listing(title, heads, rows, right=heads[1:], width=80).show()
+    valid = {True: "valid", False: "not valid", None: "not known to be valid"}[found["valid"]]
+    click.echo(printable(f"{valid}: {found['why']}"))
     for note in found["notes"]:
         click.echo(printable(f"note: {note}"), err=True)
 

@@ -57,12 +57,19 @@ def schema_of(plan: "Plan") -> pa.Schema:
 
 
 def _type(values: list[Any]) -> pa.DataType:
-    """The type of a column with these values; numbers are float64 unless all are integers."""
+    """The type of a column with these values; numbers are float64 unless all are integers. Values of several kinds,
+    lists and tables are texts."""
     try:
         found = pa.array(values).type
     except pa.ArrowException:  # of several kinds
         return pa.string()
-    return pa.string() if pa.types.is_null(found) else found
+    return found if found in _TYPES.values() else pa.string()
+
+
+def in_a_column(value: Any) -> Any:
+    """A value as a column of texts has it: a text as it is, anything else as JSON, ``[1.0, 0.0]``. Lists as such would
+    be of no use in groups, axes and CSV, and Arrow names what is inside them otherwise when it reads them again."""
+    return value if value is None or isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
 
 
 class StudyFolder:
@@ -110,7 +117,9 @@ class StudyFolder:
         known = set(self._schema.names)
         own = dict.fromkeys(column for row in rows for column in row if column not in known)
         schema = pa.schema([*self._schema, *((column, pa.float64()) for column in own)])
-        table = pa.Table.from_pylist(list(rows), schema=schema)
+        texts = [field.name for field in schema if field.type == pa.string()]
+        whole = [{**row, **{column: in_a_column(row.get(column)) for column in texts}} for row in rows]
+        table = pa.Table.from_pylist(whole, schema=schema)
         table = table.replace_schema_metadata({"study": self._digest, "rows": _checksum(table)})
         put(self.part(i), lambda file: pq.write_table(table, file, compression="zstd", write_page_checksum=True))
 
@@ -358,7 +367,5 @@ def _design(plan: "Plan") -> tuple[dict[str, int], dict[str, Any]]:
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:
-    """Values as an array; lists as texts."""
-    if any(isinstance(value, list | tuple) for value in values):
-        return np.array([str(value) for value in values])
-    return np.array(values)
+    """Values as an array, as their column of the rows has them."""
+    return np.array([in_a_column(value) for value in values] if _type(list(values)) == pa.string() else values)

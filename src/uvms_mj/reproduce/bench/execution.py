@@ -35,7 +35,7 @@ from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .. import Progress
 from . import results
 from .results import broken
-from .task import LATEX, PAGE, RESULT, Entry, Task, identity
+from .task import LATEX, PAGE, RESULT, Entry, Task, identity, named
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -137,7 +137,7 @@ def _law(mine: Sequence[Job], frames: "Mapping[tuple[str, str, bool], pd.DataFra
     found["tasks"] = {job.task.name: _cell(job, frames, knows) for job in mine if not job.tuned}
     if entry.tuned:
         found["tuned"] = {
-            job.task.name: {"settings": dict(entry.tuned[job.task.name]), **_cell(job, frames, False)}
+            job.task.name: {"settings": named(entry.tuned[job.task.name]), **_cell(job, frames, False)}
             for job in mine
             if job.tuned
         }
@@ -152,7 +152,8 @@ def _cell(job: Job, frames: "Mapping[tuple[str, str, bool], pd.DataFrame]", know
 
 
 def latex_table(found: Mapping[str, Any]) -> str:
-    """Of each law and task the number of draws that the law passes; a dash where it can't run, with the reason below.
+    """Of each law and task the number of draws that the law passes, and below it the interval of their share; a dash
+    where it can't run, with the reason below the table. It fits the width of a page of two columns, 7.16 in, at 10 pt.
 
     The heads are the numbers of the tasks; comments have their names, versions and the digest of the result.
     """
@@ -162,7 +163,8 @@ def latex_table(found: Mapping[str, Any]) -> str:
         f"% {task['number']}: {name}, version {task['version']}, digest {task['digest']}"
         for name, task in tasks.items()
     ]
-    lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{'r' * len(tasks)}}}", "\\toprule"]
+    space = f"@{{\\hspace{{{SPACE_PT}pt}}}}"
+    lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{f'{space}r' * len(tasks)}}}", "\\toprule"]
     lines += [" & ".join(["law", *(str(task["number"]) for task in tasks.values())]) + " \\\\", "\\midrule"]
     notes = []
     for key in ("tasks", "tuned"):
@@ -170,8 +172,9 @@ def latex_table(found: Mapping[str, Any]) -> str:
         if key == "tuned" and rows:
             lines += ["\\midrule", f"\\multicolumn{{{1 + len(tasks)}}}{{l}}{{gains tuned for each task}} \\\\"]
         for law in rows:
-            cells = [_text(law[key].get(name)) for name in tasks]
-            lines.append(" & ".join([latex(law["label"]), *cells]) + " \\\\")
+            cells = [_texts(law[key].get(name)) for name in tasks]
+            lines.append(" & ".join([_label(law["label"]), *(passed for passed, _ in cells)]) + " \\\\")
+            lines.append(" & ".join(["", *(interval for _, interval in cells)]) + " \\\\")
             notes += [
                 f"% {law['label']} on {name}: {' '.join(cell['reason'].split())}"
                 for name, cell in law[key].items()
@@ -180,11 +183,28 @@ def latex_table(found: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
 
 
-def _text(cell: Mapping[str, Any] | None) -> str:
+SPACE_PT = 6
+"""Space between the columns of the LaTeX table [pt]."""
+LABEL_PT = 160
+"""Width in which the labels of laws are set [pt]."""
+_NARROW = frozenset("abcdefghijklnopqrstuvxyz0123456789 _-.,+=()")
+"""Letters below 6 pt; others have at most 11 pt."""
+
+
+def _label(label: str) -> str:
+    """A label in LaTeX. A long one has several lines, and may be broken everywhere."""
+    if sum(6 if letter in _NARROW else 11 for letter in label) <= LABEL_PT:
+        return latex(label)
+    broken = "\\allowbreak{}".join(map(latex, label))
+    return f"\\parbox[t]{{{LABEL_PT}pt}}{{\\raggedright {broken}\\strut}}"
+
+
+def _texts(cell: Mapping[str, Any] | None) -> tuple[str, str]:
+    """The number of draws that are passed, and the interval of their share."""
     if cell is None or not cell["runs"]:
-        return "--"
+        return "--", ""
     low, high = (f"{100.0 * each:.0f}" for each in cell["interval"])
-    return f"{cell['passed']}/{cell['draws']} {{\\scriptsize {low}--{high}}}"
+    return f"{cell['passed']}/{cell['draws']}", f"{{\\scriptsize {low}--{high}}}"
 
 
 _COLUMNS, _HEIGHT = 5, 1.15

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...control import BUILT_IN
 from ...errors import InputError, suggestion
 from ...files import is_file, is_folder
 from ...studies.plan.metrics import COMPLETED
@@ -122,28 +123,21 @@ def digest(found: Mapping[str, Any]) -> str:
 
 def text(found: Mapping[str, Any]) -> str:
     """The result as JSON; each draw, each metric and each list of numbers is one line."""
-    lines, marks = list[str](), dict[str, str]()
+    return _json(found, "", 0) + "\n"
 
-    def marked(value: Any) -> str:
-        mark = f"@{len(marks)}@"
-        marks[mark] = json.dumps(value, ensure_ascii=False, allow_nan=False)
-        return mark
 
-    def shortened(value: Any, name: str = "") -> Any:
-        if name == "rows":
-            return [marked(row) for row in value]
-        if name == "metrics":
-            return {key: marked(spread) for key, spread in value.items()}
-        if isinstance(value, Mapping):
-            return {key: shortened(each, key) for key, each in value.items()}
-        if isinstance(value, list) and all(isinstance(each, int | float) for each in value):
-            return marked(value)
-        return [shortened(each) for each in value] if isinstance(value, list) else value
-
-    for line in json.dumps(shortened(found), indent=1, ensure_ascii=False, allow_nan=False).split("\n"):
-        mark = line.rpartition('"@')[2].rpartition('@"')[0]
-        lines.append(line.replace(f'"@{mark}@"', marks[f"@{mark}@"]) if mark.isdecimal() else line)
-    return "\n".join(lines) + "\n"
+def _json(value: Any, name: str, depth: int) -> str:
+    """A value of the result as JSON. ``name`` is its key, or for a row "row" and for a metric's numbers "metric"."""
+    numbers = isinstance(value, list) and all(isinstance(each, int | float) for each in value)
+    if name in ("row", "metric") or numbers or not value or not isinstance(value, list | Mapping):
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    below = "\n" + " " * (depth + 1)
+    if isinstance(value, list):
+        each = [_json(item, "row" if name == "rows" else "", depth + 1) for item in value]
+        return f"[{below}{f',{below}'.join(each)}\n{' ' * depth}]"
+    inner = {key: _json(item, "metric" if name == "metrics" else key, depth + 1) for key, item in value.items()}
+    each = [f"{json.dumps(key, ensure_ascii=False)}: {item}" for key, item in inner.items()]
+    return f"{{{below}{f',{below}'.join(each)}\n{' ' * depth}}}"
 
 
 SHIPPED = Path(__file__).with_name("shipped.json.gz")
@@ -177,14 +171,12 @@ OF_PACKAGE = "shipped"
 def compared(first: str, second: str) -> dict[str, Any]:
     """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is that of the shipped laws.
 
-    Returns pairs of laws, each with its tasks, and notes: about tasks of different versions, which are left out, about
-    different code, and about laws of one file alone. Raises InputError if a file is no result, or there is nothing to
-    compare.
+    Returns pairs of laws, each with its tasks; whether their numbers may be compared, and why; and notes: about tasks
+    of different versions, which are left out, and about laws of one file alone. Raises InputError if a file is no
+    result, or there is nothing to compare.
     """
     (a, one), (b, other) = (_read(given) for given in (first, second))
-    notes = [_of_code(name, a["code"].get(name), b["code"].get(name)) for name in {**a["code"], **b["code"]}]
-    notes = [note for note in notes if note]
-    notes += _alone(a["tasks"], b["tasks"])
+    notes = _alone(a["tasks"], b["tasks"])
     tasks = []
     for name in (name for name in a["tasks"] if name in b["tasks"]):
         mine, theirs = a["tasks"][name], b["tasks"][name]
@@ -205,7 +197,40 @@ def compared(first: str, second: str) -> dict[str, Any]:
         | {"tasks": {name: _task(mine["tasks"][name], theirs["tasks"][name]) for name in tasks}}
         for mine, theirs in pairs
     ]
-    return {"results": [a["digest"], b["digest"]], "pairs": found, "notes": notes}
+    return {"results": [a["digest"], b["digest"]], "pairs": found, **_validity(a, b, tasks), "notes": notes}
+
+
+def _validity(a: Mapping[str, Any], b: Mapping[str, Any], tasks: Sequence[str]) -> dict[str, Any]:
+    """Whether a difference between two results is one of the laws: ``valid`` is True, False, or None where nothing
+    shows it; ``why`` is a sentence. Other code computes the same where a law that both have has the same numbers."""
+    names = [name for name in {**a["code"], **b["code"]} if a["code"].get(name) != b["code"].get(name)]
+    if not names:
+        return {"valid": True, "why": "the tasks, their draws, the code and the machine are the same"}
+    said = [f"{name}: {a['code'].get(name, 'not written')} and {b['code'].get(name, 'not written')}" for name in names]
+    differs = f"the code or the machine differs ({'; '.join(said)})"
+    theirs = {law["digest"]: law for law in b["laws"]}
+    both = {law["label"]: (law, theirs[law["digest"]]) for law in a["laws"] if law["digest"] in theirs}
+    draws = [
+        (label, row == other)
+        for label, (mine, its) in both.items()
+        for name in tasks
+        for row, other in _same_draws(mine["tasks"][name], its["tasks"][name])
+    ]
+    if not draws:
+        some = next((law["label"] for each in (b, a) for law in each["laws"] if law["name"] in BUILT_IN), "gsta")
+        hint = f"run {some} with both: its numbers show whether they compute the same"
+        return {"valid": None, "why": f"{differs}, and no law is in both; {hint}"}
+    other = sum(not same for _, same in draws)
+    laws = ", ".join(dict.fromkeys(label for label, _ in draws))
+    if other:
+        return {"valid": False, "why": f"{differs}, and {laws} has other numbers in {other} of {len(draws)} draws"}
+    return {"valid": True, "why": f"{differs}, and {laws} has the same numbers in {len(draws)} of {len(draws)} draws"}
+
+
+def _same_draws(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """The rows of the draws that both cells of a task have."""
+    x, y = ({row["draw"]: row for row in each.get("rows", ())} for each in (mine, theirs))
+    return [(row, y[draw]) for draw, row in x.items() if draw in y]
 
 
 def _read(given: str) -> tuple[dict[str, Any], str]:
@@ -224,10 +249,6 @@ def _read(given: str) -> tuple[dict[str, Any], str]:
     if label and label not in labels:
         raise InputError(f"{given}: no law {label!r}; {suggestion(label, labels)}")
     return found, label
-
-
-def _of_code(name: str, one: Any, other: Any) -> str:
-    return "" if one == other else f"{name} differs: {one} and {other}"
 
 
 def _pairs(
@@ -253,32 +274,41 @@ def _task(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
     """The draws that both laws ran, paired: how many each passes, difference of the shares with its interval."""
     if not (mine["runs"] and theirs["runs"]):
         return {"reason": mine.get("reason") or theirs.get("reason")}
-    x, y = ({row["draw"]: row for row in each["rows"]} for each in (mine, theirs))
-    draws = [draw for draw in x if draw in y]
-    passed = np.array([[x[draw]["passed"], y[draw]["passed"]] for draw in draws], dtype=float)
+    rows = _same_draws(mine, theirs)
+    if not rows:
+        return {"reason": "no draw is in both"}
+    passed = np.array([[row["passed"] for row in pair] for pair in rows], dtype=float)
     difference = difference_of_rates(passed[:, 1] - passed[:, 0])
+    better = "second" if difference.value > 0.0 else "first" if difference.value < 0.0 else None
     return {
-        "draws": len(draws),
+        "draws": len(rows),
         "passed": [int(n) for n in passed.sum(axis=0)],
         "only": [int((passed[:, 0] > passed[:, 1]).sum()), int((passed[:, 1] > passed[:, 0]).sum())],
+        "better": better,
+        "resolved": difference.low > 0.0 or difference.high < 0.0,
         "difference": rounded(difference.value),
         "interval": [rounded(difference.low), rounded(difference.high)],
-        "same_numbers": [x[draw] for draw in draws] == [y[draw] for draw in draws],
-        "error_N": [_median(x, draws), _median(y, draws)],
+        "same_numbers": all(one == other for one, other in rows),
+        "error_N": [_median([pair[k] for pair in rows]) for k in range(2)],
     }
 
 
-def _median(rows: Mapping[int, Mapping[str, Any]], draws: Sequence[int]) -> float | None:
-    values = [rows[draw]["hold.error_N"] for draw in draws]
+def _median(rows: Sequence[Mapping[str, Any]]) -> float | None:
+    values = [row["hold.error_N"] for row in rows]
     return rounded(float(np.median([np.inf if value is None else value for value in values])))
 
 
-def sentences(name: str, task: Mapping[str, Any]) -> list[str]:
-    """The cells of a task in a table."""
+def sentences(name: str, task: Mapping[str, Any], labels: Sequence[str]) -> list[str]:
+    """The cells of a task in a table: what each law passes, the better one of the two, by how many points of the share
+    of draws, and the interval of it."""
     if "reason" in task:
-        return [name, "-", "-", "-", "-", "can't run", ""]
+        return [name, "-", "-", "-", "-", "can't run", "", ""]
     n, (a, b), (low, high) = task["draws"], task["passed"], task["interval"]
-    if task["same_numbers"]:
-        return [name, f"{a}/{n}", f"{b}/{n}", *map(str, task["only"]), "the same numbers", ""]
-    percent = [f"{100.0 * each:+.0f} %" for each in (task["difference"], low, high)]
-    return [name, f"{a}/{n}", f"{b}/{n}", *map(str, task["only"]), percent[0], f"{percent[1]} to {percent[2]}"]
+    counts = [name, f"{a}/{n}", f"{b}/{n}", *map(str, task["only"])]
+    if task["same_numbers"] or task["better"] is None:
+        return [*counts, "the same numbers" if task["same_numbers"] else "neither", "", ""]
+    sign = 1.0 if task["better"] == "second" else -1.0
+    low, high = sorted((sign * low, sign * high))
+    better = labels[task["better"] == "second"] + ("" if task["resolved"] else ", not resolved")
+    points = [f"{100.0 * each:+.0f}" for each in (sign * task["difference"], low, high)]
+    return [*counts, better, points[0], f"{points[1]} to {points[2]}"]

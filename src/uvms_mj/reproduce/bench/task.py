@@ -18,7 +18,7 @@ from ...quantities import leaves
 from ...stages.foreign import parted
 from ...studies.bundle import StudyBundle
 from ...studies.plan import Plan
-from ...studies.plan.file import absolute
+from ...studies.plan.file import PATHS, absolute
 from .. import PAGE as PAGE
 
 NAME = "Contact-10"
@@ -238,7 +238,7 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
     if not isinstance(label, str) or not _LABEL.fullmatch(label) or not label.isprintable() or label in _NO_LABELS:
         wanted = "must be a text of 1 to 60 characters without / and :, which names a folder"
         faults.append(Fault(place, f"label: {shortened(label)} {wanted}"))
-    settings = _settings(table, place, faults)
+    settings = _settings(table, folder, place, faults)
     if not isinstance(tuned, Mapping):
         faults.append(Fault(place, "tuned: must be tables by task, [laws.tuned.slide]"))
         tuned = {}
@@ -247,14 +247,14 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
         if task not in known:
             faults.append(Fault(place, f"tuned.{task}: no such task; {suggestion(task, known)}"))
         elif isinstance(keys, Mapping) and keys:
-            own[task] = _settings(keys, f"{place}: tuned.{task}", faults)
+            own[task] = _settings(keys, folder, f"{place}: tuned.{task}", faults)
         else:
             faults.append(Fault(place, f"tuned.{task}: must be a table of settings"))
     return Entry(label, source, settings, own) if len(faults) == before else None
 
 
-def _settings(table: Mapping[str, Any], place: str, faults: list[Fault]) -> dict[str, Any]:
-    """The dotted keys of a table. Keys that belong to the task are errors."""
+def _settings(table: Mapping[str, Any], folder: Path, place: str, faults: list[Fault]) -> dict[str, Any]:
+    """The dotted keys of a table, with files in ``folder``. Keys that belong to the task are errors."""
     found = {}
     for key, value in leaves(table, lists=False):
         name, dot, word = key.partition(".")
@@ -266,8 +266,13 @@ def _settings(table: Mapping[str, Any], place: str, faults: list[Fault]) -> dict
             allowed = ", ".join(f"{each}.*" for each in TABLES)
             faults.append(Fault(place, f"{key}: belongs to the task; a law has {allowed}, and label"))
         else:
-            found[key] = plain(value)
+            found[key] = absolute(plain(value), folder) if key in PATHS else plain(value)
     return found
+
+
+def named(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with the names of files without their folders."""
+    return {key: Path(value).name if key in PATHS else value for key, value in settings.items()}
 
 
 def identity(plan: Plan) -> dict[str, Any]:
@@ -277,15 +282,17 @@ def identity(plan: Plan) -> dict[str, Any]:
     files = StudyBundle.of(plan).files
     gains = {k: v for k, v in law.scenario.to_dict()["controller"].items() if k not in ("name", "period", "delay")}
     others = {key: value for key, value in law.overrides.items() if not key.startswith("controller.")}
+    digests: dict[str, str] = {}
+    for name, data in files.items():
+        if name.startswith("code-"):
+            own, digest = name.partition("/")[2], hashlib.sha256(data).hexdigest()
+            # of two folders, such as those of a law and of an allocation, each may have a file of this name
+            digests[own] = " ".join(sorted({digest, *digests.get(own, "").split()}))
     found: dict[str, Any] = {
         "name": Path(law.source).name,
         "gains": gains,
-        "settings": others,
-        "files": {
-            name.partition("/")[2]: hashlib.sha256(data).hexdigest()
-            for name, data in sorted(files.items())
-            if name.startswith("code-")
-        },
+        "settings": named(others),
+        "files": dict(sorted(digests.items())),
     }
     found["digest"] = hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:16]
     return found

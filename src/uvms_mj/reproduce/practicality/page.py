@@ -20,7 +20,8 @@ from .results import AXES, DEMANDED, LABELS, MAPS, PART, RETUNED, STEPS, Axis, R
 
 _PROFILES = (
     "Push of the last 0.5 s along each axis, ideal on the left: mean, and its range as a line. A cross: the law does "
-    "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool."
+    "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool. With noise, the worst of "
+    f"{max(axis.repeats for axis in AXES.values())} runs."
 )
 _MAPS = (
     "Range of the push over the last 0.5 s, from least to greatest. Hatched: the law does not work. Grey: the push "

@@ -48,6 +48,7 @@ class Axis:
         real: a value as in a pool.
         source: of the real value, and how far to trust it.
         base: further keys of the axis.
+        repeats: runs of each value with other random numbers, where there is noise.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Axis:
     real: float
     source: str
     base: Mapping[str, Any]
+    repeats: int = 1
 
     @property
     def logarithmic(self) -> bool:
@@ -131,9 +133,9 @@ def laws_of_steps() -> list[dict[str, Any]]:
 
 def plans(overrides: Mapping[str, Any]) -> dict[str, Plan]:
     """The studies by name. ``overrides`` are dotted keys of the ideal scenario. Raises InputError if one is invalid."""
-    found = {axis.name: _plan(axis.name, axis.base, LAWS, (axis,), overrides) for axis in AXES.values()}
-    found |= {name: _plan(name, {}, LAWS, pair, overrides) for name, pair in MAPS.items()}
-    return found | {STEPS_NAME: _plan(STEPS_NAME, {}, laws_of_steps(), (), overrides)}
+    found = {axis.name: _plan(axis.name, axis.base, LAWS, (axis,), axis.repeats, overrides) for axis in AXES.values()}
+    found |= {name: _plan(name, {}, LAWS, pair, 1, overrides) for name, pair in MAPS.items()}
+    return found | {STEPS_NAME: _plan(STEPS_NAME, {}, laws_of_steps(), (), _FILE["steps"]["repeats"], overrides)}
 
 
 def _plan(
@@ -141,6 +143,7 @@ def _plan(
     base: Mapping[str, Any],
     laws: Sequence[Mapping[str, Any]],
     axes: Sequence[Axis],
+    repeats: int,
     overrides: Mapping[str, Any],
 ) -> Plan:
     tables = {
@@ -148,6 +151,7 @@ def _plan(
         "base": {**BASE, **base, **overrides},
         "laws": [dict(law) for law in laws],
         "vary": [axis.table for axis in axes],
+        "design": {"repeats": repeats},
         "keep": {"metrics": list(KEPT)},
         "success": dict(SUCCESS),
         "run": {"engine": "free_body"},
@@ -204,9 +208,10 @@ class Results:
         return successes(self.frames[study], self.plans[study].success)
 
     def along(self, axis: Axis, law: str) -> pd.DataFrame:
-        """The rows of a law along an axis, from ideal to real, with the column ``works``."""
+        """The rows of a law along an axis, from ideal to real, with the column ``works``; of repeats, the worst."""
         frame = self.frames[axis.name].assign(works=self.works(axis.name))
-        return frame[frame["law"] == law].set_index(axis.key).loc[list(axis.values)].reset_index()
+        mine = _worst_first(frame[frame["law"] == law]).drop_duplicates(axis.key)
+        return mine.set_index(axis.key).loc[list(axis.values)].reset_index()
 
     def _boundary(self, axis: Axis, law: str) -> Boundary:
         rows = self.along(axis, law)
@@ -246,14 +251,21 @@ class Results:
         return [ForceAge.of(setup).share for setup in setups]
 
     def step(self, law: str, bumper: bool, number: int) -> pd.Series:
-        """The row of GSTA with the gains ``law`` after a number of steps to a pool, with the column ``works``."""
+        """The row of GSTA with the gains ``law`` after a number of steps to a pool, with the column ``works``; of
+        repeats, the worst."""
         frame = self.frames[STEPS_NAME].assign(works=self.works(STEPS_NAME))
-        return frame[frame["law"] == step_label(law, bumper, number)].iloc[0]
+        return _worst_first(frame[frame["law"] == step_label(law, bumper, number)]).iloc[0]
 
     def steps_survived(self, law: str, bumper: bool) -> int:
         """Number of steps from ideal, the ideal one included, after which a law still works, without a gap."""
         works = [bool(self.step(law, bumper, number)["works"]) for number in range(len(STEPS))]
         return works.index(False) if False in works else len(works)
+
+
+def _worst_first(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows that do not work before those that do; of equals, the one first whose push varies most. A run that did not
+    complete has no such number, and is first."""
+    return rows.sort_values(["works", "force_range_N"], ascending=[True, False], na_position="first", kind="stable")
 
 
 def why(row: pd.Series) -> str:

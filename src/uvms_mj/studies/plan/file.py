@@ -161,7 +161,8 @@ class Vary:
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Values(Vary):
     values: Annotated[list[Annotated[Any, BeforeValidator(_one_a_place)]], _list_of("values"), _not_empty()] = doc(
-        "values, numbers or texts such as files; of keys that move together, lists with one value a key"
+        "values: numbers, texts such as files, or lists for a key that is one, such as impedance.K_f; of keys that "
+        "move together, lists with one value a key"
     )
 
     @functools.cached_property

@@ -93,6 +93,8 @@ def figure(plan: Plan, frame: "pd.DataFrame", what: str = "overview", over: Sequ
         drawn = made[0].figure if made and made[0] is not None else None
     if drawn is None:
         why = "no number of its runs varies" if data.factors else "no key varies"
+        if what == "map" and data.factors and not any(factor.numeric for factor in data.factors):
+            why = "its keys have no numbers"
         raise InputError(f"{plan.name}: has nothing for a figure of {what}: {why}")
     return drawn
 
@@ -103,6 +105,8 @@ def _map_over(data: StudyRows, over: Sequence[str]) -> Figure | None:
     for key in over:
         if key not in known:
             raise InputError(f"over: {key!r} does not vary; {suggestion(key, known)}")
+        if not known[key].numeric:
+            raise InputError(f"over: {key!r}: its values are no numbers, so that it has no axis; the rows have them")
     if len(over) == 1:
         return figures.profile(data, known[over[0]])
     if len(over) != 2 or over[0] == over[1]:

@@ -46,12 +46,13 @@ def difference_of_rates(differences: np.ndarray) -> Estimate:
     """Mean of the differences (n,) between two laws' success shares of each draw, with its interval.
 
     Of single runs, the interval is that of Agresti and Min (2005): Wald's after adding one half to each cell of the
-    2 x 2 table of both laws' successes.
+    2 x 2 table of both laws' successes, within -1 and 1.
     """
     n, total = len(differences) + 2.0, float(differences.sum())
     deviation = math.sqrt(float((differences**2).sum()) + 1.0 - total**2 / n) / n
     mean, middle = total / len(differences), total / n
-    return Estimate(mean, min(mean, middle - _Z * deviation), max(mean, middle + _Z * deviation))
+    low, high = max(-1.0, middle - _Z * deviation), min(1.0, middle + _Z * deviation)
+    return Estimate(mean, min(mean, low), max(mean, high))
 
 
 def median(differences: np.ndarray) -> Estimate | None:
