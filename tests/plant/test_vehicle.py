@@ -101,7 +101,12 @@ REFUSED = [
     ("sleep", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_SLEEP))),
     ("diagexact", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT))),
     ("actuation", option("disableflags", int(mujoco.mjtDisableBit.mjDSBL_ACTUATION))),
+    ("disable gravity: takes the weight", option("disableflags", int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))),
+    ("enable fwdinv", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_FWDINV))),
     ("joint damping", entry("dof_damping", slice(0, 6), 0.1)),
+    ("joint damping", entry("dof_dampingpoly", slice(0, 6), 0.1)),
+    ("joint frictionloss: is 0.1", entry("dof_frictionloss", slice(0, 6), 0.1)),
+    ("joint stiffness", entry("jnt_stiffness", 0, 0.1)),
     ("density", option("density", 1000.0)),
 ]
 
