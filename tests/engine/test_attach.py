@@ -258,8 +258,7 @@ def test_each_flag_of_a_model_leaves_the_hydrodynamics_or_is_refused():
             flags = (int(bit), 0) if "DSBL" in name else (0, int(bit))
             try:
                 found = drift(*flags)
-            except InputError as error:
-                assert name.rpartition("_")[2].lower() in str(error)
+            except InputError:
                 continue
             assert np.allclose(found, moved, rtol=0.0, atol=1e-12), name
             accepted.add(name)
@@ -277,13 +276,16 @@ def drift(disabled: int, enabled: int) -> np.ndarray:
     return np.concatenate([data.qpos, data.qvel])
 
 
-def test_a_small_vehicle_is_attached_without_a_warning_of_mujoco(capfd, tmp_path, monkeypatch):
-    """1 kg and 1e-3 kg m^2: the check of MuJoCo's factor takes a matrix that is positive definite in any units."""
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file, too
+def test_a_small_vehicle_is_attached_without_a_warning_of_mujoco():
+    """1 kg and 1e-4 kg m^2: the check of MuJoCo's factor takes a matrix that is positive definite in any units."""
     model, data = load(STILL)
-    model.body_mass[1], model.body_inertia[1], model.body_ipos[1] = 1.0, [1e-3] * 3, 0.0
+    model.body_mass[1], model.body_inertia[1], model.body_ipos[1] = 1.0, [1e-4] * 3, 0.0
     mujoco.mj_setConst(model, data)
-    with attach(model, data):
-        mujoco.mj_forward(model, data)
-    assert "singular" not in capfd.readouterr().err
-    assert not list(tmp_path.iterdir())
+    warned, before = list[str](), mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        with attach(model, data):
+            mujoco.mj_forward(model, data)
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert not warned

@@ -364,8 +364,8 @@ _ENABLED = ("override", "energy", "invdiscrete", "multiccd")
 """Parts that a model may enable."""
 _FLAGS: Mapping[str, str] = {
     "disable actuation": "skips mjcb_control, and with it the hydrodynamics; enable actuation",
-    "disable gravity": "takes the weight of the vehicle and not its buoyancy, which is displaced_mass times the gravity "
-    "of the model; enable it, and write gravity 0 0 0 for a world without weight",
+    "disable gravity": "takes the weight of the vehicle and not its buoyancy, which is displaced_mass times the "
+    "gravity of the model; enable it, and write gravity 0 0 0 for a world without weight",
     "enable sleep": "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it",
     "enable diagexact": "computes contact softness from the inertia without the added mass; disable it",
     "enable fwdinv": "compares with mj_inverse, which does not know the hydrodynamics; disable it",
