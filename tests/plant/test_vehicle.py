@@ -128,3 +128,11 @@ def test_what_is_no_coefficient_and_a_body_that_is_fixed_are_allowed():
     fixed = written(('name="origin"/>', LINK.format("")))()
     with attach(fixed, mujoco.MjData(fixed)) as attachment:
         assert attachment.vehicle.mass == pytest.approx(STILL.mass + 1e-3)
+
+
+def test_a_body_with_a_slash_and_coefficients_without_one_is_refused_in_one_sentence():
+    """It is read as a part of an attached model, whose coefficients have its prefix; those of another do not count."""
+    model = written(('<body name="rov"', '<body name="rov/base_link"'))()
+    with pytest.raises(InputError, match="Name the body 'rov_base_link'") as refused:
+        attach(model, mujoco.MjData(model))
+    assert len(refused.value.faults) == 1
