@@ -245,3 +245,47 @@ def test_attaching_twice_or_over_somebody_elses_callback_is_refused():
             attach(model, data)
     finally:
         mujoco.set_mjcb_control(None)
+
+
+def test_each_flag_of_a_model_leaves_the_hydrodynamics_or_is_refused():
+    """A flag that MuJoCo adds is refused until this test has shown that it changes nothing. No constraint acts here."""
+    accepted = set()
+    moved = drift(0, 0)
+    for kind in (mujoco.mjtDisableBit, mujoco.mjtEnableBit):
+        for name, bit in kind.__members__.items():
+            if "_" not in name:
+                continue
+            flags = (int(bit), 0) if "DSBL" in name else (0, int(bit))
+            try:
+                found = drift(*flags)
+            except InputError:
+                continue
+            assert np.allclose(found, moved, rtol=0.0, atol=1e-12), name
+            accepted.add(name)
+    assert {"mjDSBL_CONTACT", "mjDSBL_SPRING", "mjENBL_ENERGY"} <= accepted
+    assert not accepted & {"mjDSBL_GRAVITY", "mjDSBL_ACTUATION", "mjENBL_SLEEP"}
+
+
+def drift(disabled: int, enabled: int) -> np.ndarray:
+    parameters = random_parameters(5, timestep=1e-3)
+    model, data = load(parameters)
+    model.opt.disableflags |= disabled
+    model.opt.enableflags |= enabled
+    with attach(model, data, **water_of(parameters)):
+        mujoco.mj_step(model, data, 50)
+    return np.concatenate([data.qpos, data.qvel])
+
+
+def test_a_small_vehicle_is_attached_without_a_warning_of_mujoco():
+    """1 kg and 1e-4 kg m^2: the check of MuJoCo's factor takes a matrix that is positive definite in any units."""
+    model, data = load(STILL)
+    model.body_mass[1], model.body_inertia[1], model.body_ipos[1] = 1.0, [1e-4] * 3, 0.0
+    mujoco.mj_setConst(model, data)
+    warned, before = list[str](), mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        with attach(model, data):
+            mujoco.mj_forward(model, data)
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert not warned

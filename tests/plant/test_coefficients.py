@@ -119,6 +119,38 @@ def test_every_fault_is_named(entries, reasons):
         assert reason in str(caught.value)
 
 
+LARGE = np.diag([800.0, 1200, 3700, 500, 800, 200])
+
+
+@pytest.mark.parametrize(("here", "there"), [(10.774, 10.775), (-1.2, -1.3), (0.001, 0.0), (5.0, 6.0)])
+def test_an_asymmetry_below_the_printed_digits_is_taken_as_their_mean(here, there):
+    M_A = LARGE.copy()
+    M_A[2, 4], M_A[4, 2] = here, there
+    read = vehicle(GOOD | {"M_A": M_A}).M_A
+    assert read[2, 4] == read[4, 2] == pytest.approx((here + there) / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "advice"),
+    [
+        (10.774, 10.776, "write 10.775, the mean, for both, or correct one of them"),
+        (10.5, -10.5, "symmetric; correct one of them"),
+        (0.9, 0.0, "symmetric; correct one of them"),  # the lower half was forgotten
+        (5.0, 7.0, "symmetric; correct one of them"),
+    ],
+)
+def test_a_larger_asymmetry_is_refused_with_the_way_on(here, there, advice):
+    M_A = LARGE.copy()
+    M_A[2, 4], M_A[4, 2] = here, there
+    with pytest.raises(InputError, match=f"added mass is {advice}|added mass is symmetric; {advice}"):
+        vehicle(GOOD | {"M_A": M_A})
+
+
+def test_whole_numbers_of_a_small_vehicle_are_not_taken_as_rounded():
+    with pytest.raises(InputError, match="added mass is symmetric"):
+        vehicle(changed("M_A", (0, 1, 5.0), (1, 0, 6.0)))
+
+
 def quadratic_power(D: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """nu^T D (|nu| nu) of velocities (n, 6)."""
     return np.einsum("ni,ij,nj->n", nu, D, np.abs(nu) * nu)

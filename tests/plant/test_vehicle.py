@@ -101,7 +101,12 @@ REFUSED = [
     ("sleep", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_SLEEP))),
     ("diagexact", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT))),
     ("actuation", option("disableflags", int(mujoco.mjtDisableBit.mjDSBL_ACTUATION))),
+    ("disable gravity: takes the weight", option("disableflags", int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))),
+    ("enable fwdinv", option("enableflags", int(mujoco.mjtEnableBit.mjENBL_FWDINV))),
     ("joint damping", entry("dof_damping", slice(0, 6), 0.1)),
+    ("joint damping", entry("dof_dampingpoly", slice(0, 6), 0.1)),
+    ("joint frictionloss: is 0.1", entry("dof_frictionloss", slice(0, 6), 0.1)),
+    ("joint stiffness", entry("jnt_stiffness", 0, 0.1)),
     ("density", option("density", 1000.0)),
 ]
 
@@ -123,3 +128,11 @@ def test_what_is_no_coefficient_and_a_body_that_is_fixed_are_allowed():
     fixed = written(('name="origin"/>', LINK.format("")))()
     with attach(fixed, mujoco.MjData(fixed)) as attachment:
         assert attachment.vehicle.mass == pytest.approx(STILL.mass + 1e-3)
+
+
+def test_a_body_with_a_slash_and_coefficients_without_one_is_refused_in_one_sentence():
+    """It is read as a part of an attached model, whose coefficients have its prefix; those of another do not count."""
+    model = written(('<body name="rov"', '<body name="rov/base_link"'))()
+    with pytest.raises(InputError, match="Name the body 'rov_base_link'") as refused:
+        attach(model, mujoco.MjData(model))
+    assert len(refused.value.faults) == 1

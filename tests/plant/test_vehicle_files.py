@@ -38,6 +38,37 @@ REFUSED = {
     "wind": (edited(OPTION, '<option wind="0 1 0" integrator="Euler"'), '<option wind="0 1 0">: wind is not supported'),
     "misspelt option": (with_end('<option gravty="0 0 -9.8"/>'), "did you mean 'gravity'"),
     "flag": (with_end('<option><flag contact="disable"/></option>'), "<flag>"),
+    "time step": (
+        edited('timestep="0.0001"', 'timestep="0.01"'),
+        '<option timestep="0.01">: would be ignored: a run has simulation.timestep; leave it out',
+    ),
+    "integrator": (edited('integrator="Euler"', 'integrator="RK4"'), "a run has simulation.integrator; leave it out"),
+    "place": (edited(BODY, BODY + ' pos="0 0 1"'), "body 'bluerov1': is placed at 0 0 1 with the attitude 1 0 0 0"),
+    "attitude": (edited(BODY, BODY + ' euler="0 90 0"'), "a run starts at initial.position and initial.attitude_deg"),
+    "place of a frame": (
+        edited(BODY, '<frame pos="0 0 1">' + BODY).replace("</worldbody>", "</frame></worldbody>"),
+        "leave out its pos and euler, and the frames around it",
+    ),
+    "unknown class": (
+        edited(MOTOR, MOTOR + ' class="blurov1"'),
+        'name="surge_left" class="blurov1">: is no <default> class of the model; did you mean \'bluerov1\'?',
+    ),
+    "class as a format": (edited(MOTOR, MOTOR + ' class="%n"'), 'class="%n">: has a %'),
+    "name as a format": (edited('<site name="lateral"', '<site name="%s"'), '<site name="%s">: has a %'),
+    "file as a format": (with_end('<include file="%n.xml"/>'), "refers to missing files: %n.xml"),
+    "impossible inertia": (
+        re.sub('diaginertia="[^"]*"', 'diaginertia="0.6 30 35"', BLUEROV),
+        "none of its principal moments is greater than the sum of the other two",
+    ),
+    "strip theory of the base": (
+        edited("<custom>", '<custom><numeric name="strip_theory" data="1 1.1"/>'),
+        "strip_theory: fills in the water of a link that is a slender body, and not of the base; give",
+    ),
+    "strip theory by the base's name": (
+        edited("<custom>", '<custom><numeric name="bluerov1.strip_theory" data="1 1.1"/>'),
+        "bluerov1.strip_theory: fills in the water of a link that is a slender body, and not of the base; give",
+    ),
+    "slash": (BLUEROV.replace('name="bluerov1"', 'name="rov/base_link"'), "Name the body 'rov_base_link'"),
     "size": (with_end('<size memory="1K"/>'), "<size>"),
     "mean inertia": (with_end('<statistic meaninertia="1e9"/>'), '<statistic meaninertia="1e9">'),
     "bounded mass": (with_end('<compiler boundmass="20"/>'), '<compiler boundmass="20">'),
@@ -124,6 +155,10 @@ REFUSED = {
         edited(BODY, '<geom name="rock" size="1"/>' + BODY).replace('contype="0"', ""),
         "geom 'rock': is fixed to the world",
     ),
+    "floor": (
+        edited(BODY, f'<body pos="0 0 -3"><geom name="floor" type="plane" size="9 9 1"/></body>{BODY}'),
+        "geom 'floor': is fixed to the world and would not be touched: a vehicle touches only the scenario's walls",
+    ),
     "many copies": (
         edited(INERTIAL, '<replicate count="200"><replicate count="200"><site/></replicate></replicate>' + INERTIAL),
         f"elements, counting each copy by <replicate> and <attach>; at most {MOST_ELEMENTS} are allowed",
@@ -146,6 +181,19 @@ def test_what_a_run_would_not_take_over_is_refused_by_name(case):
     with pytest.raises(InputError, match=re.escape(expected)) as error:
         plant(text)
     assert str(error.value).startswith("vehicle.model mine.xml: ")
+
+
+@pytest.mark.parametrize("root", ["<sdf version='1.6'><plugin filename='gz-sim-thruster-system'/></sdf>", "<robot/>"])
+def test_a_file_of_another_format_is_named_before_its_references_are_followed(tmp_path, root):
+    path = tmp_path / "rov.sdf"
+    path.write_text(root)
+    with pytest.raises(InputError, match=r"not <mujoco>. It is (SDF of Gazebo|URDF). `uvms-mj new vehicle NAME`"):
+        Mjcf.find(str(path))
+
+
+def test_an_inertia_that_is_corrected_as_the_message_says_is_taken():
+    said = re.sub('diaginertia="[^"]*"', 'diaginertia="0.6 30 30.6"', BLUEROV)
+    assert plant(said).vehicle.M_RB[5, 5] == pytest.approx(30.6)
 
 
 def test_every_fault_is_named_once_with_its_file():
@@ -366,7 +414,9 @@ LOOKS = {
     "as it ships": SHIPPED,
     "visual": with_end('<visual><map stiffness="9" znear=".1"/><quality shadowsize="64"/></visual>'),
     "statistic": with_end('<statistic center="1 0 0" extent="3" meansize=".1"/>'),
-    "other settings": with_end('<option timestep=".01" integrator="RK4" cone="pyramidal" density="0" wind="0 0 0"/>'),
+    "other settings": with_end(
+        '<option timestep="1e-4" integrator="Euler" cone="pyramidal" density="0" wind="0 0 0"/>'
+    ),
     "compiler": with_end('<compiler autolimits="true" coordinate="local" inertiafromgeom="auto" boundmass="0"/>'),
     "texture": edited(
         "<asset>",
@@ -378,7 +428,7 @@ LOOKS = {
     ),
     "light on it": edited(INERTIAL, f'<light name="lamp" pos=".2 0 0"/><camera name="eye"/>{INERTIAL}'),
     "floor": edited(BODY, f'<geom type="plane" size="9 9 1" contype="0" conaffinity="0" pos="0 0 -3"/>{BODY}'),
-    "floor that meets nothing": edited(BODY, f'<body pos="0 0 -3"><geom type="plane" size="9 9 1"/></body>{BODY}'),
+    "class of the top": edited(INERTIAL, f'<geom class="main" size=".01" mass="0"/>{INERTIAL}'),
     "include": with_end('<include file="parts.xml"/>').replace(
         INERTIAL, '<geom type="mesh" mesh="cube" mass="0"/>' + INERTIAL
     ),

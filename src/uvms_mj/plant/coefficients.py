@@ -39,6 +39,7 @@ cylinders of the link, unless the file gives them.
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TypedDict
 
 import mujoco
@@ -69,6 +70,10 @@ JOINT_NUMERICS = frozenset(["speed_limit"])
 _CLOSE = 0.8
 """Least similarity at which a name counts as misspelt."""
 _IGNORED = "is not a coefficient and would be ignored; leave it out, or write a remark as <text>"
+_STRIPS = (
+    "fills in the water of a link that is a slender body, and not of the base; give the base's displaced_mass, "
+    "center_of_buoyancy, added mass and damping"
+)
 LARGEST = 1e15
 """Bound on every number, in SI units; products of larger numbers could overflow."""
 _ROUNDING = 1e-9
@@ -118,14 +123,38 @@ def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.nd
         M_A = np.where(given, M_A, M_A.T)
     largest = np.abs(M_A).max()
     faults += [
-        Fault(names[i, j], f"{sign * M_A[i, j]:g}, but {names[j, i]} has {sign * M_A[j, i]:g}: added mass is symmetric")
+        Fault(names[i, j], _asymmetry(sign * M_A[i, j], sign * M_A[j, i], names[j, i]))
         for i, j in zip(*np.triu_indices(6, 1), strict=True)
-        if abs(M_A[i, j] - M_A[j, i]) > _ROUNDING * largest
+        if abs(M_A[i, j] - M_A[j, i]) > max(_ROUNDING * largest, _printed(M_A, i, j))
     ]
     M_A = (M_A + M_A.T) / 2.0
     if len(faults) == before and (least := np.linalg.eigvalsh(M_A)[0]) < -_ROUNDING * largest:
         faults.append(Fault(f"{prefix}M_A", f"is not positive semi-definite: its least eigenvalue is {least:g}"))
     return M_A
+
+
+_OF_ITS_AXES = 1e-3
+"""Most that two numbers of one entry may differ by rounding, relative to the added masses of their two axes."""
+
+
+def _printed(M_A: np.ndarray, i: int, j: int) -> float:
+    """How far apart the numbers (i, j) and (j, i) may be if both are one number, rounded when it was printed: a unit of
+    the last printed digit. It counts where the axes of the entry have a thousand times as much added mass."""
+    decimals = max(_decimals(M_A[i, j]), _decimals(M_A[j, i]))
+    return min(1.000001 * 10.0**-decimals, _OF_ITS_AXES * np.sqrt(max(M_A[i, i] * M_A[j, j], 0.0)))
+
+
+def _decimals(x: float) -> int:
+    """The place of the last digit behind the decimal point of a number, as a file has it."""
+    exponent = Decimal(repr(float(x))).normalize().as_tuple().exponent
+    return -exponent if isinstance(exponent, int) else 0
+
+
+def _asymmetry(here: float, there: float, name: str) -> str:
+    said = f"{here:g}, but {name} has {there:g}: added mass is symmetric"
+    if abs(here - there) > 0.1 * max(abs(here), abs(there)):
+        return f"{said}; correct one of them"
+    return f"{said}; write {(here + there) / 2.0:.9g}, the mean, for both, or correct one of them"
 
 
 def damping_matrix(model: mujoco.MjModel, prefix: str, name: str, faults: list[Fault]) -> np.ndarray:
@@ -178,6 +207,7 @@ def wrong_numerics(model: mujoco.MjModel, base: int, prefix: str, alone: bool = 
             message = _of_a_link(owner, entry, links, joints, model, prefix)
         else:
             message = None if word in KNOWN_NUMERICS else _misspelt(word, KNOWN_NUMERICS) or _IGNORED
+            message = _STRIPS if word == "strip_theory" else message
         if message and (alone or message != _IGNORED):
             faults.append(Fault(name, message))
     return faults
@@ -208,6 +238,8 @@ def _of_a_link(
         body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, prefix + owner)
         if kind == "link" and body > 0:
             carrier = model.body(model.body_weldid[body]).name.removeprefix(prefix)
+            if carrier == owner and word == "strip_theory":
+                return _STRIPS
             if carrier == owner:
                 return f"body {owner!r} is the base: its coefficients have no name in front"
             return f"body {owner!r} has no joint: its water is part of that of {carrier!r}, which carries it"

@@ -191,6 +191,8 @@ class ModelFiles:
         self._read(path)
         if path not in self.trees:
             self.trees[path] = _users_tree(path.name, self.contents[path])
+            if path == self.models[0]:
+                _refuse_another_format(path.name, self.trees[path])
         for element in self.trees[path].iter():
             if element.tag == "compiler":
                 if "assetdir" in element.attrib:
@@ -275,9 +277,22 @@ def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
             if width * height > LARGEST_PICTURE:
                 size = f"has {width} x {height} pixels; at most {LARGEST_PICTURE} allowed"
                 raise InputError(f"vehicle.model {name}: {size}")
-    if found[main].tag != "mujoco":
-        raise InputError(f"vehicle.model {main}: is not MJCF: its root is <{found[main].tag}>, not <mujoco>")
+    _refuse_another_format(main, found[main])
     return found
+
+
+_FORMATS = {"sdf": "SDF of Gazebo", "robot": "URDF"}
+
+
+def _refuse_another_format(name: str, root: Element) -> None:
+    """Raise InputError if the root of a vehicle's file is not that of MJCF, before its references are followed."""
+    if root.tag == "mujoco":
+        return
+    wrong = f"vehicle.model {name}: is not MJCF: its root is <{root.tag}>, not <mujoco>"
+    if root.tag not in _FORMATS:
+        raise InputError(wrong)
+    way = "`uvms-mj new vehicle NAME` writes an MJCF file: copy mass, inertia, coefficients and thrusters into it"
+    raise InputError(f"{wrong}. It is {_FORMATS[root.tag]}. {way} (docs: Add a vehicle, From URDF or SDF)")
 
 
 def _users_tree(name: str, data: bytes) -> Element:
@@ -445,11 +460,19 @@ _found: dict[Path, tuple[ModelFiles, Mjcf]] = {}
 """The models that were found, so that a thousand runs read and compile a vehicle once."""
 
 
+_REMEDIES = {
+    "inertia must satisfy A + B >= C; use 'balanceinertia' to fix": "no rigid body has this inertia: none of its "
+    "principal moments is greater than the sum of the other two; correct it, or make the greatest the sum",
+}
+"""Messages of MuJoCo that name a remedy which a vehicle's file must not have, and what is right here."""
+_REMEDY = re.compile("|".join(map(re.escape, _REMEDIES)))
+
+
 @contextlib.contextmanager
 def _compiling(name: str | Path) -> Iterator[None]:
     """Turn an error of MuJoCo's compiler into an InputError."""
     try:
         yield
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        line = " ".join(str(error).split())
+        line = " ".join(_REMEDY.sub(lambda found: _REMEDIES[found[0]], str(error)).split())
         raise InputError(f"vehicle.model {name}: MuJoCo can't compile it: {line}") from None

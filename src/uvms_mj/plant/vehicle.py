@@ -21,7 +21,7 @@ from ..errors import Fault, InputError, suggestion
 from ..physics.frames import rotation_matrix
 from ..physics.hydrodynamics import damping_notes
 from .arm import Arm, Body, read_arm, rigid_inertia
-from .coefficients import added_mass, damping_matrix, numeric, wrong_numerics
+from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric, wrong_numerics
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -144,6 +144,7 @@ class Vehicle(Body):
             body = free[0]
         body_id = free_body_id(model, body)
         prefix = body[: body.rfind("/") + 1]
+        refuse_slash(model, body, prefix, f"vehicle.model {file}" if file else "")
         faults = wrong_numerics(model, body_id, prefix, alone=bool(file))
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
@@ -174,6 +175,15 @@ class Vehicle(Body):
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
         return cls(M_RB, *water, body, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
+
+
+def refuse_slash(model: mujoco.MjModel, body: str, prefix: str, place: str) -> None:
+    """Raise InputError for a body with a slash in its name and no coefficient with what is before it."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    if prefix and not any(name.startswith(prefix) for name in names) and KNOWN_NUMERICS & {*names}:
+        reason = f"has a slash, and MuJoCo's attachment names the bodies and coefficients of a part so: {prefix}X_udot"
+        instead = f"Name the body {body.replace('/', '_')!r}"
+        raise InputError([Fault(f"body {body!r}", f"its name {reason}. {instead}")], place)
 
 
 def notes_on_damping(vehicle: Vehicle) -> list[str]:

@@ -9,7 +9,7 @@ import contextlib
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -79,6 +79,14 @@ _INSTEAD: Mapping[str, str] = {
 }
 """What a run has in place of an element, or of an attribute of a kind."""
 
+_OF_A_RUN: Mapping[str, tuple[str, str]] = {
+    "timestep": ("0.0001", "simulation.timestep"),
+    "integrator": ("Euler", "simulation.integrator"),
+    "cone": ("elliptic pyramidal", "no friction cone: friction is that of the scenario's walls"),
+}
+"""Attributes of <option> that a run takes from the scenario: what a file may say for other programs that read it, the
+default of a scenario, and what a run has in their place."""
+
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _TEXTS = (
     "name class childclass model file prefix body frame joint site mesh material "
@@ -139,10 +147,11 @@ def check_xml(trees: Mapping[str, Element], main: str) -> None:
             at once.
     """
     found: _Found = {}
+    classes = {each.get("class", "main") for tree in trees.values() for each in tree.iter("default")} | {"main"}
     for name, tree in trees.items():
         tops = [tree] if tree.tag == "mujoco" else [*tree]  # MuJoCo drops the root of an included file
         for element in itertools.chain.from_iterable(each.iter() for each in tops):
-            for attribute, message in _of_xml(element):
+            for attribute, message in (*_of_xml(element), *_of_texts(element, classes)):
                 place = _place(element, attribute, name if name != main else "")
                 found.setdefault((element.tag, attribute, message), []).append(place)
     _refuse(found, main)
@@ -184,6 +193,22 @@ def _of_xml(element: Element) -> Iterator[tuple[str, str]]:
     for attribute in sorted(attributes - set(_TEXTS.split())) if tag != "text" else ():
         if any(_NOT_FINITE.fullmatch(word) for word in element.attrib[attribute].split()):
             yield attribute, "must be finite numbers"
+
+
+def _of_texts(element: Element, classes: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Errors of names and words: what MuJoCo would take as a format of printf, a class that the model does not have,
+    and an option that is the scenario's."""
+    tag, attributes = element.tag, element.attrib
+    for attribute in sorted(attributes):
+        if "%" in attributes[attribute] and (tag, attribute) != ("text", "data"):
+            yield attribute, "has a %, which MuJoCo's messages would take as a format; choose another name"
+    for attribute in ("class", "childclass"):
+        named = attributes.get(attribute)
+        if named is not None and tag != "default" and named not in classes:
+            yield attribute, f"is no <default> class of the model; {suggestion(named, classes)}"
+    for attribute, (accepted, instead) in _OF_A_RUN.items() if tag == "option" else ():
+        if attribute in attributes and not {*_words(attributes[attribute])} <= {*_words(accepted)}:
+            yield attribute, f"would be ignored: a run has {instead}; leave it out"
 
 
 def _are_numbers(text: str) -> bool:
@@ -339,8 +364,8 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
     """Check the compiled model of a vehicle's file for errors that a spec does not show.
 
     Raises:
-        InputError: the model is not one body on a free joint, has no thrusters, or something other than the scenario's
-            wall could collide with the vehicle; all errors at once.
+        InputError: the model is not one body on a free joint, places it, or has no thrusters, or something other than
+            the scenario's wall could collide with the vehicle; all errors at once.
     """
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
@@ -349,7 +374,7 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         faults = [Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}")]
     else:
         base = int(model.jnt_bodyid[free][0])
-        faults = _thrusters(model) + _collisions(model)
+        faults = _thrusters(model) + _collisions(model) + _placed(model, base)
         faults += [
             Fault(_body(model, i), f"moves on a joint and is not carried by {_body(model, base)}; leave the joint out")
             for i in model.jnt_bodyid[~free]
@@ -357,6 +382,20 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         ]
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
+
+
+_HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def _placed(model: mujoco.MjModel, base: int) -> list[Fault]:
+    """The error for a vehicle's body that is not at the origin with the axes of the world."""
+    pose = np.concatenate([model.body_pos[base], model.body_quat[base]])
+    if np.allclose(pose, _HERE, rtol=0.0, atol=1e-12):
+        return []
+    place, turned = " ".join(f"{x:g}" for x in pose[:3]), " ".join(f"{x:.4g}" for x in pose[3:])
+    instead = "a run starts at initial.position and initial.attitude_deg of the scenario"
+    reason = f"is placed at {place} with the attitude {turned} (w x y z), which would be ignored: {instead}"
+    return [Fault(_body(model, base), f"{reason}; leave out its pos and euler, and the frames around it")]
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
@@ -385,20 +424,19 @@ def _thrusters(model: mujoco.MjModel) -> list[Fault]:
 
 
 def _collisions(model: mujoco.MjModel) -> list[Fault]:
-    """Errors for geoms that would collide with the vehicle, or with another of its links: such a contact has nothing of
-    the scenario's walls."""
+    """Errors for geoms of the world that would touch, and for geoms of one link that would touch another: such a
+    contact has nothing of the scenario's walls."""
     carrier = model.body_weldid[model.geom_bodyid]
     types, affinities = model.geom_contype, model.geom_conaffinity
     meets = (types[:, None] & affinities[None, :]) | (affinities[:, None] & types[None, :])
     meets = (meets != 0) & (carrier[:, None] != carrier[None, :])
     faults = []
-    for i in np.flatnonzero(meets.any(axis=1)).tolist():
+    for i in range(model.ngeom):
         called = f"geom {model.geom(i).name or str(i)!r}"
-        if carrier[i] == 0:
-            reason = (
-                "is fixed to the world and would collide with the vehicle, which may touch only the scenario's wall"
-            )
-            faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0"'))
+        if carrier[i] == 0 and (types[i] or affinities[i]):
+            collides = "would collide with the vehicle" if meets[i].any() else "would not be touched"
+            reason = f"is fixed to the world and {collides}: a vehicle touches only the scenario's walls ([[walls]])"
+            faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0" if it is for the eye'))
         elif (other := np.flatnonzero(meets[i] & (carrier != 0)).tolist()) and i < other[-1]:
             reason = f"of {_body(model, carrier[i])} would collide with those of {_body(model, carrier[other[-1]])}"
             faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0"'))

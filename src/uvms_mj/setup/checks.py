@@ -369,7 +369,37 @@ def warnings_of(setup: Setup) -> list[str]:
         notes.append(
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
-    return [*radians_notes(scenario.to_dict()), *notes, *notes_on_damping(vehicle)]
+    return [*radians_notes(scenario.to_dict()), *notes, *_afloat_notes(setup), *notes_on_damping(vehicle)]
+
+
+_UNTRIMMED, _UNHELD = 0.02, 1e-3
+"""Least buoyancy or weight that is left over and is warned of, relative to the weight: where a caller commands, and
+where a law does and the thrusters can't hold it."""
+
+
+def _afloat_notes(setup: Setup) -> Iterator[str]:
+    """A warning if nothing keeps a level vehicle from rising or sinking for ever: the water has neither surface nor
+    bottom."""
+    vehicle = setup.vehicle
+    bodies = (vehicle, *vehicle.arm.links)
+    g, mass = float(np.linalg.norm(setup.gravity_W)), sum(body.mass for body in bodies)
+    excess = sum(body.displaced_mass for body in bodies) - mass
+    if g == 0.0:
+        return
+    against = (np.sign(excess) * setup.gravity_W / g) @ vehicle.B[:3]  # push of each thruster per newton of thrust
+    by_caller = setup.scenario.controller.external
+    with np.errstate(invalid="ignore"):  # no part of a thrust without limits
+        push = np.where(against > 0.0, against * vehicle.u_max, against * vehicle.u_min)
+    held = not by_caller and float(np.where(np.abs(against) < 1e-9, 0.0, push).sum()) >= abs(excess) * g
+    if held or abs(excess) <= (_UNTRIMMED if by_caller else _UNHELD) * mass:
+        return
+    way, end = ("rises", "surface") if excess > 0.0 else ("sinks", "bottom")
+    unheld = "without a command" if by_caller else "and its thrusters can't hold it when it is level: then"
+    less = "less" if excess > 0.0 else "more"
+    yield (
+        f"{vehicle.body} weighs {abs(excess):.3g} kg {less} than the water that it displaces, {unheld} it {way}; the "
+        f"water of a run has no {end} (vehicle.displaced_mass is the factor of the buoyancy)"
+    )
 
 
 def _timing_faults(setup: Setup) -> Iterator[Fault]:

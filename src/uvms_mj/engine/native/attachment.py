@@ -169,6 +169,8 @@ def attach(
     Warns:
         UserWarning: the vehicle's damping can feed energy in.
     """
+    if faults := [*_solver_faults(model.opt)]:  # first, as MuJoCo ends a forward evaluation with some of them
+        raise InputError(faults, "a vehicle can't be attached to the model")
     vehicle = Vehicle.from_model(model, body)
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
@@ -269,7 +271,12 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
     scratch, dof = mujoco.MjData(model), model.body_dofadr[body_id]
     mujoco.mj_forward(model, scratch)
     block = slice(model.M_rowadr[dof], model.M_rowadr[dof] + 21)
-    scratch.M[block] += np.linspace(0.01, 0.02, 21) * scratch.M[block].max()
+    rows, columns = np.tril_indices(6)
+    M = np.zeros((6, 6))
+    M[rows, columns] = M[columns, rows] = scratch.M[block]
+    size = np.sqrt(np.diag(M))  # as an added mass has it: positive definite, whatever the units of the rows
+    filled = M + np.outer(size, size) * (0.3 * np.eye(6) + np.outer(np.linspace(0.1, 0.2, 6), np.linspace(0.1, 0.2, 6)))
+    scratch.M[block] = filled[rows, columns]
     mujoco.mj_factorM(model, scratch)
     L, D_inverse = np.zeros(21), np.zeros(6)
     factor(scratch.M[block], L, D_inverse)
@@ -347,6 +354,22 @@ def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[s
 
 
 _INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
+_SOLVERS = {mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG}
+_DISABLED = (
+    *("constraint", "equality", "frictionloss", "limit", "contact", "spring", "damper", "clampctrl", "warmstart"),
+    *("filterparent", "refsafe", "sensor", "midphase", "eulerdamp", "autoreset", "nativeccd", "island", "multiccd"),
+)
+"""Parts of MuJoCo that a model may disable: the hydrodynamics do not depend on them."""
+_ENABLED = ("override", "energy", "invdiscrete", "multiccd")
+"""Parts that a model may enable."""
+_FLAGS: Mapping[str, str] = {
+    "disable actuation": "skips mjcb_control, and with it the hydrodynamics; enable actuation",
+    "disable gravity": "takes the weight of the vehicle and not its buoyancy, which is displaced_mass times the "
+    "gravity of the model; enable it, and write gravity 0 0 0 for a world without weight",
+    "enable sleep": "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it",
+    "enable diagexact": "computes contact softness from the inertia without the added mass; disable it",
+    "enable fwdinv": "compares with mj_inverse, which does not know the hydrodynamics; disable it",
+}
 
 
 def refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
@@ -362,33 +385,45 @@ def refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
 
 def _solver_faults(option: mujoco.MjOption) -> Iterator[Fault]:
     without = "the inertia without the added mass"
-    if option.solver == mujoco.mjtSolver.mjSOL_PGS:
-        yield Fault("solver PGS", f"solves constraints with {without}; use Newton or CG")
+    if option.solver not in _SOLVERS:
+        known = mujoco.mjtSolver(option.solver).name.rpartition("_")[2]
+        yield Fault(f"solver {known}", f"solves constraints with {without}; use Newton or CG")
     if option.noslip_iterations > 0:
         yield Fault("noslip_iterations", f"is {option.noslip_iterations}, but noslip uses {without}; set it to 0")
     if option.integrator not in _INTEGRATORS:
         reason = f"{option.integrator} may use {without}; use Euler, implicitfast, implicit or RK4"
         yield Fault("integrator", reason)
-    if option.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
-        reason = "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it"
-        yield Fault("enable sleep", reason)
-    if option.enableflags & mujoco.mjtEnableBit.mjENBL_DIAGEXACT:
-        yield Fault("enable diagexact", f"computes contact softness from {without}; disable it")
-    if option.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
-        yield Fault("disable actuation", "skips mjcb_control, and with it the hydrodynamics; enable actuation")
+    yield from _flag_faults("disable", option.disableflags, mujoco.mjtDisableBit, _DISABLED)
+    yield from _flag_faults("enable", option.enableflags, mujoco.mjtEnableBit, _ENABLED)
     if option.density > 0 or option.viscosity > 0:
         are = f"are {option.density:g} and {option.viscosity:g}"
         yield Fault("density, viscosity", f"{are}; MuJoCo's own fluid forces would act in addition; set both to 0")
 
 
+def _flag_faults(word: str, flags: int, bits: Any, accepted: Sequence[str]) -> Iterator[Fault]:
+    """Errors for the flags that are set and not known to leave the hydrodynamics as they are."""
+    for name, bit in bits.__members__.items():
+        flag = name.rpartition("_")[2].lower()
+        if "_" in name and flags & int(bit) and flag not in accepted:  # the other member is their number
+            key, other = f"{word} {flag}", "enable" if word == "disable" else "disable"
+            yield Fault(key, _FLAGS.get(key, f"is not known to leave the hydrodynamics as they are; {other} it"))
+
+
 def _vehicle_faults(model: mujoco.MjModel, body_id: int) -> Iterator[Fault]:
-    dof = model.body_dofadr[body_id]
-    damping = model.dof_damping[dof : dof + 6]
-    if damping.any():
+    joint, dof = model.body_jntadr[body_id], model.body_dofadr[body_id]
+    damping = [model.dof_damping[dof : dof + 6], model.dof_dampingpoly[dof : dof + 6]]
+    if any(each.any() for each in damping):
         reason = "on the free joint and would act in addition to the hydrodynamic damping; set it to 0"
-        yield Fault("joint damping", f"is {damping.max():g} {reason}")
+        yield Fault("joint damping", f"is {max(each.max() for each in damping):g} {reason}")
     if model.dof_armature[dof : dof + 6].any():
         yield Fault("joint armature", "on the free joint would add to the vehicle's inertia; set it to 0")
+    if model.dof_frictionloss[dof : dof + 6].any():
+        greatest = model.dof_frictionloss[dof : dof + 6].max()
+        reason = "on the free joint would hold the vehicle in the water like a dry bearing; set it to 0"
+        yield Fault("joint frictionloss", f"is {greatest:g}: {reason}")
+    if model.jnt_stiffness[joint] or model.jnt_stiffnesspoly[joint].any():
+        reason = "on the free joint is a spring from the vehicle to the world; set it to 0, and use a tendon for a line"
+        yield Fault("joint stiffness", reason)
     if model.body_gravcomp[model.body_rootid == body_id].any():
         reason = "would act in addition to buoyancy, which is displaced_mass times gravity; leave it out of the vehicle"
         yield Fault("gravcomp", reason)
