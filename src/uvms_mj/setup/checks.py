@@ -28,6 +28,7 @@ from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
+from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
@@ -360,16 +361,37 @@ def warnings_of(setup: Setup) -> list[str]:
             *free_motion_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
-    rank = np.linalg.matrix_rank(vehicle.B)
+    return [*radians_notes(scenario.to_dict()), *notes, *_thruster_notes(vehicle), *notes_on_damping(vehicle)]
+
+
+def _thruster_notes(vehicle: Any) -> Iterator[str]:
+    """Warnings for thrusters that do not span all axes, or one of them badly."""
+    strengths, axes = axis_strengths(vehicle.B)
+    rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
+    thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
     if rank < 6:
-        n = len(vehicle.thrusters)
-        thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
-        missing = [axis for axis, row in zip(AXES, vehicle.B, strict=True) if np.abs(row).max(initial=0.0) < 1e-12]
+        rows = np.abs(spanning(vehicle.B)).max(axis=1, initial=0.0)
+        missing = [axis for axis, row in zip(AXES, rows, strict=True) if row < 1e-3]
         without = f", none gives {' or '.join(missing)}" if missing else ""
-        notes.append(
-            f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+        yield f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+    least = float(strengths[rank - 1]) if rank else 1.0
+    dropped = float(strengths[rank]) if rank < 6 else 0.0
+    if dropped > ROUNDED:
+        yield (
+            f"the thrusters of {vehicle.body} give one more axis, mostly {_mostly(axes[:, rank])}, with {dropped:.2g} "
+            f"of the strongest one. Below {LEAST:g} it counts as the rounding of the file's numbers, and the "
+            "allocation leaves it out; write right angles with more digits, or give that axis a thruster"
         )
-    return [*radians_notes(scenario.to_dict()), *notes, *notes_on_damping(vehicle)]
+    if least < WEAK:
+        yield (
+            f"the thrusters of {vehicle.body} give one axis, mostly {_mostly(axes[:, rank - 1])}, with {least:.2g} of "
+            f"the strongest one: a wrench along it takes {1.0 / least:.2g} times the thrust"
+        )
+
+
+def _mostly(axis: np.ndarray) -> str:
+    """The name of the largest entry of an axis (6,)."""
+    return AXES[int(np.abs(axis).argmax())]
 
 
 def _timing_faults(setup: Setup) -> Iterator[Fault]:

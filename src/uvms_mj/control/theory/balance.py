@@ -52,6 +52,7 @@ import numpy as np
 
 from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
+from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
@@ -97,7 +98,7 @@ def static_balance(
         return reason
     if isinstance(thrust_map, str):
         return thrust_map
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(thrust_map.T)) < 6:
+    if axes_spanned(thrust_map.T @ setup.nominal.B) < 6:
         return "the thrusters can't produce every wrench"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):

@@ -25,6 +25,7 @@ import numpy as np
 from ...physics.flow import add_tether
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
+from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import BOX, CYLINDER, PLANE
 
 _LEAST = 1e-300
@@ -187,7 +188,7 @@ class ThrustMap:
         gain, thrust = self.static.gain, self.static.thrust
         low, high = self.setup.scenario.thrusters.command_limits(self.setup)
         if gain is None:
-            return np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+            return pseudoinverse(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
         working = gain > 0.0
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
         return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
