@@ -57,7 +57,7 @@ from ...stages.base import is_shipped
 from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
 from .free_motion import tool_rest
-from .terms import Balance, Integral, Pose, ThrustMap
+from .terms import START_FORCE, Balance, Integral, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
 """How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
@@ -163,6 +163,8 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
     motion.follow(way)
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    if balance.contacts(start.position, start.R_WB)[1].max() > START_FORCE:
+        return "the vehicle starts inside a wall, which throws it out"
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest

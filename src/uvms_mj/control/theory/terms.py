@@ -28,6 +28,8 @@ from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import BOX, CYLINDER, PLANE
 
+START_FORCE = 100.0
+"""Force [N] below which a start inside the wall counts as a start in contact."""
 _LEAST = 1e-300
 
 
