@@ -96,13 +96,13 @@ def heavy(times: float) -> str:
     arms = np.repeat([1.0, length], 3)
     inertia = np.diag(vehicle.M_RB)[3:] * times * length**2
     numbers = {
-        "M_A": np.diag(vehicle.M_A) * times * arms**2,
-        "D_linear": np.diag(vehicle.D_linear) * times * arms**2 / np.sqrt(length),
-        "D_quadratic": np.diag(vehicle.D_quadratic) * length**2 * np.repeat([1.0, length**3], 3),
+        "M_A": np.diag(np.diag(vehicle.M_A) * times * arms**2),
+        "D_linear": np.diag(np.diag(vehicle.D_linear) * times * arms**2 / np.sqrt(length)),
+        "D_quadratic": np.diag(np.diag(vehicle.D_quadratic) * length**2 * np.repeat([1.0, length**3], 3)),
         "displaced_mass": [vehicle.displaced_mass * times],
         "center_of_buoyancy": (vehicle.r_b - vehicle.r_g) * length,
     }
-    data = {name: " ".join(f"{x:.9g}" for x in values) for name, values in numbers.items()}
+    data = {name: " ".join(f"{x:.9g}" for x in np.ravel(values)) for name, values in numbers.items()}
     custom = "".join(f'<numeric name="{name}" data="{each}"/>' for name, each in data.items())
     gears = [" ".join(f"{x:.9g}" for x in column * arms) for column in vehicle.B.T]
     motors = "".join(f'<motor site="centre" gear="{gear}"/>' for gear in gears)

@@ -57,6 +57,7 @@ from ...stages.base import is_shipped
 from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
 from .free_motion import tool_rest
+from .loop import ContactsAtRest
 from .terms import START_FORCE, Balance, Integral, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
@@ -118,8 +119,12 @@ def static_balance(
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := thrust_map.infeasible(tau):
         return weak
+    contacts = None
+    if push.any() and not balance.springs.convex:
+        seen = balance.error(pose), balance.measurement(pose).tau_c
+        contacts = ContactsAtRest(-motion.stiffness(pose), balance.contact_damping(pose), *seen)
     return _rubbed(balance, push) or SteadyState(
-        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
+        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True, contacts=contacts
     )
 
 
