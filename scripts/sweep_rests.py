@@ -12,9 +12,11 @@ import collections
 import json
 import multiprocessing
 import sys
+import tempfile
 import time
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -22,14 +24,16 @@ import numpy as np
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control.base import SteadyState
+from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.records.header import Status
 
 _POSE = ("vehicle", "task", "initial")
 WRONG = 1e-3
 """Relative error of a closed form that is wrong; of forces below 1 N the error in N."""
 STEADY, BLOCK_S, BLOCKS = 1e-4, 1.0, 10
-LAWS = ("gsta", "sta", "fosm", "aismc", "ideal", "impedance", "admittance", "parallel", "pid", "dob_impedance")
-VEHICLES = ("bluerov1", "bluerov2_heavy", "bluerov2_heavy_tuhh", "bluerov2_heavy")
+LAWS = ("gsta", "sta", "fosm", "aismc", "ideal", "impedance", "admittance", "admittance", "parallel", "pid", "pid")
+LAWS += ("dob_impedance",)
+VEHICLES = ("bluerov1", "bluerov1", "bluerov2_heavy", "bluerov2_heavy_tuhh")
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,8 @@ def rigid_case(rng: np.random.Generator) -> dict[str, Any]:
     """Overrides of push_wall for a rigid vehicle among random walls."""
     law = str(rng.choice(LAWS))
     over: dict[str, Any] = {"controller.name": law, "simulation.timestep": 1e-3, "simulation.duration": 60.0}
-    vehicle = str(rng.choice(VEHICLES, p=(0.6, 0.2, 0.1, 0.1)))
-    over["vehicle.model"] = vehicle
+    heavier = float(rng.choice((1.0, 10.0, 60.0, 175.0), p=(0.7, 0.1, 0.1, 0.1)))
+    over["vehicle.model"] = str(rng.choice(VEHICLES)) if heavier == 1.0 else heavy(heavier)
     over["wall.present"] = bool(rng.random() < 0.25)
     if over["wall.present"]:
         over["wall.position"], over["wall.stiffness"] = rounded(rng.uniform(0.8, 1.6)), stiffness(rng)
@@ -66,8 +70,8 @@ def rigid_case(rng: np.random.Generator) -> dict[str, Any]:
     walls = [wall(rng, reach, capsules) for _ in range(int(rng.choice([1, 2, 3], p=(0.6, 0.3, 0.1))))]
     over["walls"] = walls
     over |= reference(rng, np.array(walls[0]["position"]) - [reach, 0.0, 0.0])
-    over |= impedance(rng)
-    over |= water(rng)
+    over |= impedance(rng, heavier)
+    over |= water(rng, heavier)
     if rng.random() < 0.15:
         over["initial.position"] = rounded(rng.uniform(-0.4, 0.4, 3))
         over["initial.attitude_deg"] = rounded(rng.uniform(-20.0, 20.0, 3))
@@ -82,6 +86,34 @@ def rigid_case(rng: np.random.Generator) -> dict[str, Any]:
     if law not in ("admittance", "pid") and rng.random() < 0.15:
         over["task.integral"] = True
     return over
+
+
+def heavy(times: float) -> str:
+    """The file of a BlueROV2 Heavy of another size, with so many times its mass: lengths grow with the third root, and
+    forces and moments in proportion to mass and to mass times length."""
+    path = Path(tempfile.gettempdir()) / f"uvms_mj_heavy_{times:g}.xml"
+    vehicle, length = Mjcf.find("bluerov2_heavy").vehicle, times ** (1.0 / 3.0)
+    arms = np.repeat([1.0, length], 3)
+    inertia = np.diag(vehicle.M_RB)[3:] * times * length**2
+    numbers = {
+        "M_A": np.diag(np.diag(vehicle.M_A) * times * arms**2),
+        "D_linear": np.diag(np.diag(vehicle.D_linear) * times * arms**2 / np.sqrt(length)),
+        "D_quadratic": np.diag(np.diag(vehicle.D_quadratic) * length**2 * np.repeat([1.0, length**3], 3)),
+        "displaced_mass": [vehicle.displaced_mass * times],
+        "center_of_buoyancy": (vehicle.r_b - vehicle.r_g) * length,
+    }
+    data = {name: " ".join(f"{x:.9g}" for x in np.ravel(values)) for name, values in numbers.items()}
+    custom = "".join(f'<numeric name="{name}" data="{each}"/>' for name, each in data.items())
+    gears = [" ".join(f"{x:.9g}" for x in column * arms) for column in vehicle.B.T]
+    motors = "".join(f'<motor site="centre" gear="{gear}"/>' for gear in gears)
+    path.write_text(
+        f'<mujoco model="heavy"><compiler autolimits="true"/><option gravity="0 0 -9.81"/><custom>{custom}</custom>'
+        f'<worldbody><body name="heavy" simple="false"><freejoint/><site name="centre"/><inertial pos="0 0 0" '
+        f'mass="{vehicle.mass * times:.9g}" diaginertia="{" ".join(f"{x:.9g}" for x in inertia)}"/>'
+        f'<geom type="box" size="{0.2 * length:.9g} {0.2 * length:.9g} {0.1 * length:.9g}" mass="0" contype="0" '
+        f'conaffinity="0"/></body></worldbody><actuator>{motors}</actuator></mujoco>'
+    )
+    return str(path)
 
 
 def tool_case(rng: np.random.Generator) -> dict[str, Any]:
@@ -155,7 +187,8 @@ def contact_bodies(rng: np.random.Generator) -> list[dict[str, Any]]:
         return []
     made = []
     for _ in range(int(rng.integers(1, 4))):
-        body: dict[str, Any] = {"position": rounded([rng.uniform(0.15, 0.35), *rng.uniform(-0.2, 0.2, 2)])}
+        off = 0.2 if rng.random() < 0.7 else 0.5
+        body: dict[str, Any] = {"position": rounded([rng.uniform(0.15, 0.35), *rng.uniform(-off, off, 2)])}
         body["radius"] = rounded(rng.uniform(0.02, 0.1))
         if rng.random() < 0.2:
             body["end"] = rounded(np.array(body["position"]) + rng.uniform(-0.2, 0.2, 3))
@@ -190,11 +223,12 @@ def reference(rng: np.random.Generator, centre: np.ndarray) -> dict[str, Any]:
     return {"reference.name": "circle"}
 
 
-def impedance(rng: np.random.Generator) -> dict[str, Any]:
-    """Desired stiffness, and sometimes a force."""
+def impedance(rng: np.random.Generator, heavier: float = 1.0) -> dict[str, Any]:
+    """Desired stiffness, in proportion to the mass, and sometimes a force."""
     made: dict[str, Any] = {}
-    if rng.random() < 0.7:
-        made["impedance.K_d"] = rounded([*10.0 ** rng.uniform(1.7, 3.2, 3), *rng.uniform(20.0, 100.0, 3)])
+    if rng.random() < 0.7 or heavier > 1.0:
+        K_d = np.array([*10.0 ** rng.uniform(1.7, 3.2, 3), *rng.uniform(20.0, 100.0, 3)])
+        made["impedance.K_d"] = rounded(K_d * np.repeat([heavier, heavier ** (5.0 / 3.0)], 3))
     if rng.random() < 0.25:
         made["impedance.F_d"] = rounded([-rng.uniform(0.5, 10.0), *rng.uniform(-2.0, 2.0, 2), 0.0, 0.0, 0.0])
     if rng.random() < 0.15:
@@ -202,12 +236,13 @@ def impedance(rng: np.random.Generator) -> dict[str, Any]:
     return made
 
 
-def water(rng: np.random.Generator) -> dict[str, Any]:
+def water(rng: np.random.Generator, heavier: float = 1.0) -> dict[str, Any]:
     """A constant current and disturbance."""
     made: dict[str, Any] = {"current.speed": rounded(rng.uniform(0.0, 0.5)) if rng.random() < 0.7 else 0.0}
     made["current.direction_deg"] = rounded(rng.uniform(0.0, 360.0))
     if rng.random() < 0.2:
-        made["disturbance.bias"] = rounded([*rng.uniform(-5.0, 5.0, 3), *rng.uniform(-0.3, 0.3, 3)])
+        bias = np.array([*rng.uniform(-5.0, 5.0, 3), *rng.uniform(-0.3, 0.3, 3)])
+        made["disturbance.bias"] = rounded(bias * np.repeat([heavier, heavier ** (4.0 / 3.0)], 3))
     return made
 
 

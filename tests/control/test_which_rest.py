@@ -123,6 +123,13 @@ def test_the_tree_behind_a_tool_must_have_a_rest(order, direction, force):
         assert found.force == pytest.approx(force, abs=1e-6)
 
 
+def test_a_start_inside_a_wall_has_no_closed_form():
+    for name, over in (("tool_push", {"wall.position": 0.0}), ("press_pile", {"initial.position": [1.2, 0.0, 0.0]})):
+        found = steady_state(set_up(Scenario.load(name, over)))
+        assert isinstance(found, NoClosedForm)
+        assert "starts inside a wall" in found.reason
+
+
 @pytest.mark.slow
 def test_random_scenarios_with_walls_rest_at_their_closed_forms():
     """The first ones of the sweep for rigid vehicles, and one for a tool that comes to rest."""

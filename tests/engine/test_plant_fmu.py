@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, Simulation
-from uvms_mj.engine.plant_fmu import write_fmu
+from uvms_mj.engine.plant_fmu import RANGES, write_fmu
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import checked
 
 fmpy = pytest.importorskip("fmpy", reason="needs the extra fmi")
 from fmpy.fmi1 import FMICallException  # noqa: E402
@@ -336,6 +338,40 @@ def test_the_time_that_a_master_adds_up_is_that_of_the_run(plants):
         unit.fmu.doStep(t, 3e-4)
         t += 3e-4
     assert t != 30.0
+
+
+def taken_by(make, *arguments) -> bool:
+    try:
+        make(*arguments)
+    except (FMICallException, InputError):
+        return False
+    return True
+
+
+def run_checked(scenario: Scenario, overrides: dict[str, float]) -> None:
+    checked(scenario.updated(overrides))
+
+
+def test_it_takes_exactly_the_numbers_that_a_run_takes(plants):
+    """At both ends of each range, and on both sides of the stiffest wall and the strongest damper of the time step."""
+    for name, base in (("plant", {}), ("noisy", NOISY)):
+        scenario = Scenario.load("push_wall", {"controller.name": "external", **base})
+        setup, h = set_up(scenario), scenario.simulation.timestep
+        masses = [setup.mass_along_normal(), setup.mass_along_face()]
+        ends = {
+            key: [x for end in RANGES[key] for x in (end, np.nextafter(end, -np.inf), np.nextafter(end, np.inf))]
+            for key in ("wall.position", "wall.damping", "wall.friction", "current.speed", "current.vertical")
+        }
+        ends["wall.stiffness"] = [1e-3, 9e-4, 1e11, *(f * 4.0 * m / h**2 for m in masses for f in (0.99, 0.9999, 1.01))]
+        ends["wall.damping"] += [
+            f * (2.0 * m / h - 0.5 * h * scenario.wall.stiffness) for m in masses for f in (0.999, 1.001)
+        ]
+        known, answers = Unit(plants[name]).refs, []
+        for key, value in ((key, float(value)) for key, values in ends.items() for value in values):
+            if key in known:
+                answers.append(taken_by(Unit, plants[name], {key: value}))
+                assert answers[-1] == taken_by(run_checked, scenario, {key: value}), (name, key, value)
+        assert 10 < sum(answers) < len(answers) - 10
 
 
 def test_what_can_not_be_in_an_fmu_is_refused(tmp_path):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from uvms_mj import InputError
+from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.cli import main
+from uvms_mj.control.base import NoClosedForm
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
@@ -71,6 +72,32 @@ def test_thrusters_of_a_table_are_columns_of_B_and_everything_else_stays(new, or
         same(vehicle, Mjcf.find(origin).vehicle, but=("B", "u_min", "u_max"))
         assert "thrusters of t.csv" in Mjcf.find("mine.xml").remarks["trust"]
     assert "its 3 thrusters span 3 of 6 axes: they can't produce sway or roll" in done.stderr
+
+
+ROUNDED = """t1,0.14,-0.092,0,-0.7067,-0.7075,0.0001,-40,50
+t2,0.14,0.092,0,-0.7074,0.7068,0,-40,50
+t3,-0.15,-0.092,0,0.707,-0.7072,0,-40,50
+t4,-0.15,0.092,0,0.7071,0.7071,-0.0001,-40,50
+t5,0,-0.109,0.077,0,0,1,-40,50
+t6,0,0.109,0.077,0,0,1,-40,50
+"""
+
+
+def test_directions_of_four_digits_make_no_axis_and_no_closed_form(new):
+    """The thrusters of a BlueROV2, which has no pitch: its vehicle with these digits must move as with all of them."""
+    Path("t.csv").write_text(HEAD + ROUNDED)
+    done = new("--from", "bluerov2", "--thrusters", "t.csv")
+    assert "span 5 of 6 axes: they can't produce pitch" in done.stderr
+    ends = []
+    for model in ("mine.xml", "bluerov2"):
+        trace = simulate(Scenario.load("push_wall", {"vehicle.model": model}), engine="free_body", log_rate=10.0)
+        assert trace.analytic == NoClosedForm("the thrusters can't produce every wrench")
+        assert any("span 5 of 6 axes, none gives pitch" in note for note in trace.notes)
+        assert any("one more axis, mostly pitch" in note for note in trace.notes) == (model == "mine.xml")
+        assert trace.saturation_time[-1] == 0.0
+        ends.append((trace.first_contact[-1], trace.p_WB[-1]))
+    assert ends[0][0] == pytest.approx(ends[1][0], abs=1e-2)
+    assert ends[0][1] == pytest.approx(ends[1][1], abs=1e-3)
 
 
 def test_it_runs_by_the_command_that_is_printed(new, tmp_path):

@@ -29,6 +29,7 @@ import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
+from ..physics.spanned_axes import pseudoinverse, spanning
 from ..quantities import Number, of_length, within
 from ..stages.base import setting
 from .base import Actuation
@@ -64,7 +65,7 @@ class Weighted(Actuation):
             wrong = f"has {len(self.weights)} values; the vehicle has {B.shape[1]} thrusters"
             raise InputError([Fault("actuation.weights", wrong)], "scenario")
         root = np.sqrt(np.array(self.weights or (1.0,) * B.shape[1]))
-        return np.linalg.pinv(B / root) / root[:, None]
+        return pseudoinverse(B, columns=root)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {"inverse": self.inverse(setup.nominal.B)}
@@ -94,8 +95,7 @@ class Constrained(Actuation):
     )
 
     def inverse(self, B: np.ndarray) -> np.ndarray:
-        W = np.array(self.weights)
-        return np.linalg.pinv(W[:, None] * B) * W
+        return pseudoinverse(B, rows=np.array(self.weights))
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         B, n = setup.nominal.B, setup.nominal.B.shape[1]
@@ -116,7 +116,7 @@ class Constrained(Actuation):
 
 def quadratic(B: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """H (n, n) and the matrix (n, 6) of the problem min u^T H u / 2 - u^T linear tau_cmd."""
-    weighted = W[:, None] * B
+    weighted = W[:, None] * spanning(B)
     H = weighted.T @ weighted
     return H + _SMALL * float(np.linalg.eigvalsh(H)[-1]) * np.eye(len(H)), weighted.T * W
 

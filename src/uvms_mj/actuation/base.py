@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
+from ..physics.spanned_axes import pseudoinverse
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import actuation_given, thruster_signal
@@ -44,7 +45,7 @@ class Actuation(Stage):
     def inverse(self, B: np.ndarray) -> np.ndarray:
         """The matrix (n, 6) by which the shipped allocations set u from tau_cmd within the thrusters' limits, for the
         allocation matrix B (6, n)."""
-        return np.linalg.pinv(B)
+        return pseudoinverse(B)
 
 
 @kernel

@@ -52,6 +52,7 @@ class SteadyState:
         s: (6,) sliding variable.
         tau: (6,) wrench of the thrusters in B [N, N m].
         reached: whether the motion from the start comes to this rest, and stays (:mod:`.theory.balance`).
+        contacts: all contacts about the rest (:class:`.theory.loop.ContactsAtRest`), where shapes are in the way.
     """
 
     force: float
@@ -60,6 +61,7 @@ class SteadyState:
     s: np.ndarray | None = None
     tau: np.ndarray | None = None
     reached: bool = dataclasses.field(default=False, kw_only=True)
+    contacts: Any = dataclasses.field(default=None, kw_only=True, repr=False)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -202,9 +202,24 @@ int fmi2EnterInitializationMode(void *c)
     return OK;
 }
 
+/* Whether symplectic Euler is stable on the walls, by the same comparison as that of a run. */
+static int walls_stable(const plant *p)
+{
+    for (int i = 0; i < WALLS; i++) {
+        double x[3], h = TIMESTEP, m = walls[i].mass;
+        for (int j = 0; j < 3; j++)
+            x[j] = walls[i].parameter[j] < 0 ? walls[i].number[j] : p->parameters[walls[i].parameter[j]];
+        if (x[2] > 0.0 && !(h * h * x[0] / m + 2.0 * h * x[1] / m < 4.0))
+            return 0;
+    }
+    return 1;
+}
+
 int fmi2ExitInitializationMode(void *c)
 {
     plant *p = c;
+    if (!walls_stable(p))
+        return say(p, FAILED, "wall.stiffness or wall.damping is too much for the plant's time step");
     double inputs[INPUTS + 1];
     if (!allowed(p, BEGINNING, "fmi2ExitInitializationMode"))
         return FAILED;
@@ -246,7 +261,7 @@ int fmi2SetReal(void *c, const unsigned refs[], size_t n, const double values[])
         if (ref < PARAMETERS) {
             if (p->stage & ~(MADE | SET_UP | BEGINNING))
                 return say_of(p, named[ref], "is a parameter, which is set before the run begins");
-            if (values[i] < least[ref] || values[i] > 1e12 || (ref == SEED && values[i] != floor(values[i])))
+            if (values[i] < least[ref] || values[i] > greatest[ref] || (ref == SEED && values[i] != floor(values[i])))
                 return say_of(p, named[ref], "is out of its range");
             p->parameters[ref] = values[i];
         } else if (ref < PARAMETERS + INPUTS) {

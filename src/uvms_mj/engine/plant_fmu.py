@@ -22,6 +22,7 @@ from ..errors import Fault, InputError
 from ..files import atomic_write
 from ..physics.random import key_of
 from ..scenario import Scenario
+from ..setup.checks import directions
 from ..stages.signals import MEASURED
 from .native.callback import advance
 from .native.other_targets import loop_for
@@ -43,8 +44,19 @@ PARAMETERS = {
 }
 """Keys of a scenario that may become parameters, with their units. An index counts from 0, that of FMI from 1."""
 SEED = "simulation.seed"
-LEAST = {"wall.stiffness": 1.0, "wall.damping": 0.0, "wall.friction": 0.0, "current.speed": 0.0}
-"""The least value of a parameter; of the others it is -1e12, and the greatest is 1e12."""
+RANGES = {
+    "wall.position": (-1e6, 1e6),
+    "wall.stiffness": (1e-3, 1e12),
+    "wall.damping": (0.0, 1e9),
+    "wall.friction": (0.0, 100.0),
+    "current.speed": (0.0, 100.0),
+    "current.vertical": (-100.0, 100.0),
+    "initial.position": (-1e6, 1e6),
+    "initial.velocity": (-100.0, 100.0),
+    "disturbance.bias": (-1e6, 1e6),
+    SEED: (0.0, 2.0**53),
+}
+"""The least and the greatest value of a parameter: those of its key. A double has each seed up to 2^53."""
 _STOPPED = {
     STOP_STATE: "the state left its bounds",
     STOP_COMMAND: "the commanded wrench is too large, or not finite",
@@ -157,6 +169,10 @@ class _Parts:
         value = getattr(getattr(self.scenario, table), word)
         return float(value[int(index[:-1])] if index else value)
 
+    @staticmethod
+    def _range(key: str) -> tuple[float, float]:
+        return RANGES[key.partition("[")[0]]
+
     def _meaning(self, key: str) -> str:
         table, word = key.partition("[")[0].split(".")
         return next(
@@ -190,6 +206,22 @@ class _Parts:
                 return None
             found.append(Set(place, *factor))
         return found or None
+
+    def _walls(self) -> Iterator[str]:
+        """The directions of ``[wall]``, whose numbers must keep the time step stable as in a run: the parameters of
+        stiffness, damping and friction, -1 without one, with the number that takes its place, and the mass."""
+        names, wall = list(self.parameters), self.scenario.wall
+        for each in directions(self.sim.setup):
+            if each.table != "wall":
+                continue
+            own = each.prefix == "" or getattr(wall, f"{each.prefix}stiffness") is None
+            keys = (
+                "wall.stiffness" if own else "",
+                "" if each.prefix else "wall.damping",
+                "wall.friction" if each.prefix else "",
+            )
+            places = ", ".join(str(names.index(key) if key in names else -1) for key in keys)
+            yield f"{{{{{places}}}, {{{each.k!r}, {each.b!r}, 1.0}}, {each.m!r}}}"
 
     @staticmethod
     def _factor(values: Sequence[float], numbers: np.ndarray) -> tuple[float, float] | None:
@@ -255,6 +287,7 @@ class _Parts:
         keys = list(self._keys())
         starts = [*(self._value(key) for key in self.parameters), float(self.scenario.simulation.seed)]
         self.sim.reset()
+        ranges, walls = [self._range(key) for key in (*self.parameters, SEED)], list(self._walls())
 
         def rows(values: Sequence[str], kind: str, name: str) -> str:
             return f"static const {kind} {name}[] = {{{', '.join(values) or '0'}}};"
@@ -277,7 +310,11 @@ class _Parts:
                 f"#define TABLES {len(self.tables)}",
                 "struct number { int64_t place; double value; };",
                 rows([f"{{{p}, {v!r}}}" for p, v in self.tables.items()] or ["{0}"], "struct number", "tables"),
-                rows([repr(LEAST.get(key, -1e12)) for key in self.parameters] + ["0.0"], "double", "least"),
+                rows([repr(low) for low, _ in ranges], "double", "least"),
+                rows([repr(high) for _, high in ranges], "double", "greatest"),
+                f"#define WALLS {len(walls)}",
+                "struct wall { int parameter[3]; double number[3], mass; };",
+                rows(walls or ["{{0}}"], "struct wall", "walls"),
                 "struct set { int parameter; int64_t place; double factor, offset; };",
                 "struct key { int64_t place; const char *name; };",
                 rows(
@@ -314,11 +351,12 @@ class _Parts:
         fixed = 'causality="parameter" variability="fixed" initial="exact"'
         for key in self.parameters:
             called = _counted(key)
-            limits = f'min="{LEAST.get(key, -1e12)!r}" max="1e12"'
+            low, high = self._range(key)
+            limits = f'min="{low!r}" max="{high!r}"'
             start = f'{limits} start="{self._value(key)!r}"'
             variable(called, fixed, start, PARAMETERS[key], self._meaning(key))
         seed = float(self.scenario.simulation.seed)
-        variable(SEED, fixed, f'min="0.0" max="1e12" start="{seed!r}"', "1", self._meaning(SEED))
+        variable(SEED, fixed, f'min="0.0" max="{RANGES[SEED][1]!r}" start="{seed!r}"', "1", self._meaning(SEED))
         for called, _, unit in self.inputs:
             what = "commanded wrench at the origin of B, in B" if called.startswith("tau") else "commanded thrust"
             variable(called, 'causality="input" variability="continuous"', 'start="0.0"', unit, what)

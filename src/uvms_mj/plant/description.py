@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..physics.spanned_axes import axes_spanned
+
 if TYPE_CHECKING:
     from .arm import Arm
     from .mjcf import Mjcf
@@ -31,7 +33,7 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
         **{word: remarks.get(word) or remarks.get(prefix + word, "") for word in REMARKS},
         "reach": float(mjcf.geometry.reach),
         **coefficients(vehicle),
-        "axes": int(np.linalg.matrix_rank(vehicle.B)),
+        "axes": axes_spanned(vehicle.B),
         "thrusters": {
             name: {"wrench": wrench.tolist(), "least": finite(least), "greatest": finite(greatest)}
             for name, wrench, least, greatest in columns

@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import Fault, InputError, number_hint, suggestion
 from ..files import text_of
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.spanned_axes import LEAST, axes_spanned, spanning
 from .mjcf import Mjcf, ModelFiles, parsed
 from .vehicle import AXES, Vehicle
 
@@ -222,17 +223,16 @@ def copied(origin: str, mjcf_path: Path, name: str, thrusters: Sequence[Thruster
 
 def unreachable(vehicle: Vehicle) -> str:
     """A sentence on what the thrusters can't produce, from the rank of B (6, n); empty if they span all six axes."""
-    U, sizes, _ = np.linalg.svd(vehicle.B)
-    rank = int((sizes > 1e-9 * max(sizes[0], 1e-300)).sum())
+    rank = axes_spanned(vehicle.B)
     if rank == 6:
         return ""
-    left = U[:, rank:]  # of wrenches without any part that they produce
-    alone = [axis for i, axis in enumerate(AXES) if np.linalg.norm(left[i]) > 1.0 - 1e-9]
+    left = np.linalg.svd(spanning(vehicle.B))[0][:, rank:]  # of wrenches without any part that they produce
+    alone = [axis for i, axis in enumerate(AXES) if np.linalg.norm(left[i]) > 1.0 - LEAST**2 / 2.0]
     n = len(vehicle.thrusters)
     spans = f"its {n} thruster{'s span' if n > 1 else ' spans'} {rank} of 6 axes"
     rest = 6 - rank - len(alone)
     said = [f"they can't produce {' or '.join(alone)}"] if alone else []
-    mixed = [axis for i, axis in enumerate(AXES) if axis not in alone and np.linalg.norm(left[i]) > 1e-9]
+    mixed = [axis for i, axis in enumerate(AXES) if axis not in alone and np.linalg.norm(left[i]) > LEAST]
     if rest:
         said.append(f"of {', '.join(mixed)} only {len(mixed) - rest} can be chosen")
     return f"{spans}: {'; '.join(said)}"

@@ -13,6 +13,7 @@ from ..control import ImpedanceTask
 from ..control.design import Design
 from ..control.theory import predictions
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
+from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import ContactAtRest, Contacts, Pair
@@ -124,7 +125,7 @@ class Setup:
                 reason = _changed(field.name, getattr(self.scenario, field.name), field.default)
                 if reason:
                     return reason
-        if np.linalg.matrix_rank(self.nominal.B) < 6:
+        if axes_spanned(self.nominal.B) < 6:
             return "the thrusters can't produce every wrench"
         if self.rest_pose[0] is None:
             return "the reference does not come to rest"

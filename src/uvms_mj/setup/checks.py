@@ -23,11 +23,12 @@ from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
-from ..control.theory.terms import ContactSprings, Pose, ThrustMap
+from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
+from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
@@ -44,7 +45,7 @@ RESOLVED = 0.3
 """Largest h w for which the error of an impact stays below about 1 %."""
 
 
-class _Direction(NamedTuple):
+class Direction(NamedTuple):
     """Spring [N/m], damper [N s/m] and mass at the contact [kg] of a wall along its normal, or along its face if
     ``prefix`` is "tangential_"; ``table`` is the wall's in the scenario. ``contacts`` is how many contacts of the list
     press on the wall together; 0 for MuJoCo's pair."""
@@ -69,7 +70,7 @@ def wall_faults(setup: Setup) -> Iterator[Fault]:
     contacts that are not computed."""
     yield from impossible(setup.scenario, setup.nominal)
     h = setup.scenario.simulation.timestep
-    for each in _directions(setup):
+    for each in directions(setup):
         k, b, m = each.k, each.b, each.m
         if h * h * k / m >= 4.0:
             stiffest = 4.0 * m / (h * h)
@@ -93,7 +94,7 @@ def wall_faults(setup: Setup) -> Iterator[Fault]:
 def wall_notes(setup: Setup) -> Iterator[str]:
     """Warnings for a wall that the time step resolves badly, and for a start inside a wall."""
     h, wall = setup.scenario.simulation.timestep, setup.scenario.wall
-    for each in _directions(setup):
+    for each in directions(setup):
         w = math.sqrt(each.k / each.m)
         if h * w > RESOLVED:
             what = "sticking friction" if each.prefix else "an impact"
@@ -123,10 +124,6 @@ def wall_notes(setup: Setup) -> Iterator[str]:
     yield from _starts_inside(setup)
 
 
-START_FORCE = 100.0
-"""Force [N] below which a start inside the wall counts as a start in contact."""
-
-
 def _starts_inside(setup: Setup) -> Iterator[str]:
     """Warnings for contacts of the list that start deep inside their wall."""
     pairs, springs = setup.contacts.pairs, ContactSprings(setup)
@@ -143,25 +140,25 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
             )
 
 
-def _directions(setup: Setup) -> Iterator[_Direction]:
+def directions(setup: Setup) -> Iterator[Direction]:
     """Each direction in use, of all contacts of a wall together."""
     wall = setup.scenario.wall
     if setup.contacts.paper:
         settings = contact_settings(wall, setup.mass_along_face)
-        yield _Direction("wall", wall, "", settings["stiffness"], settings["damping"], setup.mass_along_normal())
+        yield Direction("wall", wall, "", settings["stiffness"], settings["damping"], setup.mass_along_normal())
         if settings["friction"] > 0.0:
             k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-            yield _Direction("wall", wall, "tangential_", k_t, b_t, setup.mass_along_face())
+            yield Direction("wall", wall, "tangential_", k_t, b_t, setup.mass_along_face())
     for index, (table, each) in enumerate(setup.contacts.surfaces):
         pairs = [pair for pair in setup.contacts.pairs if pair.surface == index]
         stiffest = max(each.stiffness, each.layer_stiffness or 0.0)
         fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
         m, n = min(map(setup.lightest, pairs)), len(pairs)
-        yield _Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
+        yield Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
         if each.friction > 0.0:
             along = [contact_settings(each, functools.partial(setup.lightest, pair)) for pair in pairs]
             k_t, b_t = (sum(one[f"tangential_{word}"] for one in along) for word in ("stiffness", "damping"))
-            yield _Direction(table, each, "tangential_", k_t, b_t, m, n)
+            yield Direction(table, each, "tangential_", k_t, b_t, m, n)
 
 
 _FAR = 0.1
@@ -360,16 +357,38 @@ def warnings_of(setup: Setup) -> list[str]:
             *free_motion_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
-    rank = np.linalg.matrix_rank(vehicle.B)
+    further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle))
+    return [*radians_notes(scenario.to_dict()), *notes, *further]
+
+
+def _thruster_notes(vehicle: Any) -> Iterator[str]:
+    """Warnings for thrusters that do not span all axes, or one of them badly."""
+    strengths, axes = axis_strengths(vehicle.B)
+    rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
+    thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
     if rank < 6:
-        n = len(vehicle.thrusters)
-        thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
-        missing = [axis for axis, row in zip(AXES, vehicle.B, strict=True) if np.abs(row).max(initial=0.0) < 1e-12]
+        rows = np.abs(spanning(vehicle.B)).max(axis=1, initial=0.0)
+        missing = [axis for axis, row in zip(AXES, rows, strict=True) if row < 1e-3]
         without = f", none gives {' or '.join(missing)}" if missing else ""
-        notes.append(
-            f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+        yield f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+    least = float(strengths[rank - 1]) if rank else 1.0
+    dropped = float(strengths[rank]) if rank < 6 else 0.0
+    if dropped > ROUNDED:
+        yield (
+            f"the thrusters of {vehicle.body} give one more axis, mostly {_mostly(axes[:, rank])}, with {dropped:.2g} "
+            f"of the strongest one. Below {LEAST:g} it counts as the rounding of the file's numbers, and the "
+            "allocation leaves it out; write right angles with more digits, or give that axis a thruster"
         )
-    return [*radians_notes(scenario.to_dict()), *notes, *_afloat_notes(setup), *notes_on_damping(vehicle)]
+    if least < WEAK:
+        yield (
+            f"the thrusters of {vehicle.body} give one axis, mostly {_mostly(axes[:, rank - 1])}, with {least:.2g} of "
+            f"the strongest one: a wrench along it takes {1.0 / least:.2g} times the thrust"
+        )
+
+
+def _mostly(axis: np.ndarray) -> str:
+    """The name of the largest entry of an axis (6,)."""
+    return AXES[int(np.abs(axis).argmax())]
 
 
 _UNTRIMMED, _UNHELD = 0.02, 1e-3

@@ -34,6 +34,7 @@ from ..navigation.channel import Channel
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_turned, rotation_matrix, to_body
 from ..physics.kernels import record_of
+from ..physics.spanned_axes import pseudoinverse
 from ..stages.signals import record_dtype
 from .base import Setup
 
@@ -117,7 +118,7 @@ class RestingLaw:
     def _settled(self, setup: Setup, tau: np.ndarray) -> tuple[np.ndarray, bool]:
         """The states (n,) with which the law holds the vehicle at rest, and whether they do."""
         states, small = np.zeros(sum(self.sizes)), np.full(sum(self.sizes), 1e-6)
-        delivered = setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
+        delivered = setup.vehicle.B @ pseudoinverse(setup.nominal.B)
         wanted = np.concatenate([np.linalg.solve(delivered, tau), np.zeros(len(states))])
         for _ in range(5):
             by_state = jacobian(lambda xs: self(np.zeros(18), xs), states, small)
@@ -292,7 +293,7 @@ class _Loop:
         self.places = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         self.size = int(ends[-1])
         # the thrusters of the file, and the true ones
-        self.delivered = vehicle.acceleration_by_thrust @ setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
+        self.delivered = vehicle.acceleration_by_thrust @ setup.vehicle.B @ pseudoinverse(setup.nominal.B)
         self.sensed = self._sensed()
         self.sigmas = np.diag(np.concatenate([each.noise for each in self.channels]))
 
@@ -365,7 +366,7 @@ class _Loop:
             return f"the push of {rest.force:.4g} N would lose contact at times: its deviation would be {push:.3g} N"
         if not rest.force and self.vehicle.position[0] + _CLEAR * x[0] > self.setup.scenario.wall.position:
             return "the vehicle would touch the wall at times"
-        allocate = np.linalg.pinv(self.setup.nominal.B)
+        allocate = pseudoinverse(self.setup.nominal.B)
         u, spread = allocate @ self.vehicle.tau, np.abs(allocate) @ (_REACH * tau)
         if (u - spread < self.setup.vehicle.u_min).any() or (u + spread > self.setup.vehicle.u_max).any():
             return "a thruster would saturate at times"

@@ -13,6 +13,9 @@ from ...quantities import NonNegative
 from ..base import Controller, SteadyState, gain
 from .terms import within
 
+_LEFT = 1e-6
+"""Force error from which the integral is at its limit at rest [N]."""
+
 
 @dataclass(frozen=True)
 class Parallel(Controller):
@@ -66,7 +69,11 @@ class Parallel(Controller):
             xi = n @ missing
             return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
 
-        return Stability(setup).checked(static_balance(setup, 0.0, residual, integral))
+        def held(state: SteadyState) -> Any:  # at a limit the integral does not answer to small motions
+            left = float(n @ (state.contacts.tau_c - F_d))
+            return (("xi", (2.0 * np.sign(left) * self.limit if abs(left) > _LEFT else 0.0,)),)
+
+        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""

@@ -12,6 +12,9 @@ from ...quantities import NonNegative
 from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
 from .terms import add_product, within
 
+_PULLS = 1e-6
+"""Spring force from which the integral is at its limit at rest [N, N m]."""
+
 
 @dataclass(frozen=True)
 class Pid(Controller):
@@ -59,7 +62,11 @@ class Pid(Controller):
             xi = -(balance.control_wrench(x) + measured + balance.K_f * balance.F_d + spring)
             return -integral.left(xi, self.k_i * spring)
 
-        return Stability(setup).checked(static_balance(setup, 0.0, residual, integral))
+        def held(state: SteadyState) -> Any:  # at a limit the integral does not answer to small motions
+            spring = K_d @ state.contacts.eta_e
+            return (("xi", tuple(np.where(np.abs(spring) > _PULLS, 2.0 * np.sign(spring) * limit, 0.0))),)
+
+        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,6 +22,10 @@ _LARGEST_S = 0.15
 """Largest s on the way with which eq. (7) still says where the vehicle goes [m/s or rad/s]."""
 _STEP_S, _LONGEST_S = 5e-3, 60.0
 """Step and duration of the computation of s on the way [s]."""
+_BIASED = 1e-3
+"""Shift of the mean push, over the push or 1 N, from which there is no closed form [1]."""
+_STARTS, _PERIODS = 200, 1500
+"""Starts of the sampled axis, and control periods until its chatter lasts, and over which its mean is taken."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +65,23 @@ class Gsta(Controller):
         if disturbance_rate(setup).max() >= self.k_2 / 2.0:
             return "the disturbance changes faster than k_2/2, which super-twisting can follow"
         kept = functools.partial(_kept_near_zero, self)
-        return zeta_grows(setup) or _stability(setup).checked(static_balance(setup, np.inf, kept=kept))
+        state = zeta_grows(setup) or _stability(setup).checked(static_balance(setup, np.inf, kept=kept))
+        bias = _chatter_bias(self, setup) if isinstance(state, SteadyState) and state.force > 0.0 else 0.0
+        if isinstance(state, SteadyState) and bias > _BIASED * max(1.0, state.force):
+            return f"the chatter of the sampled law shifts the mean push by up to {bias:.2g} N"
+        return state
 
     def notes(self: Any, setup: Any) -> Iterator[str]:
-        """Warnings if the sampled law vibrates or bounces against the wall."""
-        return _stability(setup).notes(self.label())
+        """Warnings if the sampled law vibrates or bounces against the wall, or its chatter shifts the push."""
+        from ..design import demanded_force
+
+        yield from _stability(setup).notes(self.label())
+        bias, force = _chatter_bias(self, setup), demanded_force(setup.scenario)
+        if bias > _BIASED * max(1.0, force if math.isfinite(force) else 0.0):
+            yield (
+                f"the chatter of {self.label()} at a control period of {setup.scenario.control_period:g} s shifts the "
+                f"mean of s, and the mean push by up to {bias:.2g} N: it falls with the square of the period"
+            )
 
     def certificate(self: Any, setup: Any) -> Certificate:
         """The certificate of the gains, for the worst axis."""
@@ -100,6 +117,40 @@ def _stability(setup: Any) -> Stability:
     from ..theory.stability import ForceAge, Stability
 
     return Stability(setup, ForceAge.of(setup), layer=0.0)
+
+
+@functools.lru_cache(maxsize=64)
+def mean_of_chatter(k_1: float, k_2: float, beta: float, period: float) -> float:
+    """Largest mean of s [m/s or rad/s] in the chatter of one axis of eqs. (24) and (28), sampled by explicit Euler:
+
+    s' = s + T (-k_1 phi_1(s) + z), z' = z - T k_2 phi_2(s).
+
+    With beta = 0 it is the same for every T in the coordinates s / T^2 and z / T. The chatter depends on where it
+    begins, since z has steps of k_2 T / 2: the result is the largest one of many starts. A constant disturbance shifts
+    z alone."""
+    rng = np.random.default_rng(0)
+    s = k_1 * k_1 * period * period * rng.uniform(-3.0, 3.0, _STARTS)
+    z, total = k_2 * period * rng.uniform(-3.0, 3.0, _STARTS), np.zeros(_STARTS)
+    for i in range(2 * _PERIODS):
+        sgn = np.sign(s)
+        root = np.sqrt(np.abs(s)) * sgn
+        rate = -k_1 * (root + beta * s) + z
+        z = z - period * k_2 * (0.5 * sgn + 1.5 * beta * root + beta * beta * s)
+        s = s + period * rate
+        if i >= _PERIODS:
+            total += s
+    return float(np.abs(total).max() / _PERIODS)
+
+
+def _chatter_bias(law: Any, setup: Any) -> float:
+    """Bound on the shift of the mean push by chatter [N]: A s = -w with the mean of s, so that each contact yields M_d
+    A s along its normal."""
+    with np.errstate(all="ignore"):
+        s = mean_of_chatter(law.k_1, law.k_2, law.beta, setup.scenario.control_period)
+    wrench = np.abs(setup.design.M_d) @ np.abs(np.array(setup.task.A)) * s
+    normals = [np.abs(contact.normal) for contact in setup.contacts_at_rest]
+    bound = max((float(normal @ wrench) for normal in normals), default=0.0)
+    return bound if math.isfinite(bound) else math.inf
 
 
 def _kept_near_zero(law: Any, times: np.ndarray, unknown: np.ndarray) -> str:

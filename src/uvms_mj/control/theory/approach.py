@@ -325,7 +325,7 @@ class TaskMotion:
                 self._law = None
         if self._law is None:
             self._law = pose, *self._derivatives(pose, force)
-        return self._law[1] + self._law[2] @ self._stiffness(pose)
+        return self._law[1] + self._law[2] @ self.stiffness(pose)
 
     def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         def at(y: np.ndarray) -> np.ndarray:
@@ -336,7 +336,7 @@ class TaskMotion:
         J = np.array([(at(e) - force) / e.max() for e in np.diag(small)]).T
         return J[:, :6], J[:, 6:]
 
-    def _stiffness(self, pose: Pose) -> np.ndarray:
+    def stiffness(self, pose: Pose) -> np.ndarray:
         """The derivative (6, 6) of the contact wrench by the coordinates from a pose."""
         changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
         R = pose.R_WB @ rotation_matrix(_turns())
@@ -391,7 +391,7 @@ class TaskMotion:
 
 @functools.cache
 def _turns() -> np.ndarray:
-    """The attitudes (12, 4) after the changes of :meth:`TaskMotion._stiffness`."""
+    """The attitudes (12, 4) after the changes of :meth:`TaskMotion.stiffness`."""
     changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
     return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
 

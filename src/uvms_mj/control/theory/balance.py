@@ -52,11 +52,13 @@ import numpy as np
 
 from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
+from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
 from .free_motion import tool_rest
-from .terms import Balance, Integral, Pose, ThrustMap
+from .loop import ContactsAtRest
+from .terms import START_FORCE, Balance, Integral, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
 """How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
@@ -97,7 +99,7 @@ def static_balance(
         return reason
     if isinstance(thrust_map, str):
         return thrust_map
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(thrust_map.T)) < 6:
+    if axes_spanned(thrust_map.T @ setup.nominal.B) < 6:
         return "the thrusters can't produce every wrench"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
@@ -117,8 +119,12 @@ def static_balance(
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := thrust_map.infeasible(tau):
         return weak
+    contacts = None
+    if push.any() and not balance.springs.convex:
+        seen = balance.error(pose), balance.measurement(pose).tau_c
+        contacts = ContactsAtRest(-motion.stiffness(pose), balance.contact_damping(pose), *seen)
     return _rubbed(balance, push) or SteadyState(
-        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
+        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True, contacts=contacts
     )
 
 
@@ -162,6 +168,8 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
     motion.follow(way)
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    if balance.contacts(start.position, start.R_WB)[1].max() > START_FORCE:
+        return "the vehicle starts inside a wall, which throws it out"
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest

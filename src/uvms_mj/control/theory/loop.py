@@ -186,6 +186,23 @@ _LARGE = 2.0**300
 """Matrices are scaled where they have larger entries: over many periods a fast motion grows beyond any double."""
 
 
+@dataclass(frozen=True, eq=False)
+class ContactsAtRest:
+    """All contacts about a rest.
+
+    Attributes:
+        stiffness, damping: (6, 6): the wrench on the vehicle in B is minus these times displacement and rotation
+            vector, and nu.
+        eta_e: (6,) pose error as the law measures it. Its position turns with the vehicle.
+        tau_c: (6,) contact wrench as the law measures it [N, N m].
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    eta_e: np.ndarray
+    tau_c: np.ndarray
+
+
 class Line:
     """The samples that one stage takes from another, with N steps as their common period.
 
@@ -270,6 +287,7 @@ class Loop:
         amplitudes: B amplitudes of s [m/s]; none for a law without s. With them, the motion along the contact's normal
             counts alone.
         period: control period [s]; default: that of the run. Its :class:`Timing` must not be too long.
+        rest: all contacts at the rest, in place of one contact.
     """
 
     def __init__(
@@ -279,29 +297,35 @@ class Loop:
         about: About = (),
         amplitudes: tuple[float, ...] = (),
         period: float | None = None,
+        rest: "ContactsAtRest | None" = None,
     ) -> None:
         self.setup, self.h, self.contact = setup, setup.scenario.simulation.timestep, contact
         M_inv, normal = np.linalg.inv(setup.design.M), np.zeros(6) if contact is None else contact.normal
         left, right = np.eye(6), np.eye(6)
         if contact is not None and amplitudes:
             left, right = normal[None], (M_inv @ normal / (normal @ M_inv @ normal))[:, None]
-        self.m = len(left)
+        self.m, pushed = len(left), normal[:, None] if rest is None else np.eye(6)
         self.force = np.zeros((1, 2 * self.m))
         if contact is not None:
             self.force = -np.kron([contact.stiffness, contact.damping], normal @ right)[None]
-        self.law = self._law(about, amplitudes, left, right, normal, M_inv)
-        self.step = self._step(-left @ M_inv @ setup.vehicle.D_linear @ right, (left @ M_inv @ normal)[:, None])
+        if rest is not None:
+            self.force = -np.hstack([rest.stiffness, rest.damping])
+        self.widths = self.m, self.m, len(self.force), self.m
+        self.law = self._law(about, amplitudes, left, right, pushed, M_inv, rest)
+        self.step = self._step(-left @ M_inv @ setup.vehicle.D_linear @ right, left @ M_inv @ pushed)
         self._lines(period)
 
-    def _law(self, about: About, amplitudes: Any, left: Any, right: Any, normal: Any, M_inv: np.ndarray) -> np.ndarray:
+    def _law(
+        self, about: About, amplitudes: Any, left: Any, right: Any, pushed: Any, M_inv: np.ndarray, rest: Any
+    ) -> np.ndarray:
         """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
         force and the states."""
-        law = _Law(self.setup, about, bool(amplitudes))
+        law = _Law(self.setup, about, bool(amplitudes), np.zeros(3) if rest is None else rest.eta_e[:3])
         axes, rest = divmod(law.n, 6) if self.m == 1 else (0, law.n)
         inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(rest) for each in (left, right))
         self.n = len(inner)
         out = _diagonal(left @ M_inv, inner, inner, left)
-        found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, normal[:, None], outer)) / _EPS
+        found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, pushed, outer)) / _EPS
         if not amplitudes:
             return found[None]
         by_s = law.by_s(np.array([S * right for S in amplitudes]))
@@ -337,7 +361,7 @@ class Loop:
     @functools.cached_property
     def _places(self) -> list[slice]:
         """The plant with the lag, the states of the law, and the samples of each line."""
-        samples = [width * line.kept for width, line in zip((self.m, self.m, 1, self.m), self._all, strict=True)]
+        samples = [width * line.kept for width, line in zip(self.widths, self._all, strict=True)]
         sizes = [len(self.step) - self.m, self.n, *samples]
         return [slice(end - size, end) for end, size in zip(np.cumsum(sizes), sizes, strict=True)]
 
@@ -348,8 +372,8 @@ class Loop:
         plant, states, *samples = (
             np.broadcast_to(np.eye(size), (len(self.law), size, size))[:, p] for p in self._places
         )
-        widths = (m, m, 1, m)
-        lines = [[old[:, i : i + w] for i in range(0, old.shape[1], w)] for old, w in zip(samples, widths, strict=True)]
+        each = zip(samples, self.widths, strict=True)
+        lines = [[old[:, i : i + w] for i in range(0, old.shape[1], w)] for old, w in each]
         newer = self.commands.newer[inside]
         changes = np.any([line.taken[inside] for line in self._all], axis=0)
         changes |= np.diff(newer, prepend=-1) != 0
@@ -447,7 +471,7 @@ class _Law:
     """The law of a run about rest: tau, its n states as it leaves them, their rates, and the s of the task, from x, nu,
     tau_c and the states. zeta is the last of the states of a law that slides."""
 
-    def __init__(self, setup: Any, about: About, slides: bool) -> None:
+    def __init__(self, setup: Any, about: About, slides: bool, p_e: np.ndarray) -> None:
         law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
         kind = type(law)
         # records of NumPy, which the functions also take, are five times slower
@@ -457,6 +481,8 @@ class _Law:
         signals.quat_e, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), 1
         signals.period = setup.scenario.control_period
         self.signals, self.kind, self.task = signals, kind, type(task)
+        self.error = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # eta_e by displacement and rotation vector
+        self.error[:3, 3:] = [[0.0, -p_e[2], p_e[1]], [p_e[2], 0.0, -p_e[0]], [-p_e[1], p_e[0], 0.0]]
         self.gains, self.task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
         self.state, self.rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in "xd")
         own = {**type(task).states, **type(task).memory}
@@ -491,8 +517,8 @@ class _Law:
             state[:] = states[place]
 
     def _given(self, y: np.ndarray) -> np.ndarray:
-        signals, half = self.signals, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-        signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
+        signals = self.signals
+        signals.eta_e, signals.nu, signals.tau_contact_m_B = self.error @ y[:6], y[6:12], y[12:18]
         signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.D @ signals.nu
         signals.s = np.zeros(6)
         self._set(self.base + y[18:])

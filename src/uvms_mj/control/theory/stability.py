@@ -15,7 +15,7 @@ short period:
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,9 @@ SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
 _SEEN = 0.01
 """Least peak-to-peak force of a vibration that is worth a warning [N]."""
+_CHATTERS = 0.02
+"""Peak-to-peak force over the force at rest from which super-twisting limit-cycles [1]. Its chatter has 1e-3; the mean
+force of a limit cycle is not that at rest."""
 _SMALLEST, _LARGEST, _AMPLITUDES = 1e-8, 2e-2, 40
 """Amplitudes of s [m/s], and their number. The largest is that of an impact at a few decimetres per second."""
 _HALVINGS = 8
@@ -45,12 +48,14 @@ class Stability:
         age: the age of the contact force, for the laws whose damping it takes.
         layer: amplitude of s up to which the law is linear [m/s]: infinite for a law without s, 0 for super-twisting.
         about: states of the law at rest that are not zero.
+        held: the same states for a rest, where they depend on it.
     """
 
     setup: Any
     age: ForceAge | None = None
     layer: float = math.inf
     about: About = ()
+    held: Callable[[SteadyState], About] = lambda state: ()
 
     @functools.cached_property
     def unknown(self) -> str:
@@ -75,6 +80,15 @@ class Stability:
         """Growth rate of a small motion [1/s], also at another control period [s]."""
         amplitudes = () if math.isinf(self.layer) else (self.layer,)
         return float(Loop(self.setup, contact, self.about, amplitudes, period).growths[0])
+
+    def _grows_about(self, state: SteadyState) -> bool:
+        """Whether the motion about a rest among shapes grows, with all contacts at once. Super-twisting keeps eq. (7),
+        which :mod:`.approach` has checked."""
+        if state.contacts is None or self.layer == 0.0:
+            return False
+        amplitudes = () if math.isinf(self.layer) else (self.layer,)
+        loop = Loop(self.setup, None, (*self.about, *self.held(state)), amplitudes, rest=state.contacts)
+        return bool(loop.growths[0] > GROWS)
 
     def _ends(self, contact: Any) -> tuple[float, bool, float]:
         if math.isinf(self.layer):
@@ -111,11 +125,13 @@ class Stability:
             return state
         if self.free_reason:
             return self.free_reason
-        most = 0.0 if self.layer else 2.0 * state.force
+        most = 0.0 if self.layer else _CHATTERS * state.force
         if state.force > 0.0 and (self._too_old or self.at_wall[0] > most):
             if self.age and self.age.share >= 1.0:
                 return f"the sampled law limit-cycles against this wall: {self.age.comparison()}"
             return "the sampled law does not damp the vibration against this wall"
+        if self._grows_about(state):
+            return "the sampled law does not come to rest at this contact: a motion about it grows"
         return state
 
     def notes(self, label: str) -> Iterator[str]:

@@ -25,8 +25,11 @@ import numpy as np
 from ...physics.flow import add_tether
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
+from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import BOX, CYLINDER, PLANE
 
+START_FORCE = 100.0
+"""Force [N] below which a start inside the wall counts as a start in contact."""
 _LEAST = 1e-300
 
 
@@ -36,6 +39,7 @@ class ContactSprings:
     Attributes:
         carriers: (n,) index of the frame that the body of each contact is fixed to.
         friction: (n,) whether each contact has friction.
+        damping: (n,) of the walls, zero behind a bumper [N s/m].
         convex: whether all walls are planes in front of the origin of C: then the poses without contact are a convex
             set, and the turn of C does not matter.
         size: least radius or half edge of a wall, infinite for planes [m].
@@ -51,6 +55,7 @@ class ContactSprings:
         self._p_WS, self._R_WS = walls["p_WS"], walls["R_WS"]
         self._kind, self._half = walls["kind"], walls["extent"]
         self._soft = self._k_b > 0.0
+        self.damping = np.where(self._soft, 0.0, contact["damping"])
         self._give = np.where(self._soft, self._k_b, 1.0)
         curved = surfaces["kind"] != PLANE
         self.convex = not (curved.any() or self._ends_C.any())
@@ -187,7 +192,7 @@ class ThrustMap:
         gain, thrust = self.static.gain, self.static.thrust
         low, high = self.setup.scenario.thrusters.command_limits(self.setup)
         if gain is None:
-            return np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+            return pseudoinverse(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
         working = gain > 0.0
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
         return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
@@ -258,6 +263,17 @@ class Balance:
             wrench, push[..., 1:], _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
             tau_c += wrench.sum(axis=-2)
         return tau_c, push
+
+    def contact_damping(self, x: Pose) -> np.ndarray:
+        """The damping (6, 6) of the contacts that press at a pose, by nu in B. Bumpers have none."""
+        wrench, push, _ = self.springs.wrenches(x.position[None], x.R_WB[None])
+        damping = np.zeros((6, 6))
+        for w, force, b in zip(wrench, push, self.springs.damping, strict=True):
+            if force > 0.0:
+                damping += b * np.outer(w, w) / force**2
+        if self.setup.contacts.paper and x.position[0] > self.setup.scenario.wall.position:
+            damping[:3, :3] += self.setup.scenario.wall.damping * np.outer(x.R_WB[0], x.R_WB[0])
+        return damping
 
     def rubs(self, push: np.ndarray) -> bool:
         """Whether friction acts in contacts with the normal forces (..., 1 + n)."""

@@ -13,6 +13,7 @@ from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
+from ...physics.spanned_axes import pseudoinverse
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...stages.base import Stage
@@ -267,7 +268,7 @@ class RunMemory:
         run["columns"], run["columns_hat"] = vehicle.B.T, nominal.B.T
         run["low"], run["high"], run["thrust_of_ctrl"] = vehicle.u_min, vehicle.u_max, vehicle.thrust_of_ctrl
         run["ctrl_index"] = vehicle.actuator_ids
-        run["allocation"]["B"], run["allocation"]["B_pinv"] = nominal.B, np.linalg.pinv(nominal.B)
+        run["allocation"]["B"], run["allocation"]["B_pinv"] = nominal.B, pseudoinverse(nominal.B)
         real = setup.scenario.thrusters.runs
         run["ideal"], run["believed"] = not real, real or not np.array_equal(vehicle.B, nominal.B)
         place_carriers(run, setup.contacts)
