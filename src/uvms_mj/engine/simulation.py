@@ -74,7 +74,7 @@ class Simulation:
         mjcf: Mjcf | None = None,
         looks: bool = True,
     ) -> None:
-        self.setup = checked(valid_scenario(scenario), mjcf)
+        self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf)
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
         self._base = self.setup
