@@ -6,7 +6,7 @@ import dataclasses
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
@@ -18,6 +18,8 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
+from ..stages.base import random_key
+from ..stages.loader import functions_again
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
 from .native.loop import Diverged, stop_reason
@@ -88,6 +90,8 @@ class Simulation:
         self._stages = self._memory.stages
         self._plain = [stage for stage in self._stages.running if stage.code is None]
         self._users = [stage for stage in self._stages.running if stage.users]
+        self._plain_users = [stage for stage in self._users if stage.code is None]
+        self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 
@@ -194,9 +198,16 @@ class Simulation:
             given["simulation.seed"] = seed
         with self._alone:
             setup = changed(self._base, given, "reset") if given else self._base
+            functions = functions_again([type(stage.stage) for stage in self._plain_users])
             self._memory.restart(setup)
             self.setup = setup
+            self._begin_plain(functions)
             self._prepare()
+
+    def _begin_plain(self, functions: Sequence[Callable]) -> None:
+        """Begin a run of the users' stages that run as plain Python, with their functions."""
+        for stage, function in zip(self._plain_users, functions, strict=True):
+            stage.begin_plain(function, random_key(self.scenario.simulation.seed, stage.stage))
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.

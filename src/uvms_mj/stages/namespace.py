@@ -271,9 +271,14 @@ class _Finder:
 sys.meta_path.insert(0, _Finder)
 
 
+def namespace_named(module: str) -> Namespace | None:
+    """The namespace of a module of this name; None for a module of no namespace."""
+    return _namespaces.get(module.partition(".")[0])
+
+
 def namespace_of(kind: type) -> Namespace | None:
     """The namespace of a class; None for one that was not loaded into one."""
-    return _namespaces.get(kind.__module__.partition(".")[0])
+    return namespace_named(kind.__module__)
 
 
 def is_same_code(kind: type, other: type) -> bool:
@@ -299,7 +304,7 @@ def source_files(module: ModuleType) -> list[Path]:
     Imports are read from the source, because a constant imported from another file leaves no trace in the module, and
     one within a function may not have been made yet.
     """
-    namespace = _namespaces.get(module.__name__.partition(".")[0])
+    namespace = namespace_named(module.__name__)
     todo = [Path(str(module.__file__)).resolve()]
     found: dict[Path, None] = {}
     while todo:
