@@ -6,12 +6,11 @@ sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by the setting 
 
 import dataclasses
 import difflib
-import hashlib
 import keyword
 import os
 import re
-import tempfile
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -84,21 +83,19 @@ def check_archive(path: Path) -> None:
             raise InputError(f"{path.name}: would unpack {shortened(each.filename)} outside of its folder")
 
 
-def unpacked(path: Path, folder: Path) -> Path:
-    """The folder of an unpacked FMU below ``folder``, by the digest of its file."""
+def unpack(path: Path, folder: Path, platform: str) -> list[str]:
+    """Unpack an FMU into a folder, as far as a machine of a platform needs it. Returns the platforms that it is for.
+    Raises InputError for one that can't be unpacked."""
     check_archive(path)
-    target = folder / f"fmu-{hashlib.sha256(path.read_bytes()).hexdigest()[:32]}"
-    if not target.is_dir():
-        with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
-            part = Path(new, target.name)
-            with zipfile.ZipFile(path) as archive:
-                archive.extractall(part)  # of each file no more than the archive's list says
-            try:
-                os.rename(part, target)
-            except OSError:  # another process was first
-                if not target.is_dir():
-                    raise
-    return target
+    try:
+        with zipfile.ZipFile(path) as archive:
+            found = {each.split("/")[1] for each in archive.namelist() if re.fullmatch("binaries/[^/]+/.+", each)}
+            unneeded = tuple(f"binaries/{each}/" for each in found if each != platform) + ("sources/", "documentation/")
+            members = [each for each in archive.namelist() if not each.startswith(unneeded)]
+            archive.extractall(folder, members)  # of each file no more than the archive's list says
+    except (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError) as error:
+        raise InputError(f"{path.name}: can't be unpacked: {error}") from None
+    return sorted(found)
 
 
 def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...]]]:
