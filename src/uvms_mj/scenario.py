@@ -216,6 +216,22 @@ class Scenario:
                     tables[name]["name"] = own
         return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted)
 
+    def with_fresh_stages(self) -> "Scenario":
+        """The scenario with the stages of users' files loaded anew, those of a folder together: what an earlier run
+        left in their modules is not in them, and an edited file is seen. Raises InputError if a file has changed so
+        that its stage can't be made."""
+        namespaces: dict[Path, Any] = {}
+        faults, fresh = list[Fault](), dict[str, Stage]()
+        for name, choice in STAGES.items():
+            stage = getattr(self, name)
+            try:
+                fresh |= {} if (new := choice.again(stage, namespaces)) is stage else {name: new}
+            except InputError as error:
+                faults += error.faults
+        if faults:
+            raise InputError(faults, "scenario")
+        return dataclasses.replace(self, **fresh) if fresh else self
+
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}

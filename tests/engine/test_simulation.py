@@ -384,14 +384,18 @@ class Interrupted(Guidance):
 def test_a_plain_stage_that_was_interrupted_begins_its_instant_again(tmp_path, plain_python):
     """Its states advance once, and its instants are counted once."""
     (tmp_path / "stage.py").write_text(INTERRUPTED)
-    scenario = Scenario.load("push_wall", {**WALL, "reference.name": f"{tmp_path / 'stage.py'}:Interrupted"})
-    with Simulation(scenario) as sim:
+    (tmp_path / "never.py").write_text(INTERRUPTED.replace("[10]", "[]"))
+    interrupted, never = (
+        Scenario.load("push_wall", {**WALL, "reference.name": f"{tmp_path / name}.py:Interrupted"})
+        for name in ("stage", "never")
+    )
+    with Simulation(interrupted) as sim:
         with pytest.raises(KeyboardInterrupt):
             sim.step(30)
         assert sim.steps == 10
         sim.step(20)
         assert sim.signals.phase == pytest.approx(30 * 1e-4, rel=1e-12)
-        assert np.array_equal(state(sim), after(scenario, 30))
+        assert np.array_equal(state(sim), after(never, 30))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, -1e8])

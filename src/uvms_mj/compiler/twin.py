@@ -36,34 +36,37 @@ def twin(function: types.FunctionType) -> Callable:
     names = function.__globals__
     if _MARK in names:
         return function
-    made = _made(function)
-    made.__globals__.update(names)
-    made.__globals__[_MARK] = _Arithmetic
+    code = function.__code__
+    if code not in _codes:
+        _codes[code] = _translated(function)
+    names = {**names, _MARK: _Arithmetic}
+    made = types.FunctionType(_codes[code], names, function.__name__, function.__defaults__, function.__closure__)
+    made.__kwdefaults__ = function.__kwdefaults__
     return made
 
 
-@functools.lru_cache(1000)
-def _made(function: types.FunctionType) -> types.FunctionType:
-    tree, _ = function_tree(function)
+_codes: dict[types.CodeType, types.CodeType] = {}
+
+
+def _translated(function: types.FunctionType) -> types.CodeType:
+    """The code of a function's twin."""
+    code, (tree, _) = function.__code__, function_tree(function)
     if not isinstance(tree, ast.FunctionDef):
-        return types.FunctionType(function.__code__, dict(function.__globals__), closure=function.__closure__)
-    code = function.__code__
+        return code
     tree = copy.deepcopy(tree)  # others have it, too
     tree.decorator_list, tree.returns = [], None
     for argument in ast.walk(tree.args):
         if isinstance(argument, ast.arg):
             argument.annotation = None
-    tree.args.defaults = [ast.Constant(None) for _ in tree.args.defaults]  # they are set below
+    tree.args.defaults = [ast.Constant(None) for _ in tree.args.defaults]  # the function has them
     tree.args.kw_defaults = [each and ast.Constant(None) for each in tree.args.kw_defaults]
     ast.increment_lineno(tree, code.co_firstlineno - 1)
-    inner = _Arithmetics().visit(tree)
     outer: Any = ast.parse(f"def outer({', '.join(code.co_freevars)}):\n    return 0")
-    outer.body[0].body = [inner, ast.Return(ast.Name(tree.name, ast.Load()))]
-    names: dict[str, Any] = {}
-    exec(compile(ast.fix_missing_locations(outer), code.co_filename, "exec", dont_inherit=True), names)
-    made: Any = names["outer"](*(cell.cell_contents for cell in function.__closure__ or ()))
-    made.__defaults__, made.__kwdefaults__ = function.__defaults__, function.__kwdefaults__
-    return made
+    outer.body[0].body = [_Arithmetics().visit(tree)]
+    found: Any = compile(ast.fix_missing_locations(outer), code.co_filename, "exec", dont_inherit=True)
+    for name in ("outer", tree.name):
+        found = next(each for each in found.co_consts if isinstance(each, types.CodeType) and each.co_name == name)
+    return found
 
 
 class _Arithmetics(ast.NodeTransformer):

@@ -7,6 +7,7 @@ last digit.
 """
 
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -21,8 +22,9 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import checked
+from ..stages.namespace import source_files, without_names
 from .engines import FreeEngine
-from .native.compilation import fingerprint, object_name, recall, remember, source_files
+from .native.compilation import fingerprint, object_name, recall, remember
 from .native.devices import Gpu, Processor
 from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource, without_addresses
 from .native.run_memory import tables_of
@@ -136,7 +138,8 @@ def code_for(
         signals,
         given,
     ]
-    kinds = [f"{type(stage.stage).__module__}.{type(stage.stage).__qualname__}" for stage in stages.running]
+    names = [f"{type(stage.stage).__module__}.{type(stage.stage).__qualname__}" for stage in stages.running]
+    kinds = [without_names(name) for name in names]
     name = object_name([b"fleet", source.cells.template.tobytes(), repr((about, kinds)).encode(), *files])
     if (kept := recall(name)) is not None:
         return FleetCode(kept[0], **kept[1])
@@ -150,8 +153,6 @@ def code_for(
 
 
 def _files(stage: Any) -> list[Any]:
-    import sys
-
     return source_files(sys.modules[type(stage.stage).__module__])
 
 

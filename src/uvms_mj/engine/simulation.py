@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,6 +19,8 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
+from ..stages.base import random_key
+from ..stages.loader import functions_again
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
 from .native.loop import Diverged, stop_reason
@@ -79,7 +81,7 @@ class Simulation:
         mjcf: Mjcf | None = None,
         looks: bool = True,
     ) -> None:
-        self.setup = checked(valid_scenario(scenario), mjcf)
+        self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf)
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
         self._base = self.setup
@@ -95,6 +97,8 @@ class Simulation:
         self._net = Net(self._stages.running, self._stages.rows)
         self._net.begin()
         self._users = [stage for stage in self._stages.running if stage.users]
+        self._plain_users = [stage for stage in self._users if stage.code is None]
+        self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 
@@ -201,10 +205,17 @@ class Simulation:
             given["simulation.seed"] = seed
         with self._alone:
             setup = changed(self._base, given, "reset") if given else self._base
+            functions = functions_again([type(stage.stage) for stage in self._plain_users])
             self._memory.restart(setup)
             self._net.begin()
             self.setup = setup
+            self._begin_plain(functions)
             self._prepare()
+
+    def _begin_plain(self, functions: Sequence[Callable]) -> None:
+        """Begin a run of the users' stages that run as plain Python, with their functions."""
+        for stage, function in zip(self._plain_users, functions, strict=True):
+            stage.begin_plain(function, random_key(self.scenario.simulation.seed, stage.stage))
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.

@@ -156,6 +156,21 @@ class Stage:
         if not (self.of_log or is_shipped(self)):
             check_contract(kind)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """A stage of a user's file is loaded from it where it is unpickled, so that it is never older than the file."""
+        from .loader import loaded, settings_of
+        from .namespace import namespace_of
+
+        if namespace_of(type(self)) is None:
+            return super().__reduce_ex__(protocol)
+        return loaded, (self.room.table, type(self).source(), settings_of(self))
+
+    def __copy__(self) -> Stage:
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Stage:
+        return self
+
     def check_settings(self) -> None:
         """Check the settings, each of which is valid, against each other. Raises InputError if they do not agree."""
 
@@ -278,9 +293,19 @@ def has_own_constants(cls: type[Stage]) -> bool:
     return cls.constants is not (Stage if base is cls else base).constants
 
 
-@functools.cache
+def _kept(cls: Any, name: str, made: Callable[[], Any]) -> Any:
+    """What is made once of a class, and goes with it."""
+    if name not in vars(cls):
+        setattr(cls, name, made())
+    return vars(cls)[name]
+
+
 def _numbers_of(cls: type[Stage]) -> tuple[str, ...]:
     """The names of the settings that the class's function gets as they are, besides those of its room's base class."""
+    return _kept(cls, "_numbers", lambda: _find_numbers(cls))
+
+
+def _find_numbers(cls: type[Stage]) -> tuple[str, ...]:
     ours = {field.name for field in dataclasses.fields(base_of(cls))}
     names = (field.name for field in dataclasses.fields(cls) if field.name not in ours)
     return () if has_own_constants(cls) else tuple(names)
@@ -300,10 +325,13 @@ def _is_number(value: Any) -> bool:
 _NUMBERS = (bool, int, float)  # a union is made anew at each use
 
 
-@functools.cache
 def validator(cls: Any) -> TypeAdapter:
     """The validator of the fields of a dataclass, made once. Settings are checked at construction and never in the
     loop."""
+    return _kept(cls, "_validator", lambda: _make_validator(cls))
+
+
+def _make_validator(cls: Any) -> TypeAdapter:
     hints = get_type_hints(cls, include_extras=True)
     if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
         hints |= get_type_hints(base_of(cls), include_extras=True)
@@ -366,6 +394,20 @@ class Declared(TypedDict, total=False):
     uses_truth: StrictBool
 
 
+@functools.cache
+def _declared() -> TypeAdapter:
+    return TypeAdapter(Declared)
+
+
+def take_checks(cls: type[Stage], other: type[Stage]) -> None:
+    """Take over what was checked of another class, which the same code has made."""
+    if other in _SOUND:
+        _SOUND.add(cls)
+        for name in ("_validator", "_numbers"):
+            if name in vars(other):
+                setattr(cls, name, vars(other)[name])
+
+
 def check_contract(cls: type[Stage], file: str = "") -> None:
     """Check, once, that a class satisfies the contract of a stage of its room. The message names the file.
 
@@ -424,7 +466,7 @@ def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
     """Errors of what a class declares of itself and of its states."""
     try:
         declared = {name: getattr(cls, name) for name in Declared.__annotations__ if hasattr(cls, name)}
-        TypeAdapter(Declared).validate_python(declared)
+        _declared().validate_python(declared)
     except ValidationError as error:
         yield from map(str, faults_of(error))
         return

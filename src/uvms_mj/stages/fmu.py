@@ -8,12 +8,10 @@ refused, and a number out of the range that it declares ends the run.
 
 import dataclasses
 import difflib
-import hashlib
 import keyword
 import math
 import os
 import re
-import tempfile
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -101,26 +99,21 @@ def check_archive(path: Path) -> None:
             raise InputError(f"{path.name}: would unpack {shortened(each.filename)} outside of its folder")
 
 
-def unpacked(path: Path, folder: Path) -> Path:
-    """The folder of an unpacked FMU below ``folder``, by the digest of its file."""
+def unpack(path: Path, folder: Path, platform: str) -> list[str]:
+    """Unpack an FMU into a folder, as far as a machine of a platform needs it. Returns the platforms that it is for.
+    Raises InputError for one that can't be unpacked."""
     check_archive(path)
-    target = folder / f"fmu-{hashlib.sha256(path.read_bytes()).hexdigest()[:32]}"
-    if not target.is_dir():
-        with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
-            part = Path(new, target.name)
-            try:
-                with zipfile.ZipFile(path) as archive:
-                    archive.extractall(part)  # of each file no more than the archive's list says
-            except Exception as error:  # a checksum, a compression: each has exceptions of its own
-                if isinstance(error, OSError) and error.errno:  # of the disk
-                    raise
-                raise InputError(f"{path.name}: can't be unpacked: {printable(str(error))}") from None
-            try:
-                os.rename(part, target)
-            except OSError:  # another process was first
-                if not target.is_dir():
-                    raise
-    return target
+    try:
+        with zipfile.ZipFile(path) as archive:
+            found = {each.split("/")[1] for each in archive.namelist() if re.fullmatch("binaries/[^/]+/.+", each)}
+            unneeded = ("sources/", "documentation/", *(f"binaries/{each}/" for each in found if each != platform))
+            members = [each for each in archive.namelist() if not each.startswith(unneeded)]
+            archive.extractall(folder, members)  # of each file no more than the archive's list says
+    except Exception as error:  # a checksum, a compression: each has exceptions of its own
+        if isinstance(error, OSError) and error.errno:  # of the disk
+            raise
+        raise InputError(f"{path.name}: can't be unpacked: {printable(str(error))}") from None
+    return sorted(found)
 
 
 def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tuple[Any, ...], bool]]:

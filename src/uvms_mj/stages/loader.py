@@ -3,19 +3,17 @@
 import dataclasses
 import difflib
 import functools
-import hashlib
-import importlib.util
-import sys
 import traceback
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Collection, Container, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
 from . import fmu, foreign
-from .base import Stage, check_contract, setting
+from .base import Stage, check_contract, setting, take_checks
 from .foreign import BASES, SHARED, UNIT, parted
+from .namespace import Namespace, is_same_code, namespace_of, without_names
 from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
@@ -55,9 +53,21 @@ class Choice(Generic[_Stage]):
             cls = self.stage_class(source)
         return stage_of(cls, settings, self.shipped)
 
-    def stage_class(self, source: Any) -> type[_Stage]:
-        """The class of a shipped name or of ``path/to/file.py:ClassName``. Raises InputError if there is no such class,
-        or it violates the contract."""
+    def again(self, stage: _Stage, namespaces: dict[Path, Namespace]) -> _Stage:
+        """A stage of a user's file with its class loaded anew, into the namespace of its folder. Raises InputError as
+        :meth:`load` does."""
+        cls, own = type(stage), namespace_of(type(stage))
+        if own is None:
+            return stage
+        namespace = namespaces.setdefault(own.folder, Namespace(own.folder))
+        return stage_of(self.stage_class(cls.source(), namespace, cls), settings_of(stage), self.shipped)
+
+    def stage_class(
+        self, source: Any, namespace: Namespace | None = None, before: type[_Stage] | None = None
+    ) -> type[_Stage]:
+        """The class of a shipped name or of ``path/to/file.py:ClassName``, loaded into a namespace, by default one of
+        its own. ``before`` is the class that was loaded earlier. Raises InputError if there is no such class, or it
+        violates the contract."""
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"
@@ -74,7 +84,7 @@ class Choice(Generic[_Stage]):
                 names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]
                 raise InputError([Fault(key, f"{source!r} names no class; {give_one(source, names)}")])
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
-        stages = stages_in(file, key, class_name)
+        stages = stages_in(file, key, class_name, namespace)
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:
             there = f"its {noun}s are {', '.join(sorted(found))}"
@@ -85,6 +95,8 @@ class Choice(Generic[_Stage]):
                 there = f"it is {'an' if room.noun[0] == 'a' else 'a'} {room.noun}: use {room.table}.name"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
+        if before is not None and is_same_code(cls, before):
+            take_checks(cls, before)
         check_contract(cls, file)
         return cls
 
@@ -212,7 +224,7 @@ def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str
     return f"for this one choose {table}.name = {' or '.join(owners)}" if owners else suggestion(key, choices)
 
 
-def stages_in(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
+def stages_in(file: str, key: str, name: str = "", namespace: Namespace | None = None) -> dict[str, type[Stage]]:
     """The classes of stages in a user's file, by name; of a library, that of the function ``name``. Raises InputError
     with this key if it can't be loaded."""
     path = Path(file)
@@ -224,7 +236,7 @@ def stages_in(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
         raise InputError([Fault(key, f"no file {file!r}{reason}")])
     return {
         name: value
-        for name, value in vars(load_file(path.absolute(), key, name)).items()
+        for name, value in vars(load_file(path.absolute(), key, name, namespace)).items()
         if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
     }
 
@@ -246,12 +258,13 @@ _HINTS = {
 """What to write instead, by a part of the text of Python's exception."""
 
 
-def load_file(path: Path, key: str, function: str = "") -> ModuleType:
-    """Import a user's file anew, with its folder on sys.path for the file's imports; of C and of a library, make a
-    module with the class of a function."""
-    name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+def load_file(path: Path, key: str, function: str = "", namespace: Namespace | None = None) -> ModuleType:
+    """Load a user's file anew, with the modules beside it, into a namespace, by default one of its own; of C and of a
+    library, make a module with the class of a function. Raises InputError with this key."""
+    namespace = namespace or Namespace(path.parent)
     if path.suffix != ".py":
         function = function or path.stem
+        name = f"{namespace.name}.{path.stem.replace('.', '_')}_{function}"
         try:
             if path.suffix == UNIT:  # it does not say for which table it is
                 kind = fmu.stage_class(path, BASES.get(key.partition(".")[0], BASES["controller"]), name)
@@ -259,39 +272,54 @@ def load_file(path: Path, key: str, function: str = "") -> ModuleType:
                 kind = foreign.stage_class(path, function, name)
         except InputError as error:
             raise InputError([Fault(key, str(error))]) from None
-        module = sys.modules[name] = ModuleType(name)
+        module = ModuleType(name)
         module.__file__ = str(path)
         setattr(module, function, kind)
+        kind._namespace = namespace  # a class in Python has it by its functions' names
+        namespace.add(module)
         return module
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None  # the suffix is .py
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look up their module there
-    if str(path.parent) not in sys.path:
-        sys.path.insert(0, str(path.parent))
-    # Python's byte-code cache misses the second of two edits within a second
-    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        spec.loader.exec_module(module)
+        return namespace.load(path)
+    except KeyboardInterrupt:
+        raise
     except BaseException as error:  # the file may raise anything, also SystemExit
-        del sys.modules[name]
-        if isinstance(error, KeyboardInterrupt):
-            raise
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        text = error_text(error)
+        text = without_names(error_text(error))
         hint = next((f"; {what}" for sign, what in _HINTS.items() if sign in text), "")
         raise InputError([Fault(key, f"{where}: {text}{hint}")]) from error
-    finally:
-        sys.dont_write_bytecode = before
-    return module
+
+
+def functions_again(kinds: Sequence[type[Stage]]) -> list[FunctionType]:
+    """The functions of classes of stages, each with its module's code executed again where it is of a user's file: what
+    the modules have kept is not in them. Raises InputError if a file raises now."""
+    namespaces: dict[str, Namespace] = {}
+    found = []
+    for kind in kinds:
+        if (own := namespace_of(kind)) is not None:
+            namespace = namespaces.setdefault(own.name, own.again())
+            file, name = parted(kind.source())
+            kind = vars(load_file(Path(file), f"{kind.room.table}.name", name, namespace))[name]
+        found.append(kind.function())
+    return found
+
+
+def loaded(table: str, source: str, settings: Mapping[str, Any]) -> Stage:
+    """The stage of a user's file for a table of a scenario, as it is unpickled. Raises InputError as
+    :meth:`Choice.load` does."""
+    file, name = parted(source)
+    return stage_of(stages_in(file, f"{table}.name", name)[name], settings)
+
+
+def settings_of(stage: Stage) -> dict[str, Any]:
+    """The settings of a stage by name."""
+    return {f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}
 
 
 def table_of(stage: Stage) -> dict[str, Any]:
     """The table from which :meth:`Choice.load` makes an equal stage."""
-    return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
+    return {"name": stage.source(), **settings_of(stage)}
 
 
 def placeholder_stage(

@@ -16,7 +16,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ..engine.native.compilation import source_files
 from ..errors import Fault, InputError
 from ..files import shipped
 from ..plant.mjcf import Mjcf
@@ -24,6 +23,7 @@ from ..records.header import versions
 from ..stages.base import Stage, listed_files, wrong_files
 from ..stages.foreign import SUFFIXES, parted
 from ..stages.loader import load_file
+from ..stages.namespace import source_files
 
 if TYPE_CHECKING:
     from .plan import Plan

@@ -151,12 +151,20 @@ class OwnMemory:
     def __init__(self, room: Room, memory: np.ndarray, settings: np.ndarray) -> None:
         self.room = room
         self.names = dict(zip(("settings", "state", "given", "state_dot", "out"), room.arguments, strict=True))
+        self._use(memory)
+        self.take_settings(settings)
+        self.start()
+
+    def _use(self, memory: np.ndarray) -> None:
         self.memory = memory
         self.arrays = {name: memory[name] for name in self.names}
         if self.arrays["out"].dtype.names is None:
             self.arrays["out"] = self.arrays["out"][0]
-        self.take_settings(settings)
-        self.start()
+
+    def move(self) -> np.ndarray:
+        """Move to a new place, and return it. Arrays of the former place keep what they show."""
+        self._use(self.memory.copy())
+        return self.memory
 
     def take_settings(self, settings: np.ndarray) -> None:
         """Copy other settings (1,)."""

@@ -207,6 +207,13 @@ class CompiledStage:
         self.own.fill(self.given, self.state)
         self._plain()
         self.own.take(self.state, self.state_dot, self.out)
+        self._plain.rest()
+
+    def begin_plain(self, function: Callable, key: int) -> None:
+        """Begin a run of a user's stage as plain Python, with its function and the key of its random numbers."""
+        assert self.own is not None
+        self.own.take_settings(self.settings)
+        self._plain.begin(function, key)
 
     def _on_the_run(self) -> None:
         """Run a shipped stage that works on the whole record of the run as plain Python."""

@@ -4,6 +4,9 @@ import contextlib
 import functools
 import linecache
 import math
+import os
+import random
+import re
 import sys
 import traceback
 import types
@@ -18,6 +21,8 @@ from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
 from ...stages.foreign import suffix_of
+from ...stages.namespace import is_installed, namespace_named, without_names
+from .guard import end_copy, settle_modes
 from .memory import OwnMemory
 
 
@@ -34,15 +39,43 @@ class _Record(Record):  # type: ignore[misc]  # NumPy's stubs have its base as A
 
 class PlainStage:
     """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
-    in C, and calls it."""
+    in C, and calls it.
+
+    A function in Python may keep what it is given, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
+    kept stays as it was at its instant.
+    """
 
     def __init__(self, stage: Stage, own: OwnMemory, library: Callable[..., int] | None = None) -> None:
         self.stage, self.own, self._library = stage, own, library
-        records = dict(own.arrays)
+        self._memory: Any = None
+        self._generators = _Generators()
+        self._arguments, self._references = self._taken(), 0
+
+    def _taken(self) -> list[Any]:
+        """The arguments of the function."""
+        records = dict(self.own.arrays)
         for name in ("settings", "given"):  # writing there raises
             records[name] = records[name].view()
             records[name].flags.writeable = False
-        self._arguments = [_argument(called, records[name]) for name, called in own.names.items()]
+        return [_argument(called, records[name]) for name, called in self.own.names.items()]
+
+    def _move(self) -> None:
+        self._memory = self.own.move()
+        self._arguments = self._taken()
+        self._references = self._count()
+
+    def _count(self) -> int:
+        """How many references there are to the memory of the arguments."""
+        return sum(map(sys.getrefcount, self._arguments), sys.getrefcount(self._memory))
+
+    def begin(self, function: Callable, key: int) -> None:
+        """Begin a run with a function, which keeps nothing of an earlier run, and the key of its random numbers."""
+        self.own.start()
+        if self._library:
+            return
+        self.function = _without_numba(function)
+        self._generators = _Generators(function, key)
+        self._move()
 
     @functools.cached_property
     def function(self) -> Callable:
@@ -50,12 +83,17 @@ class PlainStage:
 
     def __call__(self) -> None:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
+        process = os.getpid()
         try:
-            returned = self.function(*self._arguments)
+            with self._generators:
+                returned = self.function(*self._arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
             raise StageFault(self._raised(error)) from error
+        finally:
+            end_copy(process)
+            settle_modes()
         did = f"returned {returned}" if self._library and returned else self.own.wrong()
         if did:
             raise self.fault(did)
@@ -82,6 +120,11 @@ class PlainStage:
             frames = traceback.extract_tb(error.__traceback__)
             return any(frame.filename == file and frame.lineno == line for frame in frames)
         return False
+
+    def rest(self) -> None:
+        """Leave what the function has kept to it. Called when its results are taken."""
+        if self._memory is not None and self._count() != self._references:
+            self._move()
 
     def fault(self, did: str) -> StageFault:
         """The exception for a violation, which ``did`` describes as a predicate."""
@@ -114,7 +157,7 @@ class PlainStage:
 
     def _raised(self, error: BaseException, fault: str = "") -> str:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == self._file]
-        what = f"{self.who} {fault or f'raised {error_text(error)}'}"
+        what = f"{self.who} {fault or f'raised {without_names(error_text(error))}'}"
         if not frames:
             return what
         last = frames[-1]
@@ -135,33 +178,101 @@ def _argument(name: str, array: np.ndarray) -> Any:
     """An array of the stage's own memory as the stage gets it: a record with its own name, or the array."""
     if array.dtype.names is None:
         return array
-    return array.view(np.dtype((type(name, (_Record,), {}), array.dtype)))[0]
+    return array.view(np.dtype((_record(name), array.dtype)))[0]
 
 
-def _without_numba(function: Any, seen: dict[int, Any] | None = None) -> Any:
-    """A copy of a function in which every function that the user marked with ``numba.njit`` is a plain one: compiled,
-    it would check no index. Functions of the same module are copied likewise."""
-    seen = {} if seen is None else seen
-    if id(function) in seen:
-        return seen[id(function)]
-    names: dict[str, Any] = {}
-    copy = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
-    copy.__kwdefaults__ = function.__kwdefaults__
-    seen[id(function)] = copy
+@functools.cache
+def _record(name: str) -> type:
+    return type(name, (_Record,), {})
 
-    def stand_in(value: Any) -> Any:
-        if isinstance(getattr(value, "py_func", None), types.FunctionType):
-            return _without_numba(value.py_func, seen)
-        if isinstance(value, types.FunctionType) and value.__globals__ is function.__globals__:
-            return _without_numba(value, seen)
-        if isinstance(value, types.ModuleType) and any(hasattr(each, "py_func") for each in vars(value).values()):
+
+class _Generators:
+    """A context with states of their own of the random numbers of Python and NumPy, ``random`` and ``np.random``, for a
+    function whose file names them. They begin each run from its key; those of the process stay as they are."""
+
+    def __init__(self, function: Callable | None = None, key: int = 0) -> None:
+        texts = list(_texts_of(function)) if function is not None else []
+        self._numpy = self._python = None
+        if any("random" in text for text in texts):
+            self._numpy = np.random.MT19937(key)
+        if any(_IMPORTS_RANDOM.search(text) for text in texts):
+            self._python = random.Random(key).getstate()  # copying it takes long
+
+    def __enter__(self) -> None:
+        if self._numpy is not None:
+            self._outer_numpy = np.random.get_bit_generator()
+            np.random.set_bit_generator(self._numpy)
+        if self._python is not None:
+            self._outer_python = random.getstate()
+            random.setstate(self._python)
+
+    def __exit__(self, *exception: object) -> None:
+        if self._numpy is not None:
+            np.random.set_bit_generator(self._outer_numpy)
+        if self._python is not None:
+            self._python = random.getstate()
+            random.setstate(self._outer_python)
+
+
+_IMPORTS_RANDOM = re.compile(r"^\s*(import|from)\s[^#\n]*\brandom\b", re.MULTILINE)
+
+
+def _texts_of(function: Any) -> Iterator[str]:
+    """The text of a function's file, and of the modules beside it."""
+    namespace = namespace_named(function.__module__)
+    for file in (function.__code__.co_filename, *(namespace.codes if namespace else ())):
+        yield "".join(linecache.getlines(file, function.__globals__))
+
+
+def _without_numba(function: Any) -> Any:
+    """The function; or its copy in which every function that the user marked with ``numba.njit`` is a plain one:
+    compiled, it would check no index. Functions of the user's modules are copied likewise, and share their names."""
+    copies: dict[int, Any] = {}
+
+    def of(function: types.FunctionType) -> types.FunctionType:
+        names = globals_of(function.__globals__)
+        code, closure = function.__code__, function.__closure__
+        copy = types.FunctionType(code, names, function.__name__, function.__defaults__, closure)
+        copy.__kwdefaults__ = function.__kwdefaults__
+        return copy
+
+    def globals_of(names: dict[str, Any]) -> dict[str, Any]:
+        if id(names) not in copies:
+            copies[id(names)] = copy = {}
+            copy |= {name: stand_in(value, names) for name, value in names.items()}
+        return copies[id(names)]
+
+    def stand_in(value: Any, names: dict[str, Any]) -> Any:
+        if (plain := _py_func(value)) is not None:
+            return of(plain)
+        if isinstance(value, types.FunctionType) and value.__globals__ is names:
+            return of(value)
+        if isinstance(value, types.ModuleType) and _marks(vars(value)):
             twin = types.ModuleType(value.__name__)
-            vars(twin).update({name: stand_in(each) for name, each in vars(value).items()})
+            vars(twin).update(globals_of(vars(value)))
             return twin
         return value
 
-    names |= {name: stand_in(value) for name, value in function.__globals__.items()}
-    return copy
+    modules = [each for each in function.__globals__.values() if isinstance(each, types.ModuleType)]
+    return of(function) if any(map(_marks, [function.__globals__, *map(vars, modules)])) else function
+
+
+def _py_func(value: Any) -> types.FunctionType | None:
+    """The function that numba has compiled. Asked of the object's own names: an object may make up others, as
+    ``ctypes.cdll`` does."""
+    try:
+        found = object.__getattribute__(value, "__dict__").get("py_func")
+    except AttributeError:
+        return None
+    return found if isinstance(found, types.FunctionType) else None
+
+
+def _marks(names: dict[str, Any]) -> bool:
+    """Whether a function that is marked is among the names of a module of the user's."""
+    file = names.get("__file__")
+    if file and is_installed(Path(file)):
+        return False
+    return any(_py_func(value) is not None for value in list(names.values()))
 
 
 @contextlib.contextmanager

@@ -6,14 +6,15 @@ import functools
 import importlib.util
 import os
 import platform
+import re
+import secrets
 import shlex
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ import numpy as np
 
 from ...errors import Fault, InputError, needs_extra
 from ...stages.base import Stage
-from ...stages.fmu import Wiring, printable, unpacked
-from ...stages.foreign import C_FILE, HEADER, Records, header
+from ...stages.fmu import Wiring, printable, unpack
+from ...stages.foreign import C_FILE, HEADER, SHARED, Records, header
 from .compilation import cache_folder, fingerprint
+from .elf import own_copies
+from .guard import no_exit, settle_modes
 
 _OPTIONS = (
     *("-std=gnu11", "-O3", "-fPIC", "-shared"),
@@ -50,22 +53,63 @@ def compiler() -> list[str]:
     raise InputError("no C compiler: install one that is called cc, or the extra c, with pip install 'uvms-mj[c]'")
 
 
-def compiled(path: Path, kind: type[Stage], records: Records) -> Path:
-    """The library of a C file for these records, compiled unless it is kept. It is kept by all that the compiler reads:
-    what it makes of the file before it compiles. Raises InputError with the compiler's first lines."""
+def compiled(path: Path, kind: type[Stage], records: Records) -> bytes:
+    """The library of a C file for these records, compiled unless it is kept. It is compiled from one text, what the
+    compiler makes of the file and all that it includes, and kept by this text, so that nothing else is in it. A file
+    whose assembler reads others is compiled anew. Raises InputError with the compiler's first lines."""
     text, command, above = header(kind, records), compiler(), cache_folder()
     with tempfile.TemporaryDirectory(prefix="new-", dir=above) as new:
-        own, whole, part = Path(new, HEADER), Path(new, "whole.i"), Path(new, "stage.so")
+        own, whole, part = Path(new, HEADER), Path(new, "whole.c"), Path(new, "stage.so")
         own.write_text(text, encoding="utf-8")
         # this header in place of an older one beside the file: both have the same guard
-        options = [*_OPTIONS, "-include", str(own), "-I", new]
-        _run([*command, *options, "-E", "-P", str(path), "-o", str(whole)], path)
+        _run([*command, *_OPTIONS, "-include", str(own), "-I", new, "-E", str(path), "-o", str(whole)], path)
+        read = whole.read_bytes()
         about = [*command, _age(command[0]), platform.machine(), *_OPTIONS]
-        kept = above / f"c-{fingerprint([*(each.encode() for each in about), whole.read_bytes()])}.so"
-        if not kept.is_file():
-            _run([*command, *options, str(path), "-o", str(part), "-lm"], path)
-            os.replace(part, kept)
-    return kept
+        lines = _MARKER.sub(b"", read)
+        name = f"c-{fingerprint([*(each.encode() for each in about), lines])}"
+        data = None if _reads_more(read) else _kept(above, name)
+        if data is None:
+            _run([*command, *_OPTIONS, str(whole), "-o", str(part), "-lm"], path)
+            data = part.read_bytes()
+            for suffix, content in ((".so", data), (".sha256", _digest(name, data))):
+                each = Path(new, f"{name}{suffix}")
+                each.write_bytes(content)
+                with contextlib.suppress(OSError):  # e.g. on a full disk: the next start compiles it again
+                    os.replace(each, above / each.name)
+    return data
+
+
+_MARKER = re.compile(rb'^# \d+ "[^\n]*\n', re.MULTILINE)
+"""A line of preprocessed text that says where the following ones come from."""
+_SYSTEM = re.compile(rb'^# \d+ "(?:[^"\\\n]|\\.)*"([ \d]*)\n', re.MULTILINE)
+_ASSEMBLER = re.compile(rb"\b(asm|__asm|__asm__)\b")
+
+
+def _reads_more(text: bytes) -> bool:
+    """Whether the assembler may read further files: the user's part of a preprocessed text has assembler in it, and in
+    that a directive that reads one, or a letter that is written by its number."""
+    starts = [(0, 0, False), *((each.start(), each.end(), b"3" in each[1].split()) for each in _SYSTEM.finditer(text))]
+    ends = [start for start, _, _ in starts[1:]] + [len(text)]
+    own = b"".join(text[begin:end] for (_, begin, system), end in zip(starts, ends, strict=True) if not system)
+    if not _ASSEMBLER.search(own):
+        return False
+    own = re.sub(rb'"\s*"', b"", own).lower()
+    return any(word in own for word in (b"incbin", b".include", b"macro", b"\\x", b"\\u")) or bool(
+        re.search(rb"\\[0-7]", own)
+    )
+
+
+def _kept(folder: Path, name: str) -> bytes | None:
+    """The library that is kept under a name; None if there is none, or it is damaged."""
+    try:
+        data = (folder / f"{name}.so").read_bytes()
+        return data if (folder / f"{name}.sha256").read_bytes() == _digest(name, data) else None
+    except OSError:
+        return None
+
+
+def _digest(name: str, data: bytes) -> bytes:
+    return fingerprint([name.encode(), data]).encode()
 
 
 def _age(program: str) -> str:
@@ -86,17 +130,6 @@ def _run(command: Sequence[str], path: Path) -> None:
         raise InputError(f"{path.name} does not compile with {Path(command[0]).name}:\n{said}")
 
 
-def check_whole(path: Path) -> None:
-    """Raise OSError for a library of ELF whose file lacks its end: the loader would end the process."""
-    data = path.read_bytes()
-    if data[:5] != b"\x7fELF\x02" or len(data) < 64:  # another kind of file, of which the loader says so itself
-        return
-    (first,), (size, count) = struct.unpack_from("<Q", data, 32), struct.unpack_from("<HH", data, 54)
-    segments = [data[first + k * size :][:size] for k in range(count)]
-    if any(len(each) < 40 or sum(struct.unpack_from("<Q16xQ", each, 8)) > len(data) for each in segments):
-        raise OSError("the end of its file is missing")
-
-
 LIBRARY = np.dtype([("code_at", "i8"), ("returned", "i8")])
 """The record of a library in a stage's own memory: the address of its function, and what that returned."""
 
@@ -115,34 +148,38 @@ class Library:
         """``kinds`` are the dtypes of settings, states, what the stage is given and its output. Raises InputError: the
         file does not compile, is not a library of this machine, lacks the function, or was compiled with other
         records."""
-        kind, records = type(stage), Records(*kinds)
-        path, name = Path(stage.source().rpartition(":")[0]), kind.__name__
-        self._key, self._file, self._name = f"{stage.room.table}.name", path.name, name
+        kind, self._records = type(stage), Records(*kinds)
+        self._path, self._name = Path(stage.source().rpartition(":")[0]), kind.__name__
+        self._key, self._file = f"{stage.room.table}.name", self._path.name
+        in_c = self._path.suffix == C_FILE
         try:
-            given = compiled(path, kind, records) if path.suffix == C_FILE else path
+            self._data = compiled(self._path, kind, self._records) if in_c else self._path.read_bytes()
         except InputError as error:
             raise InputError([Fault(self._key, str(error))]) from None
-        # a library finds others beside it, by $ORIGIN, if its copy lies there
-        beside = path.suffix != C_FILE and os.access(path.parent, os.W_OK)
-        with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=None if beside else cache_folder()) as new:
-            copy = path.with_name(f".{Path(new).name}{path.suffix}") if beside else Path(new, given.name)
-            try:
-                check_whole(given)
-                shutil.copyfile(given, copy)
-                self._library = ctypes.CDLL(str(copy))
-            except OSError as error:
-                said = str(error).replace(f"{copy}: ", "").replace(str(copy), path.name)
-                raise self._wrong(f"is not a library that this machine loads: {said}") from None
-            finally:
-                copy.unlink(missing_ok=True)
+        except OSError as error:
+            raise self._wrong(f"can't be read: {error.strerror}") from None
+        self._load()
+
+    def _load(self) -> None:
+        """Load a copy."""
+        # a library finds what lies beside it, by $ORIGIN, if its copy lies there
+        beside = self._path.suffix != C_FILE and os.access(self._path.parent, os.W_OK)
+        try:
+            with tempfile.TemporaryDirectory(prefix="new-", dir=cache_folder()) as new:
+                folder = self._path.parent if beside else Path(new)
+                with no_exit(f"the library {self._file}"):
+                    self._library = ctypes.CDLL(self._file, handle=_opened(self._path, self._data, folder))
+        except OSError as error:
+            raise self._wrong(f"is not a library that this machine loads: {error}") from None
         self._finalizer = weakref.finalize(self, _close, self._library._handle)
-        self._check(records)
-        function = getattr(self._library, name, None)
+        self._check(self._records)
+        function = getattr(self._library, self._name, None)
         if function is None:
-            raise self._wrong(f"has no function {name}")
+            raise self._wrong(f"has no function {self._name}")
         self.address = int(ctypes.cast(function, ctypes.c_void_p).value or 0)
         function.argtypes, function.restype = [ctypes.c_void_p] * 5, ctypes.c_int
         self._function = function
+        begin_c()
 
     def _check(self, records: Records) -> None:
         """Refuse a library that was compiled with other records."""
@@ -165,7 +202,9 @@ class Library:
             raise self._wrong(f"was compiled with other records{why}; {again}")
 
     def start(self, stage: Stage) -> None:
-        """Begin a run. What the library keeps is as it was."""
+        """Begin another run, with a new copy: what the former one has kept is not in it."""
+        self._finalizer()
+        self._load()
 
     def check_unchanged(self, stage: Stage) -> None:
         """Settings may change during a run."""
@@ -184,9 +223,36 @@ class Library:
 
     def __call__(self, *records: Any) -> int:
         """Call the function from Python, with arrays or records; what it returns."""
-        return int(
-            self._function(*(np.frombuffer(each, np.uint8).ctypes.data if each.nbytes else 0 for each in records))
-        )
+        places = [np.frombuffer(each, np.uint8).ctypes.data if each.nbytes else 0 for each in records]
+        return int(self._function(*places))
+
+
+def _opened(library: Path, data: bytes, folder: Path) -> int:
+    """The handle of a copy of a library with this content, for which a folder has files for an instant. Raises
+    OSError."""
+    name = f".uvms-mj-{secrets.token_hex(8)}{library.suffix if library.suffix in SHARED else '.so'}"
+    written = list[Path]()
+    try:
+        for called, content in own_copies(library, data, name).items():
+            with open(folder / called, "xb") as file:
+                written.append(folder / called)
+                file.write(content)
+        return int(ctypes.CDLL(str(folder / name))._handle)
+    except OSError as error:
+        said = str(error).replace(f"{folder / name}: ", "").replace(str(folder / name), library.name)
+        raise OSError(said) from None
+    finally:
+        for each in written:
+            each.unlink(missing_ok=True)
+        settle_modes()
+
+
+def begin_c() -> None:
+    """Begin the random numbers of the C library, which has one state for the whole process, as a process does."""
+    process = ctypes.CDLL(None)
+    process.srand(1)
+    if hasattr(process, "seed48"):
+        process.seed48((ctypes.c_ushort * 3)())
 
 
 def _close(handle: int) -> None:
@@ -233,33 +299,36 @@ class UnitInstance:
         if faults:
             raise InputError(faults)
         self.kind = dtype_of(self.wiring)
-        folder = unpacked(unit.file, cache_folder())
-        name = unit.description.coSimulation.modelIdentifier
-        place = folder / "binaries" / fmpy.platform
-        library = place / f"{name}{fmpy.sharedLibraryExtension}"
-        if not library.is_file():
-            there = sorted(each.name for each in (folder / "binaries").glob("*") if each.is_dir())
-            has = f"it has {', '.join(there)}" if there else "it has none"
-            raise self._wrong(f"has no library {name}{fmpy.sharedLibraryExtension} for {fmpy.platform}; {has}")
-        # a library finds others beside it, by $ORIGIN, if its copy lies there
-        number, path = tempfile.mkstemp(prefix=f"{name}-", suffix=library.suffix, dir=place)
-        os.close(number)
+        name, extension = unit.description.coSimulation.modelIdentifier, fmpy.sharedLibraryExtension
+        folder = Path(tempfile.mkdtemp(prefix="new-fmu-", dir=cache_folder()))
+        self._finalizer = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         try:
-            check_whole(library)
-            shutil.copyfile(library, path)
-            with contextlib.chdir(os.getcwd()):  # FMPy stays where it looked if it can't load
+            there = unpack(unit.file, folder, fmpy.platform)
+        except InputError as error:
+            raise InputError([Fault(self._key, str(error))]) from None
+        place = folder / "binaries" / fmpy.platform
+        library = place / f"{name}{extension}"
+        if not library.is_file():
+            has = f"it has {', '.join(there)}" if there else "it has none"
+            raise self._wrong(f"has no library {name}{extension} for {fmpy.platform}; {has}")
+        self._python = modules_of(folder / "resources")
+        path = place / f"{secrets.token_hex(8)}-{library.name}"
+        try:
+            for called, content in own_copies(library, library.read_bytes(), path.name).items():
+                (place / called).write_bytes(content)
+            with contextlib.chdir(os.getcwd()), no_exit(unit.file.name):  # FMPy stays where it looked if it can't load
                 self._fmu = FMU2Slave(
                     guid=unit.description.guid, unzipDirectory=os.fspath(folder), modelIdentifier=name,
-                    instanceName=unit.file.stem, libraryPath=path,
+                    instanceName=unit.file.stem, libraryPath=os.fspath(path),
                 )  # fmt: skip
         except Exception as error:  # FMPy raises plain ones
-            said = str(error).replace(path, library.name).replace(Path(path).name, library.name)
+            said = str(error).replace(str(path), library.name).replace(path.name, library.name)
             raise self._wrong(f"is not a library that this machine loads: {said}") from None
         finally:
-            Path(path).unlink(missing_ok=True)
+            settle_modes()
         self.messages: list[str] = []
         self._instantiate()
-        self._finalizer = weakref.finalize(self, _free, self._fmu)
+        self._finalizer = weakref.finalize(self, _free, self._fmu, folder)
         self.start(stage)
 
     def _instantiate(self) -> None:
@@ -274,18 +343,25 @@ class UnitInstance:
             addLoggerProxy(ctypes.byref(callbacks))  # it puts the numbers into a message, which C alone can
         callbacks.allocateMemory, callbacks.freeMemory = defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory
         try:
-            self._fmu.instantiate(callbacks=callbacks)
+            with no_exit(self._stage.unit.file.name), apart(self._python, Path(self._fmu.unzipDirectory)):
+                self._fmu.instantiate(callbacks=callbacks)
         except Exception as error:
             raise self._wrong(f"can't be instantiated: {self._last(error)}") from None
+        finally:
+            settle_modes()
 
     def start(self, stage: Any) -> None:
         """Begin a run with the parameters of a stage. Raises InputError."""
         try:
+            if self._begun and self._python and self._fmu.component is not None:  # its modules remember, too
+                self._fmu.fmi2FreeInstance(self._fmu.component)
+                self._fmu.component = None
             if self._fmu.component is None:
                 self._instantiate()
             elif self._begun:
                 self._fmu.reset()
             self._begun = True
+            begin_c()
             self._fmu.setupExperiment(startTime=0.0)
             for name, variables in stage.unit.parameters.items():
                 value = getattr(stage, name)
@@ -302,6 +378,8 @@ class UnitInstance:
             raise
         except Exception as error:
             raise self._wrong(f"can't be initialized: {self._last(error)}") from None
+        finally:
+            settle_modes()
         self._stage = stage
 
     _begun = False
@@ -388,8 +466,38 @@ def _logger() -> Any:
     return fmi2CallbackLoggerTYPE(log)
 
 
-def _free(fmu: Any) -> None:
+def _free(fmu: Any, folder: Path) -> None:
     with contextlib.suppress(Exception):
         fmu.terminate()
     with contextlib.suppress(Exception):
         fmu.freeInstance()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def modules_of(resources: Path) -> frozenset[str]:
+    """The names of the modules in Python that an FMU brings, as PythonFMU makes them; not those with machine code,
+    which a process loads once."""
+    found = {each.stem for each in resources.glob("*.py")}
+    for each in resources.iterdir() if found else ():
+        if each.is_dir() and next(each.rglob("*.py"), None) and not next(each.rglob("*.so"), None):
+            found.add(each.name)
+    return frozenset(found - sys.stdlib_module_names)
+
+
+@contextlib.contextmanager
+def apart(names: frozenset[str], folder: Path) -> Iterator[None]:
+    """A context in which modules of these names are not loaded, and after which they are what they were: an FMU finds
+    those of its own folder, and no other one finds them."""
+    if not names:
+        yield
+        return
+    aside = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in names}
+    for name in aside:
+        del sys.modules[name]
+    try:
+        yield
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] in names]:
+            del sys.modules[name]
+        sys.modules.update(aside)
+        sys.path[:] = [each for each in sys.path if not Path(each).is_relative_to(folder)]

@@ -54,7 +54,7 @@ class _Walk:
             return
         self._seen[id(function)] = function
         names = self._code(function.__code__)
-        self._add(function.__module__, function.__qualname__)
+        self._add(function.__name__)
         self.value(function.__defaults__, names)
         self.value(function.__kwdefaults__, names)
         for name in sorted(names & function.__globals__.keys()):
@@ -111,8 +111,8 @@ class _Walk:
             self.function(function)
 
     def _module(self, module: types.ModuleType, names: set[str]) -> None:
-        self._add("module", module.__name__)
         file = getattr(module, "__file__", None)
+        self._add("module", file or module.__name__)  # a user's has another name in each run
         if id(module) in self._seen or file is None or any(map(Path(file).resolve().is_relative_to, _INSTALLED)):
             return
         self._seen[id(module)] = module
