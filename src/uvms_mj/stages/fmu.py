@@ -147,7 +147,7 @@ def _parameters(description: Any, base: type[Stage]) -> Iterator[tuple[str, tupl
 
 _SYMBOLS = {
     "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "sec": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0),
-    "N": (1, 1, -2), "Nm": (1, 2, -2), "Hz": (0, 0, -1), "Pa": (1, -1, -2), "J": (1, 2, -2), "W": (1, 2, -3),
+    "N": (1, 1, -2), "Nm": (1, 2, -2),
 }  # fmt: skip
 """Exponents of kg, m and s of coherent units of SI."""
 
@@ -296,13 +296,14 @@ class OfUnit:
         if base is None:
             given = _dimension(name)
             if given is None:
-                return f"is in {shown!r}, which is no unit of SI and which the FMU does not define"
+                return f"is in {shown!r}, which the FMU does not define by units of SI"
         else:
             factor, offset = float(base.factor or 1.0), float(base.offset or 0.0)
             if factor != 1.0 or offset != 0.0:
                 return f"is in {shown}, {factor:g} of the unit of SI" + (f" from {offset:g} on" if offset else "")
             given = tuple(int(getattr(base, each) or 0) for each in ("kg", "m", "s"))
-            if any(int(getattr(base, each) or 0) for each in ("A", "K", "mol", "cd")):
+            others = any(int(getattr(base, each) or 0) for each in ("A", "K", "mol", "cd"))
+            if others or "Hz" in name:  # a turn a second is no radian a second, though both are 1/s
                 given = None
         return f"is in {shown}" if wanted is not None and given != wanted else ""
 
