@@ -202,6 +202,9 @@ class Lifetimes(Expressions):
         self.fill(kept, value)
         return replace(kept, kind=replace(kind, readonly=value.kind.readonly))
 
+    def lasting(self, value: Value) -> Value:
+        return value if self.turning is None else self._kept(value)
+
     def kept(self, value: Value) -> Value:
         """A value in a loop, before anything else is made; a new array in memory that no name has."""
         if not any(leaf.fresh for leaf in leaves_of(value)):

@@ -23,7 +23,7 @@ from .builtin import METHODS, OF_C
 from .library import REPLACED
 
 _FOREIGN = ("numpy", "scipy", "math", "builtins", "functools")
-_OPERATORS = {ast.MatMult: "product", ast.Pow: "power"}
+_OPERATORS: dict[type, str] = {ast.MatMult: "product", ast.Pow: "power"}
 _EXACT = ("sqrt", "fabs", "copysign", "fmod")
 _MARK = "__as_machine_code__"
 _PLAIN = set(vars(builtins)) - {"print", "pow", "map", "filter", "sorted", "getattr"}

@@ -128,8 +128,8 @@ class _Done:
         if all(value.kind.is_none for value in values):
             done = cls(code, None)
         else:
-            done = cls(code, body.unified(values))
-            done.leaves = _leaves(body, done.kind, values)
+            kind = body.unified(values)
+            done = cls(code, kind, _leaves(body, kind, values))
         for block, value in body.returns:
             body.at.position_at_end(block)
             done._store(body, value, code.args[-1])

@@ -125,7 +125,7 @@ def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.nd
     faults += [
         Fault(names[i, j], _asymmetry(sign * M_A[i, j], sign * M_A[j, i], names[j, i]))
         for i, j in zip(*np.triu_indices(6, 1), strict=True)
-        if abs(M_A[i, j] - M_A[j, i]) > max(_ROUNDING * largest, _printed(M_A, i, j))
+        if abs(M_A[i, j] - M_A[j, i]) > max(_ROUNDING * largest, _printed(M_A, int(i), int(j)))
     ]
     M_A = (M_A + M_A.T) / 2.0
     if len(faults) == before and (least := np.linalg.eigvalsh(M_A)[0]) < -_ROUNDING * largest:

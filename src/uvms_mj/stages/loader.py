@@ -56,7 +56,8 @@ class Choice(Generic[_Stage]):
     def again(self, stage: _Stage, namespaces: dict[Path, Namespace]) -> _Stage:
         """A stage of a user's file with its class loaded anew, into the namespace of its folder. Raises InputError as
         :meth:`load` does."""
-        cls, own = type(stage), namespace_of(type(stage))
+        cls: Any = type(stage)
+        own = namespace_of(cls)
         if own is None:
             return stage
         namespace = namespaces.setdefault(own.folder, Namespace(own.folder))

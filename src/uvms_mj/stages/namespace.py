@@ -119,7 +119,7 @@ class Namespace:
         return spec
 
     def _finder(self, folder: str) -> importlib.machinery.FileFinder:
-        machinery = importlib.machinery
+        machinery: Any = importlib.machinery  # it calls a loader, which need be no class
         return machinery.FileFinder(
             folder,
             (partial(_Extension, self), machinery.EXTENSION_SUFFIXES),

@@ -36,7 +36,7 @@ def parts_of(function: types.FunctionType, records: Mapping[Any, tuple[np.dtype,
 
 def _is_ours(module: str) -> bool:
     """Whether it is a module of the package, whose sources are in the name of the translation anyway."""
-    return module.partition(".")[0] == __package__.partition(".")[0]
+    return module.partition(".")[0] == __name__.partition(".")[0]
 
 
 class _Walk:
