@@ -1,6 +1,6 @@
 """The net: some instants of a user's compiled stage are computed by plain Python, too, and both must have equal bits.
 
-Machine code and its twin in plain Python (:mod:`uvms_mj.compiler.twin`) get the same numbers, each in memory of its
+Machine code and its twin in plain Python (:mod:`.twin`) get the same numbers, each in memory of its
 own. If one number differs, the stage goes on as plain Python, with Python's number. In the first run of a stage in a
 process the first instants are all compared, so that all that came before a difference is right. Further instants are
 chosen at growing distances, by the seed. The comparisons of a stage take :data:`START_S` at its start, and then
@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...compiler.twin import twin
 from .memory import OwnMemory, layout
 from .plain_stage import PlainStage, StageFault
+from .twin import twin
 
 SWITCH = "UVMS_MJ_NET"
 """Environment variable: 0 turns the net off."""

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ..files import function_tree
-from .builtin import METHODS, OF_C
-from .library import REPLACED
+from ...compiler.builtin import METHODS, OF_C
+from ...compiler.library import REPLACED
+from ...files import function_tree
 
 _FOREIGN = ("numpy", "scipy", "math", "builtins", "functools")
 _OPERATORS: dict[type, str] = {ast.MatMult: "product", ast.Pow: "power"}
@@ -220,6 +220,6 @@ def _norm(x: Any, *further: Any, **keywords: Any) -> Any:
 
 
 def _ours(theirs: Callable, ours: Any, *arguments: Any, **keywords: Any) -> Any:
-    """A function of :mod:`.library` in NumPy's place; where NumPy raises, it raises."""
+    """A function of :mod:`uvms_mj.compiler.library` in NumPy's place; where NumPy raises, it raises."""
     theirs(*arguments, **keywords)
     return twin(ours)(*(np.array(each, float) for each in arguments), **keywords)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from compiled import Compiled, arguments, as_python, defined
-from uvms_mj.compiler.twin import twin
+from uvms_mj.engine.native.twin import twin
 from uvms_mj.files import SourceChanged, function_tree
 
 GIVEN = np.dtype(
