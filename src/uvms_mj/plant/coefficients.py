@@ -125,7 +125,7 @@ def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.nd
     faults += [
         Fault(names[i, j], _asymmetry(sign * M_A[i, j], sign * M_A[j, i], names[j, i]))
         for i, j in zip(*np.triu_indices(6, 1), strict=True)
-        if abs(M_A[i, j] - M_A[j, i]) > max(_ROUNDING * largest, _printed(M_A, int(i), int(j)))
+        if abs(M_A[i, j] - M_A[j, i]) > max(_ROUNDING * largest, _printed(M_A[i, j], M_A[j, i], M_A[i, i] * M_A[j, j]))
     ]
     M_A = (M_A + M_A.T) / 2.0
     if len(faults) == before and (least := np.linalg.eigvalsh(M_A)[0]) < -_ROUNDING * largest:
@@ -137,11 +137,11 @@ _OF_ITS_AXES = 1e-3
 """Most that two numbers of one entry may differ by rounding, relative to the added masses of their two axes."""
 
 
-def _printed(M_A: np.ndarray, i: int, j: int) -> float:
-    """How far apart the numbers (i, j) and (j, i) may be if both are one number, rounded when it was printed: a unit of
-    the last printed digit. It counts where the axes of the entry have a thousand times as much added mass."""
-    decimals = max(_decimals(M_A[i, j]), _decimals(M_A[j, i]))
-    return min(1.000001 * 10.0**-decimals, _OF_ITS_AXES * np.sqrt(max(M_A[i, i] * M_A[j, j], 0.0)))
+def _printed(here: float, there: float, axes: float) -> float:
+    """How far apart the two numbers of an entry may be if both are one number, rounded when it was printed: a unit of
+    the last printed digit, but little beside the added masses of its two axes, whose product is ``axes``."""
+    decimals = max(_decimals(here), _decimals(there))
+    return min(1.000001 * 10.0**-decimals, _OF_ITS_AXES * np.sqrt(max(axes, 0.0)))
 
 
 def _decimals(x: float) -> int:
