@@ -123,6 +123,68 @@ def test_the_tree_behind_a_tool_must_have_a_rest(order, direction, force):
         assert found.force == pytest.approx(force, abs=1e-6)
 
 
+PILED = {  # two bodies and a pile, whose curvature leaves less stiffness across than the integral of pid needs
+    "controller.name": "pid",
+    "simulation.duration": 60.0,
+    "wall.present": False,
+    "vehicle.model": "bluerov1",
+    "vehicle.contact_bodies": [
+        {"position": [0.19234, 0.11939, -0.015742], "radius": 0.023945},
+        {"position": [0.27219, -0.071571, -0.062184], "radius": 0.077737},
+    ],
+    "walls": [
+        {
+            "shape": "cylinder",
+            "stiffness": 16589.0,
+            "damping": 6.0849,
+            "radius": 0.18398,
+            "position": [1.4891, 0.090777, 0.087463],
+        }
+    ],
+    "reference.target": [1.2444, 0.13544, 0.19886],
+    "impedance.K_d": [81.193, 198.88, 540.38, 87.538, 54.112, 94.407],
+    "current.speed": 0.13613,
+    "current.direction_deg": 24.601,
+}
+
+
+def test_a_law_whose_loop_about_a_rest_grows_has_no_closed_form():
+    """The static balance is there, and its slow motion comes to it. The integral of pid makes it cycle."""
+    trace = run("push_wall", PILED)
+    late = trace.between(50.0, 60.0).push
+    assert np.ptp(late) > 1.0
+    assert isinstance(trace.analytic, NoClosedForm)
+    assert "a motion about it grows" in trace.analytic.reason
+    still = run("push_wall", PILED | {"controller.k_i": 0.2})
+    assert still.analytic.force == pytest.approx(still.push[-1], rel=1e-4)
+
+
+OVER = {  # the inner loop of admittance pushes the body over the cylinder, where the desired impedance stays
+    "wall.present": False,
+    "vehicle.contact_bodies": [{"position": [0.16888, 0.15545, 0.14923], "radius": 0.11906}],
+    "reference.target": [0.17, 1.83, -0.83],
+    "impedance.K_d": [1242.0, 53.0, 155.0, 105.0, 29.0, 85.0],
+    "walls": [
+        {
+            "shape": "cylinder",
+            "stiffness": 97079.0,
+            "damping": 38.651,
+            "radius": 0.29567,
+            "position": [0.12956, 1.4649, -0.77275],
+        }
+    ],
+    "simulation.duration": 50.0,
+}
+
+
+def test_an_admittance_goes_where_its_inner_loop_takes_it():
+    pushed, held = run("push_wall", OVER, "admittance"), run("push_wall", OVER, "gsta")
+    assert pushed.push[-1] == 0.0
+    assert isinstance(pushed.analytic, NoClosedForm)
+    assert "different rests" in pushed.analytic.reason
+    assert held.analytic.force == pytest.approx(held.push[-1], rel=1e-4)
+
+
 def test_a_start_inside_a_wall_has_no_closed_form():
     for name, over in (("tool_push", {"wall.position": 0.0}), ("press_pile", {"initial.position": [1.2, 0.0, 0.0]})):
         found = steady_state(set_up(Scenario.load(name, over)))

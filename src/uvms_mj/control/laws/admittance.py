@@ -81,7 +81,12 @@ class Admittance(Controller):
                 + design.K_d @ (np.linalg.solve(design.M_hat, balance.control_wrench(x)) + self.k_v * nu) / self.k_p
             )
 
-        return Stability(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
+        def inner(balance: Any, x: Any) -> np.ndarray:  # the pose controller, while its reference has not moved yet
+            error, twice = balance.error(x), np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+            held: np.ndarray = design.M_d @ (self.k_p * twice * error - np.linalg.solve(design.M_hat, x.tau_c))
+            return held
+
+        return Stability(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual, inner=inner))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -44,6 +44,7 @@ same root: it begins at the reference. Otherwise it begins where the vehicle doe
 way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 from typing import Any
@@ -68,8 +69,8 @@ _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 another one [s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
-_SAME = 1e-6
-"""Two rests nearer to each other than this are one [m, rad]."""
+_SAME, _SAME_TOOL = 1e-6, 1e-4
+"""Two rests nearer to each other than this are one; of a tool, one of which comes from a slow motion [m, rad]."""
 
 
 def static_balance(
@@ -78,6 +79,7 @@ def static_balance(
     residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
     integral: Integral | None = None,
     kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
+    inner: Callable[[Balance, Pose], np.ndarray] | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -90,6 +92,8 @@ def static_balance(
         integral: in the residual, which is slow on the way to the rest.
         kept: the reason why the law does not keep eq. (7) under unknown accelerations (n, 6) at times (n,) [s], empty
             if it does. By default it does.
+        inner: the residual of the law's inner loop, which decides at first where the vehicle goes. By default the law
+            has none.
 
     Returns:
         The state, or the reason why there is none.
@@ -110,7 +114,7 @@ def static_balance(
         return _with_arm(setup, K, thrust_map)
     balance = Balance(setup, K, thrust_map, residual is not None)
     motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept, inner)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
@@ -128,10 +132,28 @@ def static_balance(
     )
 
 
+_KNOWN = frozenset(
+    (
+        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", "tether", "wall"),
+        *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
+        *("task", "posture", "controller", "actuation", "joints", "thrusters"),
+    )
+)
+"""The tables of a scenario that the balance has in it. With any other one that is in use there is no closed form."""
+_SHAPES = frozenset(("plane", "sphere", "cylinder", "box"))
+"""The shapes whose contact it knows."""
+
+
 def _unknown(setup: Any, K: float, own: bool) -> str:
     """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
     if it may have one."""
     scenario = setup.scenario
+    for table in dataclasses.fields(scenario):
+        if table.name not in _KNOWN and getattr(scenario, table.name) != table.default:
+            return f"closed forms do not know {table.name}"
+    for wall in scenario.walls:
+        if wall.shape not in _SHAPES:
+            return f"closed forms do not know the shape {wall.shape}"
     if own and (reason := not_constant(setup)):
         return reason
     if setup.not_rigid and own:
@@ -158,7 +180,12 @@ def _nearest(motion: TaskMotion) -> Pose | str:
     return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
 
 
-def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None = None) -> Pose | str:
+def _reached(
+    motion: TaskMotion,
+    K: float,
+    kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
+    inner: Callable[[Balance, Pose], np.ndarray] | None = None,
+) -> Pose | str:
     """The rest that the frame of the task reaches from its start under a law with the slope K, or the reason why it is
     not known."""
     balance, setup = motion.balance, motion.balance.setup
@@ -195,10 +222,25 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
                 return f"the thrusters are at their limits for more than {longest:g} s on the way"
             if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
+        if inner is not None:
+            others.append(_after(inner, motion, way, start))
         motion.track = track
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"
     return rest
+
+
+def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way: Any, start: Pose) -> Pose | str:
+    """The rest that the whole law reaches from where its inner loop alone has taken the vehicle."""
+    first = TaskMotion(motion.balance, inner)
+    first.follow(way)
+    pushed = _followed(first, start)
+    if isinstance(pushed, str):
+        return pushed
+    motion.begin()
+    motion.stay()
+    found: Pose | str = approach(motion, pushed, np.zeros(6))
+    return found
 
 
 def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
@@ -240,7 +282,21 @@ def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     rest = _reached(motion, K)
     if isinstance(rest, str):
         return rest
-    return tool_rest(setup, K, thrust_map, motion.track)
+    track, curved = motion.track, not motion.balance.springs.convex
+
+    def reached(tool: Pose, a: np.ndarray) -> str:
+        """The way again with the disturbance that the law leaves, as it is at the rest: it may meet another face."""
+        if not curved:
+            return ""
+        left = motion.balance.setup.design.M_d @ (Balance(setup, K, thrust_map).factor_inverse * a)
+        disturbed = TaskMotion(Balance(setup, np.inf, thrust_map), lambda balance, x: balance.demanded(x) - left)
+        found = _reached(disturbed, K)
+        if isinstance(found, str):
+            return found
+        apart = np.abs(found.position - tool.position).max()
+        return "with the disturbance on the way the tool comes to another rest" if apart > _SAME_TOOL else ""
+
+    return tool_rest(setup, K, thrust_map, track, reached)
 
 
 def disturbance_rate(setup: Any) -> np.ndarray:

@@ -36,7 +36,7 @@ equations reaches from the rest of a law that integrates (:mod:`.approach`).
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -291,11 +291,14 @@ class TreePose:
     F: np.ndarray
 
 
-def tool_rest(setup: Any, K: float, thrust_map: ThrustMap, track: Track) -> SteadyState | str:
+def tool_rest(
+    setup: Any, K: float, thrust_map: ThrustMap, track: Track, reached: Callable[[Pose, np.ndarray], str]
+) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
     The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
-    is zero."""
+    is zero. ``reached`` gives the reason why the frame does not come to a pose with the acceleration a (6,) that the
+    law leaves there, empty if it does."""
     if not type(setup.interface).torque_controlled:
         return f"the joint interface {setup.interface.label()} holds the joints itself"
     if np.isfinite(K) and any(link.friction > 0.0 for link in setup.vehicle.arm.links):
@@ -313,6 +316,8 @@ def tool_rest(setup: Any, K: float, thrust_map: ThrustMap, track: Track) -> Stea
         if isinstance(y, str):
             return f"behind the tool, {y}"
         tool, tau, s = of.tool(y), of.commanded(y)[0], of.sliding(y)
+        if reason := reached(tool, of.commanded(y)[1]):
+            return reason
     if weak := free.infeasible(tau):
         return weak
     push = of.at_task.contacts(tool.position, tool.R_WB)[1]
