@@ -3,6 +3,7 @@
 from __future__ import annotations  # Signals is below
 
 import dataclasses
+import os
 import threading
 import time
 import weakref
@@ -19,10 +20,13 @@ from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
 from ..stages.base import random_key
-from ..stages.loader import functions_again
+from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
+from .native.guard import end_copy, no_exit
 from .native.loop import Diverged, stop_reason
+from .native.memory import settle_modes
+from .native.plain_stage import called
 from .native.run_memory import RunMemory
 
 ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (MujocoEngine, FreeEngine)}
@@ -77,6 +81,7 @@ class Simulation:
         looks: bool = True,
     ) -> None:
         self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf)
+        settle_modes()  # which a user's file may change by what it imports
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
         self._base = self.setup
@@ -90,6 +95,7 @@ class Simulation:
         self._stages = self._memory.stages
         self._plain = [stage for stage in self._stages.running if stage.code is None]
         self._users = [stage for stage in self._stages.running if stage.users]
+        self._foreign = [stage for stage in self._users if stage.code is None or stage.library]
         self._plain_users = [stage for stage in self._users if stage.code is None]
         self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
         self._slice, self._alone = 1, OneThread(self._engine)
@@ -140,8 +146,9 @@ class Simulation:
 
     @property
     def slow_stages(self) -> tuple[str, ...]:
-        """Notes on the stages that run as plain Python."""
-        return tuple(stage.slow for stage in self._plain)
+        """Notes on the stages that run as plain Python, and on what of them lives on from run to run."""
+        kept = (note for stage in self._plain_users if (note := stage_keeps(stage.stage)))
+        return (*(stage.slow for stage in self._plain), *kept)
 
     @property
     def recorded(self) -> tuple[Signal, ...]:
@@ -265,6 +272,15 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
+        if self._foreign:
+            process, who = os.getpid(), " or ".join(called(stage.stage) for stage in self._foreign)
+            with no_exit(who):
+                done = self._advance(n, seconds, process)
+            return done
+        return self._advance(n, seconds)
+
+    def _advance(self, n: int, seconds: float, process: int | None = None) -> int:
+        """Take steps. ``process`` is this process where a stage may copy it."""
         run, most = self._memory.run, SLICE_STEPS if self._users else self.chunk_steps
         if not run["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
@@ -276,6 +292,8 @@ class Simulation:
                 size = 1
                 self._run_stages(len(self._stages.rows))
             self._engine.step(size)
+            if process is not None:
+                end_copy(process)
             done, now = done + size, time.perf_counter()
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done

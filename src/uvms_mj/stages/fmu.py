@@ -90,7 +90,7 @@ def unpack(path: Path, folder: Path, platform: str) -> list[str]:
     try:
         with zipfile.ZipFile(path) as archive:
             found = {each.split("/")[1] for each in archive.namelist() if re.fullmatch("binaries/[^/]+/.+", each)}
-            unneeded = tuple(f"binaries/{each}/" for each in found if each != platform) + ("sources/", "documentation/")
+            unneeded = ("sources/", "documentation/", *(f"binaries/{each}/" for each in found if each != platform))
             members = [each for each in archive.namelist() if not each.startswith(unneeded)]
             archive.extractall(folder, members)  # of each file no more than the archive's list says
     except (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError) as error:
