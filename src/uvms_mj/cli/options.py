@@ -1,6 +1,9 @@
 """Options and arguments that several commands have."""
 
+import contextlib
 import functools
+import os
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -36,8 +39,24 @@ set_option = click.option(
     help="Set a key of the scenario; may be repeated. Where it names another stage or law, the settings of the "
     "scenario's own one are left out, and a warning names them.",
 )
+
+
+def _reserve(context: click.Context, option: click.Parameter, value: bool) -> bool:
+    """Reserve standard output for JSON: what machine code of the user's prints goes to standard error."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):  # standard output is no file
+        if value and not context.resilient_parsing and sys.stdout.fileno() == 1:
+            sys.stdout.flush()
+            sys.stdout = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+            os.dup2(2, 1)
+    return value
+
+
 json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
+    "--json",
+    "as_json",
+    is_flag=True,
+    callback=_reserve,
+    help="Print one JSON object on standard output and nothing else.",
 )
 _quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations  # Signals is below
 
 import dataclasses
+import os
 import threading
 import time
 import warnings
@@ -20,11 +21,12 @@ from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
 from ..stages.base import random_key
-from ..stages.loader import functions_again
+from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
+from .native.guard import end_copy, no_exit
 from .native.loop import Diverged, stop_reason
-from .native.memory import stopped
+from .native.memory import settle_modes, stopped
 from .native.net import Net, NetWarning, Watch
 from .native.plain_stage import called
 from .native.record import STOP_STAGE
@@ -82,6 +84,7 @@ class Simulation:
         looks: bool = True,
     ) -> None:
         self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf)
+        settle_modes()  # which a user's file may change by what it imports
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
         self._base = self.setup
@@ -97,6 +100,7 @@ class Simulation:
         self._net = Net(self._stages.running, self._stages.rows)
         self._net.begin()
         self._users = [stage for stage in self._stages.running if stage.users]
+        self._foreign = [stage for stage in self._users if stage.code is None or stage.library]
         self._plain_users = [stage for stage in self._users if stage.code is None]
         self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
         self._slice, self._alone = 1, OneThread(self._engine)
@@ -147,8 +151,9 @@ class Simulation:
 
     @property
     def slow_stages(self) -> tuple[str, ...]:
-        """Notes on the stages that run as plain Python."""
-        return tuple(stage.slow for stage in self._plain)
+        """Notes on the stages that run as plain Python, and on what of them lives on from run to run."""
+        kept = (note for stage in self._plain_users if (note := stage_keeps(stage.stage)))
+        return (*(stage.slow for stage in self._plain), *kept)
 
     @property
     def recorded(self) -> tuple[Signal, ...]:
@@ -273,6 +278,14 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
+        if self._foreign:
+            process, who = os.getpid(), " or ".join(called(stage.stage) for stage in self._foreign)
+            with no_exit(who):
+                return self._advance(n, seconds, process)
+        return self._advance(n, seconds)
+
+    def _advance(self, n: int, seconds: float, process: int | None = None) -> int:
+        """Take steps. ``process`` is this process where a stage may copy it."""
         run, most = self._memory.run, SLICE_STEPS if self._users else self.chunk_steps
         if not run["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
@@ -286,6 +299,8 @@ class Simulation:
                 self._run_stages(len(self._stages.rows))
             before, size = self.steps, max(1, min(size, ahead))
             self._engine.step(size)
+            if process is not None:
+                end_copy(process)
             if run["stop"][0] == STOP_STAGE and self._goes_on_plain():
                 size = self.steps - before
             done, now = done + size, time.perf_counter()
@@ -394,7 +409,8 @@ class Simulation:
         stage.distrust(said)
         self._stages.rows["code_at"][index] = 0
         self._net.watches.pop(index, None)
-        self._plain.append(stage)
+        for each in (self._plain, self._plain_users, self._foreign):
+            each.append(stage)
 
     def check(self) -> None:
         """Report a failure of a user's stage.

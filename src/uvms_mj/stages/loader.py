@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from ..errors import Fault, InputError, error_text, suggestion
 from . import fmu, foreign
 from .base import Stage, check_contract, setting, take_checks
-from .foreign import BASES, SHARED, UNIT, parted
+from .foreign import BASES, SHARED, UNIT, parted, suffix_of
 from .namespace import Namespace, is_same_code, namespace_of, without_names
 from .signals import OWN_UNIT
 
@@ -304,6 +304,22 @@ def functions_again(kinds: Sequence[type[Stage]]) -> list[FunctionType]:
             kind = vars(load_file(Path(file), f"{kind.room.table}.name", name, namespace))[name]
         found.append(kind.function())
     return found
+
+
+def stage_keeps(stage: Stage) -> str:
+    """A note on a stage in plain Python with something that lives on from run to run, whatever is loaded anew; empty
+    for one without it, and for one in C or in a library, of which each run has a copy."""
+    kind = type(stage)
+    if suffix_of(kind):
+        return ""
+    label, namespace = stage.label(), namespace_of(kind)
+    if namespace is None:
+        own = f"give it as {give_one('file.py', [kind.__name__]).removeprefix('give ')}"
+        return f"{label} is a class of this session: what it keeps outside of state lives on from run to run; {own}"
+    if outside := namespace.outside():
+        names, those = ", ".join(outside), "they keep" if len(outside) > 1 else "it keeps"
+        return f"{label} uses {names}, which a process loads once: what {those} lives on from run to run"
+    return ""
 
 
 def loaded(table: str, source: str, settings: Mapping[str, Any]) -> Stage:

@@ -1,9 +1,9 @@
 """Users' modules in namespaces: a file is loaded with all modules and packages beside it, apart from all others.
 
 A namespace is loaded for one run. Two files ``utils.py`` never meet in it, an edited module is seen by the next one,
-and what a module keeps ends with it. Its modules are in ``sys.modules`` under names of its own, so that tracebacks,
-``inspect`` and ``pickle`` find them, and leave it with the last object that is made of them. Modules that are not
-beside the file are Python's own: those of the standard library, and installed ones.
+and what a module keeps ends with it. Its modules are in ``sys.modules`` under names of its own, where tracebacks and
+``inspect`` find them, and leave it with the last object that is made of them. All other modules, as installed ones, are
+those of the process.
 """
 
 import ast
@@ -85,6 +85,17 @@ class Namespace:
                 del sys.modules[name]
                 raise
         return module
+
+    def outside(self) -> list[str]:
+        """Names of what the modules use and share with all others: modules, and libraries that ``ctypes`` has
+        loaded."""
+        libraries = {
+            str(value._name or name)
+            for module in self.modules.values()
+            for name, value in list(vars(module).items())
+            if "CDLL" in {each.__name__ for each in type(value).__mro__ if each.__module__ == "ctypes"}
+        }
+        return sorted({*self.shared, *libraries})
 
     def add(self, module: ModuleType) -> None:
         """Take a module that was made here."""

@@ -6,7 +6,6 @@ that a warm start loads it in milliseconds: of a function of the package by a fi
 so that a warm start translates nothing; of a user's stage by what it is translated to.
 """
 
-import ast
 import atexit
 import contextlib
 import ctypes
@@ -18,15 +17,12 @@ import json
 import os
 import shutil
 import sys
-import sysconfig
 import tempfile
 import threading
 import time
-import types
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,51 +31,9 @@ import numpy as np
 import platformdirs
 
 from ...compiler.targets import optimize
-from ...files import parsed
 from .memory import at_address
 
 _PACKAGE = Path(__file__).parents[2]
-_FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
-
-
-def source_files(module: types.ModuleType) -> list[Path]:
-    """Files of a module and of its direct and indirect imports, except installed packages and the standard library; of
-    a stage in C or a library, its file.
-
-    Imports are read from the source, because a constant imported from another file leaves no trace in the module.
-    """
-    found: dict[Path, None] = {}
-    todo = [Path(str(module.__file__)).resolve()]
-    while todo:
-        path = todo.pop()
-        if path in found or not path.is_file() or (found and path.suffix != ".py"):
-            continue
-        if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
-            continue
-        found[path] = None
-        if path.suffix != ".py":
-            continue
-        for node in ast.walk(parsed(path.read_bytes())):
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            todo += [origin for name in names if (origin := _origin(name)) is not None]
-    return sorted(found)
-
-
-def _origin(name: str) -> Path | None:
-    loaded = sys.modules.get(name)
-    if loaded is not None:
-        file = getattr(loaded, "__file__", None)
-        return Path(file).resolve() if file else None
-    try:
-        spec = find_spec(name)
-    except (ImportError, ValueError, AttributeError):
-        return None
-    return Path(spec.origin).resolve() if spec is not None and spec.origin and spec.has_location else None
-
 
 _ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "engine/native")
 """The folders whose sources affect machine code. A test checks that kernels import nothing else of the package."""
@@ -211,16 +165,31 @@ def cache_folder() -> Path:
     """The folder of the objects. If it can't be written, a temporary one replaces it, also for child processes."""
     folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj")).absolute()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        wrong, remedy = _of_others(folder)
     except OSError as error:
-        note = f"machine code can't be kept in {folder} ({error.strerror}), so every run compiles it again: "
-        warnings.warn(f"{note}set {_VARIABLE} to a writable folder", CacheWarning, stacklevel=2)
+        wrong, remedy = str(error.strerror), f"set {_VARIABLE} to a writable folder"
+    if wrong:
+        note = f"machine code can't be kept in {folder} ({wrong}), so every run compiles it again: {remedy}"
+        warnings.warn(note, CacheWarning, stacklevel=2)
         folder = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         os.environ[_VARIABLE] = str(folder)
     return folder
+
+
+def _of_others(folder: Path) -> tuple[str, str]:
+    """Why others could put code into a folder, which this process would run, and what to do; empty texts if they can't.
+    Windows has other rights, and no numbers of users."""
+    about = folder.stat()
+    if hasattr(os, "getuid") and about.st_uid != os.getuid():
+        return "it belongs to another user", f"set {_VARIABLE} to a folder of yours"
+    if about.st_mode & 0o022:
+        return "other users may write there", f"chmod go-w {folder}"
+    return "", ""
 
 
 @functools.cache
@@ -329,7 +298,8 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
 
 
 _stages: dict[str, tuple[int, ...]] = {}
-"""The addresses of users' stages by the names of their objects; an object is loaded once in a process."""
+"""The addresses of users' stages by the names of their objects. Each is loaded once: it takes two mappings of memory,
+of which a process has 65530."""
 
 
 def _stage(name: str, files: Sequence[str]) -> NativeFunction | None:

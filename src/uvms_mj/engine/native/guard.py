@@ -1,10 +1,9 @@
-"""What code of users may do to the process besides its work: change floating-point modes, end it, or copy it."""
+"""What code of users may do to the process besides its work: end it, or copy it."""
 
 import contextlib
 import ctypes
 import functools
 import os
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,20 +11,6 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from .compilation import target_machine
-
-_libm = ctypes.CDLL(None)
-_DEFAULT = (
-    ctypes.addressof(ctypes.c_byte.in_dll(_libm, "_FE_DFL_ENV")) if sys.platform == "darwin" else ctypes.c_void_p(-1)
-)
-_fesetenv = _libm.fesetenv
-_fesetenv.argtypes, _fesetenv.restype = [ctypes.c_void_p], ctypes.c_int
-
-
-def settle_modes() -> None:
-    """Round to nearest, with numbers below the normal ones: the floating-point modes of this thread in which a run is
-    what it is. Loading a library that was linked with -ffast-math changes them, and so may every call."""
-    _fesetenv(_DEFAULT)
-
 
 COPIED = "uvms-mj: a stage has copied the process by fork, and the copy has come back from it: the copy ends here\n"
 ENDED = "uvms-mj: {who} ended the process by exit()\n"

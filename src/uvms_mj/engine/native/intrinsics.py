@@ -1,5 +1,6 @@
 """Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
+import platform
 import types
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -78,6 +79,20 @@ def _call_step(at: Emission, arguments: Sequence[ir.Value]) -> Value:
     return scalar(builder.sext(status, WORD), INT)
 
 
+def _settle_modes(at: Emission, arguments: Sequence[ir.Value]) -> None:
+    """The library's function takes as long as a short stage: on x86 it is called where the modes have changed."""
+    builder = at.at
+    changed = ir.Constant(ir.IntType(1), 1)
+    if platform.machine() in ("x86_64", "AMD64"):
+        place, byte = builder.alloca(_FLAG), ir.IntType(8).as_pointer()
+        read = builder.module.declare_intrinsic("llvm.x86.sse.stmxcsr", (), ir.FunctionType(ir.VoidType(), [byte]))
+        builder.call(read, [builder.bitcast(place, byte)])
+        control = builder.and_(builder.load(place), _FLAG(0xFFC0))  # without the flags of exceptions
+        changed = builder.icmp_signed("!=", control, _FLAG(0x1F80))
+    with builder.if_then(changed, likely=False):
+        _external(builder, "fesetenv", _FLAG, WORD(memory.DEFAULT_MODES))
+
+
 def signalled(builder: ir.IRBuilder) -> ir.Value:
     """Whether a signal handler raises, as it does at Ctrl-C; then ``stopped`` of :mod:`.memory` is set."""
     lock = _external(builder, "PyGILState_Ensure", _FLAG)
@@ -101,6 +116,7 @@ INTRINSICS: dict[Any, Intrinsic] = {
     memory.mj_factorM: _mj_factorM,
     memory.call_code: _call_code,
     memory.call_step: _call_step,
+    memory.settle_modes: _settle_modes,
 }
 
 

@@ -117,6 +117,22 @@ def call_code(function: int, *words: int) -> int:
     return kind(int(function))(*map(int, words))
 
 
+_fesetenv = ctypes.CDLL(None).fesetenv
+_fesetenv.argtypes, _fesetenv.restype = [ctypes.c_void_p], ctypes.c_int
+if sys.platform == "darwin":
+    DEFAULT_MODES = ctypes.addressof(ctypes.c_byte.in_dll(ctypes.CDLL(None), "_FE_DFL_ENV"))
+else:
+    DEFAULT_MODES = -1
+"""Address of the floating-point modes with which a process begins."""
+
+
+def settle_modes() -> None:
+    """Set the floating-point modes of this thread to those in which a run is what it is: to the nearest, with numbers
+    below the normal ones. Every call of a user's machine code may change them, and so does loading a library that was
+    linked with -ffast-math."""
+    _fesetenv(DEFAULT_MODES)
+
+
 UNSET = 0x7FF8DECADE0FACEE
 """Contents of the output before the first call: a NaN that no computation produces, so that an entry that the stage did
 not set is known."""

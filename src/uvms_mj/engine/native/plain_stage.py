@@ -22,8 +22,8 @@ from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.namespace import is_installed, namespace_named, without_names
-from .guard import end_copy, settle_modes
-from .memory import OwnMemory
+from .guard import end_copy
+from .memory import OwnMemory, settle_modes
 
 
 class StageFault(Exception):

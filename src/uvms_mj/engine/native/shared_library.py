@@ -26,7 +26,8 @@ from ...stages.fmu import Wiring, printable, unpack
 from ...stages.foreign import C_FILE, HEADER, SHARED, Records, header
 from .compilation import cache_folder, fingerprint
 from .elf import own_copies
-from .guard import no_exit, settle_modes
+from .guard import no_exit
+from .memory import settle_modes
 
 _OPTIONS = (
     *("-std=gnu11", "-O3", "-fPIC", "-shared"),

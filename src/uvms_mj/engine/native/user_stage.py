@@ -9,7 +9,7 @@ import numpy as np
 from ...physics.frames import rotation
 from ...stages.base import Room
 from .compilation import NativeFunction, native_stage
-from .memory import SAME, UNIT, attitudes, call_code, call_step, floats, integers, layout, triples
+from .memory import SAME, UNIT, attitudes, call_code, call_step, floats, integers, layout, settle_modes, triples
 
 if TYPE_CHECKING:  # global names of the function below, set for each stage
     function: Any = None
@@ -41,6 +41,7 @@ def _of_python(own_at, state_at, given_at, state_dot_at, out_at):
 def _of_library(own_at, state_at, given_at, state_dot_at, out_at):
     library = foreign(own_at + FOREIGN)
     library.returned = _c_int(call_code(library.code_at, own_at + SETTINGS, state_at, given_at, state_dot_at, out_at))
+    settle_modes()
     if library.returned != 0:
         raise _Wrong
 
@@ -60,6 +61,7 @@ def _of_unit(own_at, state_at, given_at, state_dot_at, out_at):
         _note(unit, 2, _c_int(call_code(unit.fmi2GetReal, unit.instance, at + REFS_OUT, N_OUTPUTS, at + VALUES_OUT)))
     for i in range(N_OUTPUTS):
         _check_range(unit, 3 + N_INPUTS + i, unit.values_out[i], unit.range_out[i])
+    settle_modes()
     if unit.returned != 0:
         raise _Wrong
     for i in range(N_OUTPUTS):

@@ -3,7 +3,6 @@
 A run is a success if it completed and has settled, or is within the limits of the study's table ``[success]``.
 """
 
-import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -100,13 +99,11 @@ def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, s
     raise InputError(f"is not one of keep.metrics; {suggestion(name, [each.rpartition(':')[2] for each in metrics])}")
 
 
-_function = functools.cache(metric_of)
-
-
 def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
-    """The numbers of a user's metric by column: the function's name, or ``name.key`` for each key of a dictionary."""
+    """The numbers of a user's metric by column: the function's name, or ``name.key`` for each key of a dictionary. The
+    function is loaded anew, since what its file has kept is of another run."""
     name = place.rpartition(":")[2]
-    value = _function(place)(trace)
+    value = metric_of(place)(trace)
     each = {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, Mapping) else {name: value}
     return {column: _number(column, v) for column, v in each.items()}
 
