@@ -204,7 +204,8 @@ class SourceChanged(OSError):
 
 
 def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
-    """The tree of a function's source, and its lines, without the indentation of the first one.
+    """The tree of a function's source, and its lines, without the indentation of the first one; of a lambda, the tree
+    of the function with its value.
 
     Raises OSError if the source is in no file, or is not the function's any more; and SyntaxError if it can't stand
     alone. The lines are found by their numbers in the code; ``inspect.getsource`` reads every token, which takes twenty
@@ -216,6 +217,8 @@ def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
     if text and code not in _codes("".join(text)):
         raise SourceChanged(f"{code.co_filename} has changed since it was loaded")
     lines = text[code.co_firstlineno - 1 :]
+    if code.co_name == "<lambda>" and (tree := _lambda_tree(code, parsed("".join(text)))) is not None:
+        return tree, [line.rstrip() for line in lines]
     end = max((last or 0 for _, last, _, _ in code.co_positions()), default=0) - code.co_firstlineno + 1
     while end < len(lines) and (not lines[end].strip() or _margin(lines[end]) > _margin(lines[0])):
         end += 1  # statements without effect are not in the code
@@ -225,6 +228,27 @@ def function_tree(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
     except (SyntaxError, IndexError):
         source = textwrap.dedent(inspect.getsource(function))
         return parsed(source).body[0], source.splitlines()
+
+
+def _lambda_tree(code: types.CodeType, module: ast.Module) -> ast.FunctionDef | None:
+    """The tree of a lambda in a file, as a function's; None if it can't be told from others."""
+    places = [(line, start) for line, _, start, _ in code.co_positions() if line and start]
+    found = [each for each in ast.walk(module) if isinstance(each, ast.Lambda) and places]
+    found = [each for each in found if all(_is_at(each.body, *place) for place in places)]
+    if len(found) != 1 or found[0].lineno != code.co_firstlineno:
+        return None
+    tree = parsed("def function(): pass").body[0]
+    assert isinstance(tree, ast.FunctionDef)
+    tree.name, tree.args = "<lambda>", found[0].args
+    tree.body = [ast.copy_location(ast.Return(found[0].body), found[0].body)]
+    ast.copy_location(tree, found[0])
+    return ast.increment_lineno(tree, 1 - code.co_firstlineno)
+
+
+def _is_at(node: ast.expr, line: int, column: int) -> bool:
+    assert node.end_lineno is not None
+    assert node.end_col_offset is not None
+    return (node.lineno, node.col_offset) <= (line, column) < (node.end_lineno, node.end_col_offset)
 
 
 @functools.lru_cache(100)

@@ -1,5 +1,6 @@
 """A module of LLVM under construction; and memory, loops and checks in the code of one of its functions."""
 
+import ast
 import types
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -56,6 +57,8 @@ class Module:
         self.module = ir.Module(self.name)
         self.frame, self.files = 0, list[str]()
         self._constants: dict[tuple, ir.Value] = {}
+        self.within: dict[tuple, tuple[types.FunctionType, tuple[str, ...]]] = {}  # functions within functions
+        self.trees: dict[types.FunctionType, tuple[ast.FunctionDef, Sequence[str]]] = {}  # of these functions
 
     def file(self, name: str) -> int:
         """The number of a file."""

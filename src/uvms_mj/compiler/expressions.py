@@ -1,9 +1,10 @@
 """Expressions and calls."""
 
 import ast
+import builtins
 import inspect
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,32 +12,28 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from .arrays import Arrays
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .cells import CELLS
 from .emission import Module
+from .forms import LIST, MISSING, Forms, Given
 from .scalars import COMPARISONS, operator_name
 from .values import (
     BOOL,
-    FLAG,
     INT,
     NONE,
     NOTHING,
-    OUTSIDE,
     WORD,
+    Form,
     Kind,
     Memory,
     Place,
     Value,
     bundle,
-    contiguous,
     items_of,
+    known_object,
     leaves_of,
     scalar,
 )
-
-MISSING = object()
-"""What a name stands for that is not known when compiling."""
 
 
 @dataclass
@@ -57,7 +54,7 @@ class Variable:
         return bool(self.numbers) and isinstance(self.numbers[0], Place)
 
 
-class Expressions(Arrays):
+class Expressions(Forms):
     """The expressions of one function."""
 
     def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
@@ -68,53 +65,13 @@ class Expressions(Arrays):
         self.assigned: set[str] = set()  # names that have a value here, whichever way led here
         self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
         seen = inspect.getclosurevars(function)
-        self.names = {**seen.builtins, **seen.globals, **seen.nonlocals}
+        self.names = vars(builtins) | seen.builtins | seen.globals | seen.nonlocals
 
     def lasting(self, value: Value) -> Value:
         """A value that outlives its statement: of a new array in a loop, which each turn makes again, a copy."""
         raise NotImplementedError  # lifetimes have it
 
     # names
-
-    def known(self, node: ast.expr) -> Any:
-        """What a global name, such as ``math.sqrt``, stands for; MISSING for anything else."""
-        if isinstance(node, ast.Name):
-            if node.id in self.locals:
-                return MISSING
-            if node.id not in self.names:
-                self.mistake(f"{node.id} is not defined")
-            return self.names[node.id]
-        if not isinstance(node, ast.Attribute):
-            return MISSING
-        owner = self.known(node.value)
-        if not isinstance(owner, types.ModuleType | type):
-            return MISSING
-        try:
-            return getattr(owner, node.attr)
-        except AttributeError:
-            return self.mistake(f"{ast.unparse(node.value)} has no {node.attr!r}")
-
-    def frozen(self, value: Any) -> Value:
-        """A global number, tuple or array as a constant."""
-        if value is None:
-            return Value(NONE, ())
-        if isinstance(value, tuple):
-            return bundle([self.frozen(each) for each in value])
-        if isinstance(value, np.ndarray):
-            return self._frozen_array(value)
-        if isinstance(value, np.void):
-            self.lack("a global record is not a constant; write its numbers")
-        if isinstance(value, list | dict | set | str):
-            self.lack(f"a {type(value).__name__} is not a number; write a tuple or np.array([...])")
-        return self.constant(value)
-
-    def _frozen_array(self, array: np.ndarray) -> Value:
-        if type(array) is not np.ndarray or array.dtype not in (np.dtype("f8"), INT, BOOL) or not array.dtype.isnative:
-            self.lack(f"a constant array has numbers of float64, int64 or bool, not {array.dtype}")
-        base = {"f": np.dtype("f8"), "i": INT, "b": BOOL}[array.dtype.kind]
-        memory = self.unit.constant_array(np.ascontiguousarray(array, base))
-        why = "it is a constant of the compiled code; keep what changes in a state or a memory"
-        return Value(contiguous(base, array.shape, f"lacks: {why}"), (memory,), roots=frozenset({OUTSIDE}))
 
     def _Name(self, node: ast.Name) -> Value:
         if node.id not in self.locals:
@@ -126,8 +83,9 @@ class Expressions(Arrays):
             return self.constants[node.id]
         return self.variable(node.id)
 
-    def variable(self, name: str) -> Value:
-        raise NotImplementedError  # statements have it
+    def kind_of_name(self, name: str) -> Kind | None:
+        """The kind of what a local name stands for, if it has a value here."""
+        return self.variables[name].kind if name in self.assigned and name in self.variables else None
 
     # values
 
@@ -149,38 +107,21 @@ class Expressions(Arrays):
     def test(self, node: ast.expr) -> ir.Value:
         """A truth value."""
         if isinstance(node, ast.BoolOp):
-            return self._deciding([partial(self._tested, each) for each in node.values], node.op).llvm[0]
-        return self._is_true(self.value(node))
+            return self.deciding([partial(self._tested, each) for each in node.values], node.op).llvm[0]
+        return self.is_true(self.value(node))
 
     def _tested(self, node: ast.expr) -> Value:
         return scalar(self.test(node), BOOL)
-
-    def _is_true(self, value: Value) -> ir.Value:
-        if value.kind.is_none or value.kind.items is not None:
-            return FLAG(bool(value.kind.items))
-        if value.kind.is_array and value.kind.sizes and value.kind.size == 1:
-            value = self.element(value, [WORD(0)] * len(value.kind.sizes))
-        if not value.kind.is_number:
-            self.mistake(f"{value.kind.described()} is neither true nor false; use .any() or .all()")
-        return self.truth(value)
-
-    def _Constant(self, node: ast.Constant) -> Value:
-        if isinstance(node.value, str | bytes | complex):
-            self.lack(f"the language has no {type(node.value).__name__}")
-        return self.frozen(node.value)
-
-    def _Tuple(self, node: ast.Tuple | ast.List) -> Value:
-        if any(isinstance(each, ast.Starred) for each in node.elts):
-            self.lack("the language has no *x")
-        return bundle([self.value(each) for each in node.elts])
-
-    _List = _Tuple
 
     def _Attribute(self, node: ast.Attribute) -> Value:
         known = self.known(node)
         if known is not MISSING:
             return self.frozen(known)
         owner = self.value(node.value)
+        if (known := self.object_of(owner)) is not MISSING and (known := self.attribute_of(known, node)) is not MISSING:
+            return self.frozen(known)
+        if (field := self.field_of(owner, node.attr)) is not None:
+            return field
         if owner.kind.base.fields is None and (owner.kind.is_array or owner.kind.is_number):
             if node.attr in PROPERTIES:
                 return PROPERTIES[node.attr](self, owner)
@@ -194,6 +135,8 @@ class Expressions(Arrays):
         if (known := self._table(node)) is not None:
             return known
         array = self.value(node.value)
+        if self.is_dict(array):
+            return self.of_dict(array, node)
         part = self.part(array, node.slice)
         return part if array.kind.items is not None else self.read(part)
 
@@ -208,7 +151,9 @@ class Expressions(Arrays):
         return self.read(self.part(self._frozen_array(array), node.slice))
 
     def _BinOp(self, node: ast.BinOp) -> Value:
-        return self.binary(operator_name(node.op), self.value(node.left), self.value(node.right))
+        name, left, right = operator_name(node.op), self.value(node.left), self.value(node.right)
+        found = self.reduced_operation(name, left, right)
+        return found if found is not None else self.binary(name, left, right)
 
     def _UnaryOp(self, node: ast.UnaryOp) -> Value:
         if isinstance(node.op, ast.Not):
@@ -225,7 +170,7 @@ class Expressions(Arrays):
         values = [self.value(node.left)]
         if len(node.ops) == 1:
             return self._compared(node.ops[0], values[0], self.value(node.comparators[0]), node)
-        return self._deciding([partial(self._link, node, k, values) for k in range(len(node.ops))], ast.And())
+        return self.deciding([partial(self._link, node, k, values) for k in range(len(node.ops))], ast.And())
 
     def _link(self, node: ast.Compare, k: int, values: list[Value]) -> Value:
         """One comparison of a chain; what it compares with is evaluated only if it is reached."""
@@ -239,19 +184,18 @@ class Expressions(Arrays):
     def _compared(self, operator: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> Value:
         name = type(operator).__name__
         if name in ("Is", "IsNot"):
-            if not right.kind.is_none:
-                self.lack("`is` compares with None only")
-            return self.constant(left.kind.is_none == (name == "Is"))
-        if left.kind.items is not None or right.kind.items is not None:
-            if left.kind.items is None or right.kind.items is None or name not in ("Eq", "NotEq"):
-                self.lack("a tuple is compared with a tuple only, by == or !=")
-            pairs = [items_of(left), items_of(right)]
-            if any(item.constant is None for items in pairs for item in items):
-                self.lack("tuples are compared if their numbers are known when compiling")
-            same = [item.constant for item in pairs[0]] == [item.constant for item in pairs[1]]
-            return self.constant(same == (name == "Eq"))
-        if name not in COMPARISONS:
-            self.lack("the language has no `in`; write the comparisons")
+            same = self.same_object(left, right)
+            return same if name == "Is" else self.negation(same)
+        if name in ("In", "NotIn"):
+            found = self.contains(left, right)
+            return found if name == "In" else self.negation(found)
+        known = [self.object_of(each) for each in (left, right)]
+        items = [each.kind.items is not None for each in (left, right)]
+        if (known != [MISSING] * 2 or any(items)) and not any(each.kind.is_array for each in (left, right)):
+            if name not in ("Eq", "NotEq"):
+                self.lack("the language compares texts, tuples and objects by == or != only")
+            found = self.equal(left, right)
+            return found if name == "Eq" else self.negation(found)
         if left.kind.is_none or right.kind.is_none:
             if name not in ("Eq", "NotEq"):
                 self.mistake("None is not compared with a number")
@@ -259,14 +203,14 @@ class Expressions(Arrays):
         return self.elementwise(lambda a, b: self.comparison(COMPARISONS[name], a, b), left, right)
 
     def _BoolOp(self, node: ast.BoolOp) -> Value:
-        return self._deciding([partial(self.value, each) for each in node.values], node.op)
+        return self.deciding([partial(self.value, each) for each in node.values], node.op)
 
-    def _deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
+    def deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
         """The first operand that decides, or the last one, as in Python; those behind it are not evaluated."""
         found, is_and = [], isinstance(operator, ast.And)
         for operand in operands:
             value = operand()
-            test = self._is_true(value) if operand is not operands[-1] else None
+            test = self.is_true(value) if operand is not operands[-1] else None
             if test is None or isinstance(test, ir.Constant):
                 if test is None or bool(test.constant) != is_and:
                     break
@@ -279,6 +223,13 @@ class Expressions(Arrays):
             return value
         found.append((value, self.at.block))
         return self.merged(found, self.at.append_basic_block())
+
+    def _NamedExpr(self, node: ast.NamedExpr) -> Value:
+        self.assign(node.target, self.value(node.value))
+        return self._Name(ast.Name(node.target.id, ast.Load()))
+
+    def assign(self, target: ast.expr, value: Value) -> None:
+        raise NotImplementedError  # statements have it
 
     def _IfExp(self, node: ast.IfExp) -> Value:
         test = self.test(node.test)
@@ -334,12 +285,14 @@ class Expressions(Arrays):
             self.may_write(*kinds)
         if first.items is not None and all(k.items is not None and len(k.items) == len(first.items) for k in kinds):
             columns = zip(*(items_of(value) for value in values), strict=True)
-            return Kind(NOTHING, items=tuple(self.unified(column) for column in columns))
+            if all(kind.form == first.form for kind in kinds):
+                return Kind(NOTHING, items=tuple(self.unified(column) for column in columns), form=first.form)
         if all(kind.is_array and kind.shape == first.shape for kind in kinds):
             if all(kind.strides == first.strides and kind.base == first.base for kind in kinds):
                 return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
             self.lack("it is an array in one order or of one type here, and in another one there")
-        if all(kind.base == first.base and kind.shape == first.shape and kind.items is None for kind in kinds):
+        same = [kind.base == first.base and kind.shape == first.shape and kind.form == first.form for kind in kinds]
+        if all(same) and all(kind.items is None for kind in kinds):
             return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
         return self.lack(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
 
@@ -369,15 +322,69 @@ class Expressions(Arrays):
         return result if result is not None else Value(NONE, ())
 
     def call(self, node: ast.Call) -> Value | None:
+        node = self._spread(node)
         known = self.known(node.func)
         if known is MISSING and isinstance(node.func, ast.Attribute):
+            owner = self.value(node.func.value)
+            found = self._of_object(owner, node)
+            if found is not MISSING:
+                return found
             method = METHODS.get(node.func.attr)
             if method is None:
                 self.lack(f"the language has no method {node.func.attr}")
-            return FUNCTIONS[method](self, [node.func.value, *node.args], self._keywords(node))
+            return FUNCTIONS[method](self, [Given(owner), *node.args], self._keywords(node))
+        if known is MISSING and not isinstance(node.func, ast.Name | ast.Attribute):
+            return self._of_value(self.value(node.func), node)
+        if known is MISSING and isinstance(node.func, ast.Name):
+            return self._of_value(self._Name(node.func), node)
+        return self._of_known(known, node)
+
+    def _of_object(self, owner: Value, node: ast.Call) -> Any:
+        """A method of what is no array; MISSING if it is one."""
+        assert isinstance(node.func, ast.Attribute)
+        name = node.func.attr
+        if (known := self.object_of(owner)) is not MISSING and (
+            known := self.attribute_of(known, node.func)
+        ) is not MISSING:
+            return self._of_known(known, node)
+        if (field := self.field_of(owner, name)) is not None:
+            return self._of_value(field, node)
+        form = owner.kind.form
+        if isinstance(form, Form) and isinstance(form.of, type) and form.of not in (list, dict):
+            if name == "_replace" and issubclass(form.of, tuple) and not node.args:
+                return self.replaced(owner, {name: self.value(each) for name, each in self._keywords(node).items()})
+            method = inspect.getattr_static(form.of, name, None)
+            if isinstance(method, types.FunctionType):
+                return self._of_known(method, ast.Call(node.func, [Given(owner), *node.args], node.keywords))
+        found = self.method_of(owner, name, node)
+        return MISSING if found is None else found
+
+    def _of_value(self, function: Value, node: ast.Call) -> Value | None:
+        """A call of what a local name, an entry or a field stands for."""
+        form, known = function.kind.form, self.object_of(function)
+        if isinstance(form, Form) and isinstance(form.of, types.FunctionType):
+            captured = dict(zip(form.keys, items_of(function)[1:], strict=True))
+            return self.unit.call(self, form.of, self._arguments(form.of, node, captured), bool(self.rounding))
+        if isinstance(form, Form) and form.of is partial:
+            first, *rest = items_of(function)[1:]
+            n = len(rest) - len(form.keys)
+            named = {each.arg: each for each in node.keywords}
+            held = [ast.keyword(name, Given(each)) for name, each in zip(form.keys, rest[n:], strict=True)]
+            keywords = [*(each for each in held if each.arg not in named), *node.keywords]
+            return self._of_value(first, ast.Call(node.func, [*map(Given, rest[:n]), *node.args], keywords))
         if known is MISSING:
-            self.lack(f"{ast.unparse(node.func)} is not a function that is known when compiling")
-        if (written := _hashed(known)) in FUNCTIONS:
+            return self.lack(f"{ast.unparse(node.func)} is not a function that is known when compiling")
+        return self._of_known(known, node)
+
+    def _of_known(self, known: Any, node: ast.Call) -> Value | None:
+        if isinstance(known, types.MethodType) and not self.is_foreign(known.__func__):
+            owner = Given(self.frozen(known.__self__))
+            return self._of_known(known.__func__, ast.Call(node.func, [owner, *node.args], node.keywords))
+        if isinstance(known, str):
+            self.mistake(f"{known!r} can't be called")
+        if (written := _hashed(known)) in FORMS:
+            return FORMS[written](self, node)
+        if written in FUNCTIONS:
             return FUNCTIONS[written](self, node.args, self._keywords(node))
         if written in self.unit.intrinsics:
             return self.unit.intrinsics[written](self, [self._word(each) for each in node.args])
@@ -385,9 +392,36 @@ class Expressions(Arrays):
         known = self.unit.instead.get(known, known)
         if known is np.lib.stride_tricks.as_strided:
             self.forbid("as_strided reaches numbers beyond an array; write slices")
+        if isinstance(known, type) and not self.is_foreign(known):
+            named = {name: self.value(each) for name, each in self._keywords(node).items()}
+            made = self.made_by(known, [self.value(each) for each in node.args], named)
+            if made is not None:
+                return made
         if not isinstance(known, types.FunctionType) or known.__module__.partition(".")[0] in _FOREIGN:
             self.lack(f"the language has no {ast.unparse(node.func)}")
-        return self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))
+        result = self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))
+        if (
+            result is not None
+            and isinstance(result.kind.form, Form)
+            and isinstance(result.kind.form.of, types.FunctionType)
+        ):
+            self.lack("a function that another one returns is not compiled")
+        return result
+
+    def _spread(self, node: ast.Call) -> ast.Call:
+        """A call whose arguments behind stars are given one by one."""
+        if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
+            keywords = []
+            for each in node.keywords:
+                if each.arg is not None:
+                    keywords.append(each)
+                    continue
+                entries = self.entries(self.value(each.value))
+                keywords += [ast.keyword(str(key), Given(value)) for key, value in entries.items()]
+            if len({each.arg for each in keywords}) < len(keywords):
+                self.mistake("an argument is given twice")
+            return ast.Call(node.func, self.spread(node.args), keywords)
+        return node
 
     def _word(self, node: ast.expr) -> ir.Value:
         """An integer, or the address of an array."""
@@ -397,28 +431,144 @@ class Expressions(Arrays):
         return self.at.ptrtoint(value.llvm[0], WORD) if value.kind.is_array else self.converted(value, INT)
 
     def _keywords(self, node: ast.Call) -> dict[str, ast.expr]:
-        if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
-            self.lack("the language has no *x and **x")
         return {str(each.arg): each.value for each in node.keywords}
 
-    def _arguments(self, function: types.FunctionType, node: ast.Call) -> list[Value]:
+    def _arguments(
+        self, function: types.FunctionType, node: ast.Call, captured: Mapping[str, Value] = types.MappingProxyType({})
+    ) -> list[Value]:
         """The arguments in the order of the function's parameters."""
         keywords = self._keywords(node)
         values = [self.value(each) for each in node.args]
         named = {name: self.value(each) for name, each in keywords.items()}
         try:
-            bound = inspect.signature(function, follow_wrapped=False).bind(*values, **named)
+            bound = inspect.signature(function, follow_wrapped=False).bind(*values, **named, **captured)
         except TypeError as error:
             self.mistake(f"{function.__name__}: {error}")
         bound.apply_defaults()
         if hasattr(function, "__wrapped__"):
             self.lack("a function with a decorator is not compiled")
-        if bound.kwargs or len(bound.args) != function.__code__.co_argcount:
-            parameters = inspect.signature(function, follow_wrapped=False).parameters.values()
-            if any(each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD) for each in parameters):
-                self.lack(f"{function.__name__} takes any number of arguments")
-        given = [*bound.args, *bound.kwargs.values()]
-        return [each if isinstance(each, Value) else self.frozen(each) for each in given]
+        parameters = inspect.signature(function, follow_wrapped=False).parameters
+        return [self._argument(parameters[name].kind, given) for name, given in bound.arguments.items()]
+
+    def _argument(self, kind: Any, given: Any) -> Value:
+        """One argument; of ``*x`` and ``**x``, the tuple or the dict."""
+        if kind is inspect.Parameter.VAR_POSITIONAL:
+            return bundle([self.held(each) for each in given])
+        if kind is inspect.Parameter.VAR_KEYWORD:
+            return self.dict_of({name: self.held(each) for name, each in given.items()})
+        return given if isinstance(given, Value) else self.frozen(given)
+
+
+# what is called as a form
+
+
+def _sum_of(at: Expressions, node: ast.Call) -> Value | None:
+    """A function of one thing that it runs over: of a generator, a tuple of its values."""
+    known = at.known(node.func)
+    args = [Given(bundle(at.listed(each))) if _is_lazy(at, each) else each for each in node.args]
+    if len(args) == 1 and not node.keywords:
+        value = at.value(args[0])
+        if at.is_dict(value):
+            value = bundle([at.frozen(key) for key in at.entries(value)])
+        args = [Given(value)]
+    return FUNCTIONS[known](at, args, at._keywords(node))
+
+
+def _is_lazy(at: Expressions, node: ast.expr) -> bool:
+    if isinstance(node, ast.GeneratorExp):
+        return True
+    return isinstance(node, ast.Call) and at.known(node.func) in (map, zip, enumerate, range, reversed)
+
+
+def _one(at: Expressions, node: ast.Call, most: int = 1) -> list[ast.expr]:
+    if len(node.args) > most or node.keywords:
+        at.lack(f"the language has no such arguments of {ast.unparse(node.func)}")
+    return node.args
+
+
+def _all(at: Expressions, node: ast.Call, operator: ast.boolop) -> Value | None:
+    (one,) = _one(at, node) or at.mistake("all and any run over one thing")
+    if not _is_lazy(at, one):
+        value = at.value(one)
+        if value.kind.items is None and not at.is_dict(value):
+            return FUNCTIONS[at.known(node.func)](at, [Given(value)], {})
+        one = Given(value)
+    return at.all_or_any(one, operator)
+
+
+def _items(at: Expressions, node: ast.Call, form: Any) -> Value:
+    nodes = _one(at, node)
+    return bundle([at.held(each) for each in at.listed(nodes[0])] if nodes else [], form)
+
+
+def _dict(at: Expressions, node: ast.Call) -> Value:
+    found: dict[Any, Value] = {}
+    for each in node.args:
+        found |= at.entries(at.value(each))
+    return at.dict_of(found | {str(each.arg): at.held(at.value(each.value)) for each in node.keywords})
+
+
+def _print(at: Expressions, node: ast.Call) -> None:
+    for each in [*node.args, *(keyword.value for keyword in node.keywords)]:
+        at.value(each)
+
+
+def _isinstance(at: Expressions, node: ast.Call) -> Value:
+    if len(node.args) != 2:
+        at.mistake("isinstance takes an object, and types")
+    return at.is_instance(*(at.value(each) for each in node.args))
+
+
+def _length(at: Expressions, node: ast.Call) -> Value | None:
+    value = at.value(_one(at, node)[0])
+    known = at.object_of(value)
+    if at.is_dict(value) or isinstance(known, str | frozenset):
+        return at.constant(len(at.entries(value) if at.is_dict(value) else known))
+    return FUNCTIONS[len](at, [Given(value)], {})
+
+
+def _number(at: Expressions, node: ast.Call) -> Value | None:
+    """``float("inf")``, and ``float`` and ``int`` of numbers."""
+    known, values = at.known(node.func), [at.value(each) for each in node.args]
+    if len(values) == 1 and isinstance(text := at.object_of(values[0]), str):
+        try:
+            return at.constant(known(text))
+        except ValueError as error:
+            at.mistake(str(error))
+    return FUNCTIONS[known](at, [Given(each) for each in values], at._keywords(node))
+
+
+def _partial(at: Expressions, node: ast.Call) -> Value:
+    values = [at.held(at.value(each)) for each in [*node.args, *(each.value for each in node.keywords)]]
+    return bundle([known_object(partial), *values], Form(partial, tuple(str(each.arg) for each in node.keywords)))
+
+
+def _range(at: Expressions, node: ast.Call) -> Value:
+    known = [at.python(at.value(each)) for each in node.args]
+    if MISSING in known:
+        at.lack("a range is run over here, or its bounds are known when compiling")
+    return known_object(range(*known))
+
+
+FORMS: dict[Any, Callable[[Expressions, ast.Call], Value | None]] = {
+    sum: _sum_of,
+    min: _sum_of,
+    max: _sum_of,
+    all: partial(_all, operator=ast.And()),
+    any: partial(_all, operator=ast.Or()),
+    tuple: partial(_items, form=None),
+    list: partial(_items, form=LIST),
+    dict: _dict,
+    print: _print,
+    isinstance: _isinstance,
+    len: _length,
+    float: _number,
+    np.float64: _number,
+    int: _number,
+    range: _range,
+    partial: _partial,
+}
+"""What is called with expressions that are no numbers, or with any number of them."""
 
 
 def _hashed(known: Any) -> Any:
@@ -432,14 +582,9 @@ def _hashed(known: Any) -> Any:
 _FOREIGN = ("numpy", "scipy", "math", "builtins")
 """Packages whose functions are in the language by name only."""
 _SPOKEN = {
-    "ListComp": "list comprehension; write a loop",
-    "GeneratorExp": "generator; write a loop",
+    "GeneratorExp": "generator here; write a list, or a loop",
     "Lambda": "lambda; write a function with def at the top of the file",
-    "Dict": "dict",
-    "Set": "set",
-    "JoinedStr": "str",
-    "NamedExpr": ":=",
-    "Starred": "*x",
+    "SetComp": "set",
     "With": "with",
     "Try": "try",
     "Delete": "del",

@@ -1,23 +1,24 @@
 """The statements of one function."""
 
 import ast
+import copy
+import enum
 import types
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
 from .cells import CELLS, ROOMS
 from .emission import Module
+from .forms import LIST, MOST_TURNS, Given
 from .lifetimes import Again, Lifetimes, Plan, bindings
 from .refusals import RAISED
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Memory, Value, bundle, items_of, scalar, shown, unbundled, whole
 
 _LACKS = "lacks: "
-MOST_TURNS = 256
-"""A loop of up to so many turns may be written out, with those around it, and is not looked at for an interrupt."""
 
 
 @dataclass
@@ -33,6 +34,7 @@ class Loop:
     names: frozenset[str] = frozenset()
     at_continue: list[set[str]] = field(default_factory=list)
     at_break: list[set[str]] = field(default_factory=list)
+    broken: list[set[str]] | None = None
 
 
 @dataclass
@@ -61,12 +63,22 @@ class Function(Lifetimes):
         self.tree = tree
         self.start(plan)
         self.loops: list[Loop] = []
+        self.held_lists: dict[str, str] = {}
+        self.exits: dict[int, tuple[ast.AST, ir.Block, list[set[str]]]] = {}
         self.blocks = 0
         self.returns: list[tuple[ir.Block, Value]] = []
-        stored = Counter(bindings(tree.body))
+        self.lists = _lists_of(tree)
+        stored = Counter(self.bindings(tree.body))
         parameters = [each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)]
+        calls = [each for each in ast.walk(tree) if isinstance(each, ast.Call)]
+        self.handed = {id(each) for call in calls for each in call.args if isinstance(each, ast.Lambda)}
+        self.leaving = {id(loop) for loop in ast.walk(tree) if _is_left(loop)}
         self.bound_once = {name for name, times in stored.items() if times == 1} - set(parameters)
         self.unbound = set(parameters) - set(stored)
+
+    def bindings(self, statements: Sequence[ast.stmt]) -> Iterator[str]:
+        """The names that statements bind; one that changes a list binds its name anew."""
+        return bindings(statements, self.lists)
 
     def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
         """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known.
@@ -78,7 +90,8 @@ class Function(Lifetimes):
         given, at = code.args, 0
         cells = self.unit.cells.pointers if self.unit.cells else 0
         self.given = code.args[len(code.args) - 1 - cells : -1]
-        names = [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+        plain = (*arguments.posonlyargs, *arguments.args, arguments.vararg, *arguments.kwonlyargs, arguments.kwarg)
+        names = [each.arg for each in plain if each is not None]
         for k, (name, kind) in enumerate(zip(names, kinds, strict=True)):
             n, like = len(kind.llvm), Value(kind, (), roots=frozenset({Memory(argument=k)}))
             value = unbundled(kind, tuple(given[at : at + n]), like)
@@ -98,10 +111,12 @@ class Function(Lifetimes):
         self.at.branch(block)
         self.returns.append((block, value))
 
-    def body(self, statements: Sequence[ast.stmt]) -> None:
-        """A list of statements."""
-        before, self.blocks = self.block, self.blocks + 1
-        self.block = self.blocks
+    def body(self, statements: Sequence[ast.stmt], straight: bool = False) -> None:
+        """A list of statements. ``straight``: no way leads around them, so that they go on with the list before."""
+        before = self.block
+        if not straight:
+            self.blocks += 1
+            self.block = self.blocks
         for statement in statements:
             if self.at.block.is_terminated:
                 break
@@ -109,12 +124,28 @@ class Function(Lifetimes):
             self.visit(statement)
         self.block = before
 
+    def demand_lasting(self, name: str, node: ast.expr | ast.FunctionDef) -> None:
+        if name in self.unbound or id(node) in self.handed:
+            return
+        if name not in self.bound_once or self.turning is not None or self.written_out:
+            self.lack(f"{name} is bound more than once, or in a loop, and read by a function within this one")
+
     def needs_constant(self, what: str) -> None:
         for loop in reversed(self.loops):
             if loop.place is not None and loop.place not in self.plan.written_out:
                 self.plan.written_out.add(loop.place)
                 raise Again
         super().needs_constant(what)
+
+    def kind_changes(self) -> None:
+        for loop in reversed(self.loops):
+            if (
+                loop.place is not None
+                and loop.place not in self.plan.written_out
+                and loop.turns <= 4 * self.unit.unrolled
+            ):
+                self.plan.written_out.add(loop.place)
+                raise Again
 
     def reaches(self, array: Value, index: ast.expr) -> None:
         names = {each.id for each in ast.walk(index) if isinstance(each, ast.Name)}
@@ -129,31 +160,85 @@ class Function(Lifetimes):
 
     def _Expr(self, node: ast.Expr) -> None:
         if isinstance(node.value, ast.Call):
-            self.call(node.value)
+            if not self._list_changes(node.value):
+                self.call(node.value)
         elif not isinstance(node.value, ast.Constant):
             self.lack("nothing uses this value")
 
     def _Assign(self, node: ast.Assign) -> None:
-        value = self._assigned(node.value)
+        value = self.value(node.value)
         if len(node.targets) > 1 and value.fresh and self.turning is not None:
             self.lack("one assignment at a time in a loop")
         for target in node.targets:
             self.assign(target, value)
 
+    def _list_changes(self, call: ast.Call) -> bool:
+        """Whether a call adds to a list; then the name is bound to a longer one."""
+        if not isinstance(call.func, ast.Attribute) or not isinstance(call.func.value, ast.Name):
+            return False
+        name, method = call.func.value.id, call.func.attr
+        if method not in ("append", "extend", "insert", "reverse") or name not in self.assigned:
+            return False
+        before = self._Name(call.func.value)
+        if before.kind.form != LIST:
+            return False
+        self.changed_list(name)
+        items, nodes = items_of(before), self.spread(call.args)
+        if call.keywords or len(nodes) != {"insert": 2, "reverse": 0}.get(method, 1):
+            self.mistake(f"{method} of a list takes other arguments")
+        if method == "append":
+            items.append(self.value(nodes[0]))
+        elif method == "extend":
+            items += self.listed(nodes[0])
+        elif method == "insert":
+            items.insert(self.constant_integer(nodes[0], "the place in a list"), self.value(nodes[1]))
+        else:
+            items.reverse()
+        if len(items) > MOST_TURNS:
+            self.lack(f"a list has at most {MOST_TURNS} items here; write np.zeros(n)")
+        self.bind(name, bundle(items, LIST))
+        return True
+
+    def _item_stored(self, target: ast.Subscript, value: Value) -> bool:
+        """Whether an item of a list is stored; then the name is bound to another list."""
+        if not isinstance(target.value, ast.Name) or target.value.id not in self.assigned:
+            return False
+        name = target.value.id
+        if self._present(name).kind.form is None:
+            return False
+        before = self._Name(target.value)
+        if before.kind.form == LIST and not isinstance(target.slice, ast.Slice):
+            self.changed_list(name)
+            items = items_of(before)
+            at = self.known_index(self.constant_integer(target.slice, "the place in a list"), len(items)).constant
+            self.bind(name, bundle([*items[:at], value, *items[at + 1 :]], LIST))
+            return True
+        if self.belongs(before, dict):
+            self.changed_list(name)
+            self.bind(name, self.dict_of(self.entries(before) | {self.key(self.value(target.slice)): value}))
+            return True
+        return False
+
+    def changed_list(self, name: str) -> None:
+        """Refuse to change a list or a dict that anything else may hold."""
+        if name not in self.lists:
+            self.lack(f"{name} is changed in place here, and is no list of this function; write np.array([...])")
+        if (held := self.held_lists.get(name)) is None:
+            held = self.held_lists[name] = _held_in(self.tree, name)
+        if held:
+            self.lack(f"{name} is changed here, and something else holds it, too, in {held!r}; write np.array([...])")
+
     def _AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
-            self.assign(node.target, self._assigned(node.value))
-
-    def _assigned(self, node: ast.expr) -> Value:
-        if isinstance(node, ast.List):
-            self.lack("a list is not an array; write np.array([...])")
-        return self.value(node)
+            self.assign(node.target, self.value(node.value))
 
     def assign(self, target: ast.expr, value: Value) -> None:
         if isinstance(target, ast.Name):
             self.bind(target.id, value, once=target.id in self.bound_once)
         elif isinstance(target, ast.Tuple | ast.List):
             self._unpack(target.elts, value)
+        elif isinstance(target, ast.Subscript) and self._item_stored(target, value):
+            pass
         elif isinstance(target, ast.Subscript) and (mask := self._mask(target)) is not None:
             array = self.value(target.value)
             self._refuse_readonly(array)
@@ -162,16 +247,14 @@ class Function(Lifetimes):
             self.store_all(self.place(target), value)
 
     def _unpack(self, targets: Sequence[ast.expr], value: Value) -> None:
-        if any(isinstance(each, ast.Starred) for each in targets):
-            self.lack("the language has no *x")
-        if value.kind.items is not None:
-            items = items_of(value)
-        elif value.kind.is_array and self.shape_of(value):
-            items = [self._at_index(value, WORD(i)) for i in range(self.shape_of(value)[0])]
-        else:
-            self.mistake(f"{value.kind.described()} can't be unpacked")
-        if len(items) != len(targets):
-            self.mistake(f"{len(items)} values can't be unpacked into {len(targets)} names")
+        stars = [k for k, each in enumerate(targets) if isinstance(each, ast.Starred)]
+        items = self.unpacked(value, None if stars else len(targets))
+        if stars:
+            first, last = stars[0], len(items) - (len(targets) - stars[0] - 1)
+            if last < first:
+                self.mistake(f"{len(items)} values can't be unpacked into {len(targets) - 1} names and a list")
+            items = [*items[:first], bundle(items[first:last], LIST), *items[last:]]
+            targets = [each.value if isinstance(each, ast.Starred) else each for each in targets]
         if self.turning is not None:  # all of them before a name is bound to another array
             items = [self.kept(item) for item in items]
         for target, item in zip(targets, items, strict=True):
@@ -191,7 +274,12 @@ class Function(Lifetimes):
     def place(self, node: ast.expr) -> Value:
         """Where an assignment stores."""
         if isinstance(node, ast.Subscript):
-            return self.part(self.value(node.value), node.slice)
+            owner = self.value(node.value)
+            if owner.kind.form is not None:
+                self.lack(f"{owner.kind.described()} is not changed in place here; write np.array([...]) or a new one")
+            if owner.kind.items is not None:
+                self.mistake("a tuple can't be changed")
+            return self.part(owner, node.slice)
         if not isinstance(node, ast.Attribute):
             self.lack(f"nothing can be stored in {ast.unparse(node)}")
         owner = self.value(node.value)
@@ -227,11 +315,20 @@ class Function(Lifetimes):
     def _AugAssign(self, node: ast.AugAssign) -> None:
         name = operator_name(node.op)
         if isinstance(node.target, ast.Name):
-            before = self.value(node.target)
+            before, value = self.value(node.target), self.value(node.value)
             if before.kind.is_array:
-                self.store_all(before, self.binary(name, before, self.value(node.value)), in_place=True)
-            else:
-                self.bind(node.target.id, self.binary(name, before, self.value(node.value)))
+                self.store_all(before, self.binary(name, before, value), in_place=True)
+                return
+            if before.kind.form == LIST and value.kind.items is not None:
+                self.changed_list(node.target.id)
+            after = self.reduced_operation(name, before, value)
+            self.bind(node.target.id, self.binary(name, before, value) if after is None else after)
+            return
+        owner = node.target.value if isinstance(node.target, ast.Subscript) else None
+        if isinstance(owner, ast.Name) and owner.id in self.lists and self._present(owner.id).kind.form is not None:
+            assert isinstance(node.target, ast.Subscript)
+            before = self.value(ast.Subscript(owner, node.target.slice, ast.Load()))
+            self.assign(node.target, self.binary(name, before, self.value(node.value)))
             return
         place = self.place(node.target)
         self.store_all(place, self.binary(name, self.read(place), self.value(node.value)), in_place=True)
@@ -241,7 +338,7 @@ class Function(Lifetimes):
     def _If(self, node: ast.If) -> None:
         test = self.test(node.test)
         if isinstance(test, ir.Constant):
-            self.body(node.body if test.constant else node.orelse)
+            self.body(node.body if test.constant else node.orelse, straight=True)
             return
         before, ways = self.assigned, []
         with self.at.if_else(test) as (then, otherwise):
@@ -266,13 +363,50 @@ class Function(Lifetimes):
     def _Pass(self, node: ast.Pass) -> None:
         pass
 
+    def _FunctionDef(self, node: ast.FunctionDef) -> None:
+        self.assign(ast.Name(node.name, ast.Store()), self.closure(node))
+
+    def _Global(self, node: ast.Global) -> None:
+        """Of names that are only read; one that is bound is refused where it is."""
+
+    def _Delete(self, node: ast.Delete) -> None:
+        for each in node.targets:
+            if not isinstance(each, ast.Name) or self.loops:
+                self.lack("del of names only, and outside of loops")
+            self.value(each)
+            self.assigned.discard(each.id)
+
+    def _Match(self, node: ast.Match) -> None:
+        """As the comparisons that it stands for, one after the other."""
+        subject = self.held(self.value(node.subject))
+        chain: list[ast.stmt] = []
+        for case in reversed(node.cases):
+            test = self._matches(case.pattern, subject)
+            if case.guard is not None:
+                test = ast.BoolOp(ast.And(), [test, case.guard])
+            branch = ast.If(test, case.body, chain)
+            ast.copy_location(branch, case.pattern)
+            chain = [branch]
+        self.body(chain, straight=True)
+
+    def _matches(self, pattern: ast.pattern, subject: Value) -> ast.expr:
+        if isinstance(pattern, ast.MatchValue):
+            return ast.Compare(Given(subject), [ast.Eq()], [pattern.value])
+        if isinstance(pattern, ast.MatchSingleton):
+            return ast.Compare(Given(subject), [ast.Is()], [ast.Constant(pattern.value)])
+        if isinstance(pattern, ast.MatchOr):
+            return ast.BoolOp(ast.Or(), [self._matches(each, subject) for each in pattern.patterns])
+        if isinstance(pattern, ast.MatchAs) and pattern.name is None and pattern.pattern is None:
+            return ast.Constant(True)
+        return self.lack("match compares with numbers, texts and `_` here; write if and elif")
+
     def _Return(self, node: ast.Return) -> None:
         self._returned(node.value)
 
     def _returned(self, node: ast.expr | None) -> None:
         """Leave with a value; of ``a if test else b``, on two ways, so that each is known to be new or not."""
         if not isinstance(node, ast.IfExp):
-            self._leave(Value(NONE, ()) if node is None else self._assigned(node))
+            self._leave(Value(NONE, ()) if node is None else self.value(node))
             return
         test = self.test(node.test)
         if isinstance(test, ir.Constant):
@@ -292,12 +426,14 @@ class Function(Lifetimes):
         self.at.branch(self.loops[-1].advance)
 
     def _Break(self, node: ast.Break) -> None:
-        self.loops[-1].at_break.append(self.assigned)
+        loop = self.loops[-1]
+        (loop.at_break if loop.broken is None else loop.broken).append(self.assigned)
         self.at.branch(self.loops[-1].end)
 
     def _While(self, node: ast.While) -> None:
         if node.orelse:
-            self.lack("a loop has no else")
+            self._with_else(node)
+            return
         outer, self.turning = self.turning, self.turning_of(node)
         head, inside, end = (self.at.append_basic_block() for _ in range(3))
         self.at.branch(head)
@@ -305,7 +441,7 @@ class Function(Lifetimes):
         test = self.test(node.test)
         self.at.cbranch(test, inside, end)
         self.at.position_at_end(inside)
-        loop, before = Loop(head, end), set(self.assigned)
+        loop, before = self._loop_of(node, Loop(head, end)), set(self.assigned)
         self._turn(loop, node.body)
         if not self.at.block.is_terminated:
             self.look_for_interrupt()
@@ -321,14 +457,15 @@ class Function(Lifetimes):
             self.at.unreachable()
         self.turning = outer
 
-    def _turn(self, loop: Loop, statements: Sequence[ast.stmt]) -> None:
+    def _turn(self, loop: Loop, statements: Sequence[ast.stmt], straight: bool = False) -> None:
         self.loops.append(loop)
-        self.body(statements)
+        self.body(statements, straight)
         self.loops.pop()
 
     def _For(self, node: ast.For) -> None:
         if node.orelse:
-            self.lack("a loop has no else")
+            self._with_else(node)
+            return
         place = (node.lineno, node.col_offset)
         is_range = isinstance(node.iter, ast.Call) and self.known(node.iter.func) is range
         turns = None if is_range and place not in self.plan.written_out else self.iteration(node.iter)
@@ -343,6 +480,32 @@ class Function(Lifetimes):
         else:
             self._loop(node, WORD(0), turns.n, 1, turns.item)
         self.turning = outer
+
+    def _with_else(self, node: ast.For | ast.While) -> None:
+        """``else`` of a loop: what comes after it unless it was left by break."""
+        alone = copy.copy(node)
+        alone.orelse = []
+        left = self.at.append_basic_block()
+        breaks = list[set[str]]()
+        self.exits[id(alone)] = alone, left, breaks
+        if id(node) in self.leaving:
+            self.leaving.add(id(alone))
+        self.visit(alone)
+        self.body(node.orelse)
+        if not self.at.block.is_terminated:
+            breaks.append(self.assigned)
+            self.at.branch(left)
+        self.at.position_at_end(left)
+        if breaks:
+            self.assigned = set.intersection(*breaks)
+        else:
+            self.at.unreachable()
+
+    def _loop_of(self, node: ast.For | ast.While, loop: Loop) -> Loop:
+        """A loop, whose break leads over its else."""
+        if id(node) in self.exits:
+            _, loop.end, loop.broken = self.exits[id(node)]
+        return loop
 
     def _range(self, call: ast.Call) -> tuple[ir.Value, ir.Value, int]:
         if not 1 <= len(call.args) <= 3 or call.keywords:
@@ -369,6 +532,7 @@ class Function(Lifetimes):
         def body(i: ir.Value, advance: ir.Block, end: ir.Block) -> None:
             names = frozenset(each.id for each in ast.walk(node.target) if isinstance(each, ast.Name))
             loop = Loop(advance, end, (node.lineno, node.col_offset) if few else None, n or 0, names)
+            self._loop_of(node, loop)
             self.assign(node.target, item(i))
             self._turn(loop, node.body)
             if not self.at.block.is_terminated:
@@ -391,13 +555,13 @@ class Function(Lifetimes):
         around, self.copies = self.copies, self.copies * max(1, turns.n.constant)
         if self.copies > MOST_TURNS:
             self.lack(f"this loop and those around it have to be written out, and have more than {MOST_TURNS} turns")
-        inside, self.written_out = set(bindings(node.body)), self.written_out + 1
+        inside, self.written_out = set(self.bindings(node.body)), self.written_out + 1
         for k in range(turns.n.constant):
             following = self.at.append_basic_block()
-            loop = Loop(following, end)
+            loop = self._loop_of(node, Loop(following, end))
             self._assign_known(node.target, turns.item(WORD(k)), inside)
-            self._turn(loop, node.body)
-            for name in set(bindings([node])):  # known in its own turn only
+            self._turn(loop, node.body, straight=id(node) not in self.leaving)
+            for name in set(self.bindings([node])):  # known in its own turn only
                 self.constants.pop(name, None)
             ways += loop.at_break
             if not self.at.block.is_terminated:
@@ -420,8 +584,9 @@ class Function(Lifetimes):
 
     def _assign_known(self, target: ast.expr, value: Value, inside: set[str]) -> None:
         """Bind a loop's variable for one turn. Its number is known in the turn unless the body binds it, too."""
-        if isinstance(target, ast.Tuple) and value.kind.items is not None and len(target.elts) == len(value.kind.items):
-            for each, item in zip(target.elts, items_of(value), strict=True):
+        plain = isinstance(target, ast.Tuple) and not any(isinstance(each, ast.Starred) for each in target.elts)
+        if isinstance(target, ast.Tuple) and plain and value.kind.items is not None:
+            for each, item in zip(target.elts, self.unpacked(value, len(target.elts)), strict=True):
                 self._assign_known(each, item, inside)
             return
         self.assign(target, value)
@@ -451,16 +616,32 @@ class Function(Lifetimes):
             if node.keywords and (len(lengths) > 1 or None in lengths):
                 self.lack("zip with strict needs parts of one length, known when compiling")
             return self._zipped(parts)
+        if isinstance(node, ast.Call) and known is reversed and len(node.args) == 1:
+            values = self.listed(node.args[0])[::-1]
+            return self._over_items([self.held(each) for each in values])
+        if isinstance(node, ast.Call) and known is map and len(node.args) > 1 and not node.keywords:
+            columns = [self.listed(each) for each in node.args[1:]]
+            calls = [ast.Call(node.args[0], [Given(each) for each in row], []) for row in zip(*columns, strict=False)]
+            return self._over_items([self.held(self.visit(each)) for each in calls])
+        if isinstance(node, ast.GeneratorExp):
+            return self._over_items([self.held(each) for each in self.listed(node)])
         value = self.value(node)
-        if value.kind.items is not None:
-            return self._over_items(items_of(value))
+        found = self.object_of(value)
+        if isinstance(found, str):
+            return self._over_items([self.frozen(each) for each in found])
+        if isinstance(found, type) and issubclass(found, enum.Enum):
+            return self._over_items([self.frozen(each) for each in found])
+        if isinstance(found, range):
+            return self._over_items([self.frozen(each) for each in found])
+        if value.kind.items is not None or self.is_dict(value):
+            return self._over_items(self.unpacked(value, None))
         if not value.kind.shape:
             self.mistake(f"{value.kind.described()} can't be run over")
         name = f"array at {node.lineno}:{node.col_offset}"  # a name, so that its memory is kept while the loop turns
         self.bind(name, value)
         array = self.variable(name)
         n = array.kind.shape[0]  # type: ignore[index]  # numbers are refused above
-        return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self._at_index(self.variable(name), i))
+        return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self.at_index(self.variable(name), i))
 
     def _over_items(self, items: list[Value]) -> Iteration:
         def item(i: ir.Value) -> Value:
@@ -488,7 +669,7 @@ class Function(Lifetimes):
         by = self.operation("Mult", scalar(i, INT), whole(step))
         return self.operation("Add", scalar(start, INT), by)
 
-    def _at_index(self, array: Value, i: ir.Value) -> Value:
+    def at_index(self, array: Value, i: ir.Value) -> Value:
         """An entry or a row."""
         if array.place is not None and not isinstance(i, ir.Constant):
             self.reaches(array, ast.Name("", ast.Load()))
@@ -497,3 +678,98 @@ class Function(Lifetimes):
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
         return self.read(replace(array, kind=part, llvm=(place,)))
+
+
+_LISTS = ast.List | ast.ListComp | ast.Dict | ast.DictComp
+
+
+def _lists_of(tree: ast.AST) -> frozenset[str]:
+    """Names that stand for a list or a dict that the function makes."""
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        value = node.value
+        if isinstance(value, ast.BinOp):
+            value = value.left if isinstance(value.left, _LISTS) else value.right
+        is_call = isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id in ("list", "dict")
+        if isinstance(value, _LISTS) or is_call:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {each.id for each in targets if isinstance(each, ast.Name)}
+    return frozenset(found)
+
+
+_READERS = (
+    "len",
+    "sum",
+    "min",
+    "max",
+    "any",
+    "all",
+    "sorted",
+    "tuple",
+    "list",
+    "enumerate",
+    "zip",
+    "float",
+    "print",
+    "dict",
+)
+
+
+def _held_in(tree: ast.AST, name: str) -> str:
+    """Where something else may come to hold the list that a name of a function stands for: words of the source."""
+    parents = {id(child): node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg) and node.arg == name:
+            return name
+        if not isinstance(node, ast.Name) or node.id != name:
+            continue
+        parent = parents[id(node)]
+        if isinstance(node.ctx, ast.Store):
+            made = ast.List | ast.ListComp | ast.Dict | ast.DictComp | ast.BinOp | ast.Call
+            one = isinstance(parent, ast.Assign | ast.AnnAssign | ast.AugAssign) and isinstance(parent.value, made)
+            if not one or (isinstance(parent, ast.Assign) and len(parent.targets) > 1) or _is_users(parent.value):
+                return ast.unparse(parent)[:60]
+            continue
+        reads = isinstance(parent, ast.Subscript | ast.Attribute) and parent.value is node
+        reads = reads or isinstance(parent, ast.Return | ast.BinOp | ast.Compare | ast.Starred | ast.If | ast.While)
+        reads = reads or (isinstance(parent, ast.Call) and node in parent.args and not _is_users(parent))
+        if isinstance(parent, ast.Assign) and parent.value is node:  # into a part of an array
+            reads = all(isinstance(each, ast.Subscript) for each in parent.targets)
+            reads = reads and not any(_is_name(each.value, name) for each in parent.targets)
+        if isinstance(parent, ast.For) and parent.iter is node:
+            reads = not any(_is_name(part, name) for each in parent.body for part in ast.walk(each))
+        if isinstance(parent, ast.comprehension) and parent.iter is node:
+            reads = True
+        if not reads:
+            return ast.unparse(parent)[:60]
+    return ""
+
+
+def _is_name(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
+def _is_users(node: ast.expr | None) -> bool:
+    """Whether a call may be of a user's function, which may keep or give back what it is given."""
+    if not isinstance(node, ast.Call):
+        return False
+    if isinstance(node.func, ast.Name):
+        return node.func.id not in _READERS
+    return not (isinstance(node.func, ast.Attribute) and ast.unparse(node.func).startswith(("np.", "numpy.", "math.")))
+
+
+def _is_left(loop: ast.AST) -> bool:
+    """Whether a loop has a break or a continue of its own, or a return in it."""
+    if not isinstance(loop, ast.For | ast.While):
+        return False
+    todo: list[tuple[ast.AST, bool]] = [(each, True) for each in loop.body]
+    while todo:
+        node, own = todo.pop()
+        if isinstance(node, ast.Return) or (own and isinstance(node, ast.Break | ast.Continue)):
+            return True
+        if not isinstance(node, ast.expr | ast.FunctionDef):
+            own = own and not isinstance(node, ast.For | ast.While)
+            todo += [(each, own) for each in ast.iter_child_nodes(node)]
+    return False

@@ -8,7 +8,7 @@ for each statement. Otherwise there is one more of them than there are names, an
 """
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
@@ -17,15 +17,36 @@ from .expressions import Expressions, Variable
 from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, contiguous, items_of, leaves_of
 
 
-def bindings(statements: Iterable[ast.stmt]) -> Iterator[str]:
+def bindings(statements: Iterable[ast.stmt], lists: Collection[str] = ()) -> Iterator[str]:
     """The names that statements bind, each as often as one of them does."""
     for statement in statements:
+        if isinstance(statement, ast.FunctionDef):
+            yield statement.name
+            continue
+        for each in ast.iter_child_nodes(statement):
+            if isinstance(each, ast.expr):
+                yield from (part.target.id for part in ast.walk(each) if isinstance(part, ast.NamedExpr))
+        yield from (each for each in _changed(statement) if each in lists)
+        for case in getattr(statement, "cases", ()):
+            yield from bindings(case.body, lists)
         targets = getattr(statement, "targets", [getattr(statement, "target", None)])
         for each in (part for target in targets if target is not None for part in ast.walk(target)):
             if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
                 yield each.id
         for part in ("body", "orelse"):
-            yield from bindings(getattr(statement, part, ()))
+            yield from bindings(getattr(statement, part, ()), lists)
+
+
+def _changed(statement: ast.stmt) -> Iterator[str]:
+    """Names of what a statement changes in place."""
+    if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
+        function = statement.value.func
+        if isinstance(function, ast.Attribute) and function.attr in ("append", "extend", "insert", "reverse"):
+            yield from (each.id for each in [function.value] if isinstance(each, ast.Name))
+    targets = getattr(statement, "targets", [statement.target] if isinstance(statement, ast.AugAssign) else ())
+    for each in (part for target in targets for part in ast.walk(target)):
+        if isinstance(each, ast.Subscript) and isinstance(each.value, ast.Name):
+            yield each.value.id
 
 
 class Again(Exception):
@@ -78,11 +99,14 @@ class Lifetimes(Expressions):
         self.views: dict[str, set[str | Memory]] = {}  # of what each name is a view, anywhere in the function
         self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
 
+    def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
+        raise NotImplementedError  # a function has it
+
     def turning_of(self, node: ast.stmt) -> Turning:
         """The outermost loop, when a loop begins."""
         if self.turning is not None:
             return self.turning
-        self.turnings.append(Turning(set(bindings([node]))))
+        self.turnings.append(Turning(set(self.bindings([node]))))
         return self.turnings[-1]
 
     def variable(self, name: str) -> Value:
@@ -92,7 +116,7 @@ class Lifetimes(Expressions):
             numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
         turns = self.turning is not None and name in self.turning.names
         value = Value(its.kind, numbers, False, its.steady and not turns, roots=frozenset({name}))
-        return bundle(items_of(value)) if its.kind.items is not None else value
+        return bundle(items_of(value), its.kind.form) if its.kind.items is not None else value
 
     def bind(self, name: str, value: Value, once: bool = False) -> None:
         """Let a name stand for a value. ``once``: no other statement binds the name."""
@@ -158,8 +182,14 @@ class Lifetimes(Expressions):
         """The kind of a name that is bound to values of two kinds."""
         if before.is_number and now.is_number:
             return self.unified([Value(before, ()), Value(now, ())])
+        items = before.items, now.items, self.plan.kinds.get(name)
+        if before.form == now.form and items[0] and items[1] and items[2] is None and len(items[0]) == len(items[1]):
+            pairs = zip(items[0], items[1], strict=True)
+            return replace(before, items=tuple(a if a == b else self._one_kind("an item", a, b) for a, b in pairs))
         same = before.items is None and now.items is None and before.shape == now.shape and before.base == now.base
+        same = same and before.form == now.form
         if not same or self.plan.kinds.get(name) is not None:
+            self.kind_changes()
             self.lack(f"{name} is {now.described()} here, and {before.described()} before")
         readonly = before.readonly or now.readonly
         self.may_write(before, now)
@@ -167,10 +197,18 @@ class Lifetimes(Expressions):
             self.lack(f"{name} has its numbers in another order here than before; write .copy(), or another name")
         return replace(before, readonly=readonly)
 
+    def kind_changes(self) -> None:
+        """Look at a name that gets another kind. A loop may be written out for it, so that each turn has its own."""
+
     def _adapted_if_it_can(self, value: Value, wanted: Kind) -> Value:
         if value.kind.is_number and wanted.is_number:
             return Value(wanted, (self.converted(value, wanted.base),))
-        if value.kind.shape != wanted.shape or value.kind.base != wanted.base or wanted.items is not None:
+        if wanted.items is not None and value.kind.items is not None and len(value.kind.items) == len(wanted.items):
+            items = zip(items_of(value), wanted.items, strict=True)
+            return bundle([self._adapted_if_it_can(item, its) for item, its in items], value.kind.form)
+        if wanted.items is not None or wanted.form is not None:
+            return value
+        if value.kind.shape != wanted.shape or value.kind.base != wanted.base:
             return value
         if value.kind.readonly != wanted.readonly:
             self.may_write(value.kind)
@@ -183,7 +221,7 @@ class Lifetimes(Expressions):
     def _kept(self, value: Value) -> Value:
         """A value that is bound in a loop; a new array in memory that no name has."""
         if value.kind.items is not None:
-            return bundle([self._kept(item) for item in items_of(value)])
+            return bundle([self._kept(item) for item in items_of(value)], value.kind.form)
         if not value.kind.is_array:
             return value
         assert self.turning is not None

@@ -17,8 +17,36 @@ RANK = (BOOL, INT, FLOAT)
 
 
 @dataclass(frozen=True)
+class Form:
+    """What Python has where a kind has items and it is no tuple.
+
+    Attributes:
+        of: ``list``, ``dict``, a class of named tuples, or a function that is written within another one.
+        keys: of a dict; the names of a named tuple's fields, or of what such a function reads around it.
+    """
+
+    of: Any
+    keys: tuple[Any, ...] = ()
+
+
+class Known:
+    """An object of Python that is known when compiling, as a text, a function, a class, or a dict of the module."""
+
+    def __init__(self, of: Any) -> None:
+        self.of = of
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Known) and type(self.of) is type(other.of)
+        return same and (self.of is other.of or (type(self.of) is str and self.of == other.of))  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash(self.of) if type(self.of) is str else id(self.of)
+
+
+@dataclass(frozen=True)
 class Kind:
-    """The kind of a value: a number, a record (structured dtype), an array of either, a tuple, or None.
+    """The kind of a value: a number, a record (structured dtype), an array of either, a tuple, None, or an object that
+    is known.
 
     Attributes:
         base: dtype of the number, the record or the entries; NOTHING of a tuple and of None.
@@ -28,6 +56,7 @@ class Kind:
         constant: a number that is known when compiling, so that it can be a size, a bound or the result of a test.
         readonly: why nothing may be stored in it; empty if it may.
         place: of an argument whose place in a record with cells is known when compiling (:mod:`.cells`) [bytes].
+        form: what items belong to if not to a tuple, or the object that is known.
     """
 
     base: np.dtype
@@ -37,6 +66,7 @@ class Kind:
     constant: int | bool | None = None
     readonly: str = ""
     place: int | None = None
+    form: Form | Known | None = None
 
     @property
     def llvm(self) -> list[ir.Type]:
@@ -62,7 +92,7 @@ class Kind:
 
     @property
     def is_none(self) -> bool:
-        return self.items is None and self.base == NOTHING
+        return self.items is None and self.base == NOTHING and self.form is None
 
     @property
     def is_array(self) -> bool:
@@ -93,8 +123,12 @@ class Kind:
 
     def described(self) -> str:
         """In the words of a message."""
+        if isinstance(self.form, Known):
+            return f"the text {self.form.of!r}" if isinstance(self.form.of, str) else _named(self.form.of)
+        if self.form is not None and self.form.of not in (list, dict):
+            return _named(self.form.of)
         if self.items is not None:
-            return f"a tuple of {len(self.items)}"
+            return f"a {self.form.of.__name__}" if self.form else f"a tuple of {len(self.items)}"
         if self.shape is not None:
             return f"an array of shape {shown(self.shape)}"
         names = {INT: "an integer", FLOAT: "a float", BOOL: "a truth value", NOTHING: "None"}
@@ -102,6 +136,11 @@ class Kind:
 
 
 NONE = Kind(NOTHING)
+
+
+def _named(known: Any) -> str:
+    name = getattr(known, "__name__", "")
+    return f"{type(known).__name__} {name}" if name else f"a {type(known).__name__}"
 
 
 def shown(shape: tuple[Any, ...]) -> str:
@@ -168,7 +207,7 @@ class Value:
     @property
     def place(self) -> Place | None:
         """Where it is in a record with cells, if it is an array or a record there."""
-        if self.kind.items is not None or self.kind.is_number or self.kind.is_none or isinstance(self.llvm, Entries):
+        if self.kind.items is not None or self.kind.is_number or isinstance(self.llvm, Entries) or not self.llvm:
             return None
         return self.llvm[0] if isinstance(self.llvm[0], Place) else None
 
@@ -203,6 +242,11 @@ def scalar(value: ir.Value, base: np.dtype) -> Value:
     return Value(Kind(base), (value,))
 
 
+def known_object(of: Any) -> Value:
+    """An object that is known when compiling."""
+    return Value(Kind(NOTHING, form=Known(of)), ())
+
+
 def whole(number: int) -> Value:
     """An integer that is known when compiling."""
     return Value(Kind(INT), (WORD(number),))
@@ -220,10 +264,10 @@ def view(pointer: ir.Value, dtype: np.dtype, readonly: str = "") -> Value:
     return Value(kind_of(dtype, readonly), (pointer,), roots=frozenset({OUTSIDE}))
 
 
-def bundle(items: list[Value]) -> Value:
-    """A tuple."""
+def bundle(items: Sequence[Value], form: Any = None) -> Value:
+    """A tuple, or what a form says."""
     return Value(
-        Kind(NOTHING, items=tuple(argument_kind(item) for item in items)),
+        Kind(NOTHING, items=tuple(argument_kind(item) for item in items), form=form),
         tuple(each for item in items for each in words_of(item)),
         any(item.fresh for item in items),
         all(item.steady for item in items),
@@ -278,4 +322,4 @@ def leaves_of(value: Value) -> list[Value]:
 
 def bundled(kind: Kind, leaves: Iterator[Value]) -> Value:
     """A value of a kind from its parts that are no tuples."""
-    return next(leaves) if kind.items is None else bundle([bundled(item, leaves) for item in kind.items])
+    return next(leaves) if kind.items is None else bundle([bundled(item, leaves) for item in kind.items], kind.form)

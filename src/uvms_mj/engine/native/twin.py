@@ -50,7 +50,11 @@ _codes: dict[types.CodeType, types.CodeType] = {}
 
 def _translated(function: types.FunctionType) -> types.CodeType:
     """The code of a function's twin."""
-    code, (tree, _) = function.__code__, function_tree(function)
+    code = function.__code__
+    try:
+        tree, _ = function_tree(function)
+    except SyntaxError:  # one of several lambdas in a line
+        return code
     if not isinstance(tree, ast.FunctionDef):
         return code
     tree = copy.deepcopy(tree)  # others have it, too

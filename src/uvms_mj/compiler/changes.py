@@ -1,0 +1,87 @@
+"""What the functions of a file change, so that it is no constant of a run."""
+
+import ast
+import functools
+import linecache
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from ..files import parsed
+
+_CHANGING = (
+    *("append", "appendleft", "extend", "insert", "pop", "popleft", "popitem", "remove", "clear", "sort", "reverse"),
+    *("update", "setdefault", "add", "discard", "rotate", "fill", "resize", "put", "partition", "setflags"),
+    *("__setitem__", "__setattr__"),
+)
+_FIRST = ("__init__", "__post_init__", "__new__", "__set_name__", "__init_subclass__")
+
+
+@dataclass
+class Changes:
+    """Global names, and attributes of objects, with a line where a function changes them."""
+
+    names: dict[str, int] = field(default_factory=dict)
+    attributes: dict[str, int] = field(default_factory=dict)
+
+
+def changes_of(file: str) -> Changes:
+    """What the functions of a file change. A file that can't be read changes nothing."""
+    linecache.checkcache(file)
+    return _changes("".join(linecache.getlines(file)))
+
+
+@functools.lru_cache(maxsize=64)
+def _changes(source: str) -> Changes:
+    found = Changes()
+    try:
+        tree = parsed(source)
+    except SyntaxError:
+        return found
+    for function in _functions(tree):
+        _look(function, found)
+    return found
+
+
+def _functions(tree: ast.AST) -> Iterator[ast.AST]:
+    """The functions of a file that are in no other function."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield node
+        else:
+            yield from _functions(node)
+
+
+def _look(function: ast.AST, found: Changes) -> None:
+    nodes = list(ast.walk(function))
+    shared = {name for node in nodes if isinstance(node, ast.Global) for name in node.names}
+    own = {node.arg for node in nodes if isinstance(node, ast.arg)}
+    own |= {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+    own |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef) and node is not function}
+    own -= shared
+    first = getattr(function, "name", "") in _FIRST
+    for node in nodes:
+        changed: ast.AST | None = None
+        if isinstance(node, ast.Name) and node.id in shared and not isinstance(node.ctx, ast.Load):
+            found.names.setdefault(node.id, node.lineno)
+        elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
+            changed = node
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGING:
+            changed = node.func
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("setattr", "delattr", "object.__setattr__"):
+            changed = ast.Attribute(node.args[0], _text(node.args[1:2]), ast.Store()) if node.args else None
+        if changed is not None:
+            _note(changed, own, first, getattr(node, "lineno", 0), found)
+
+
+def _text(nodes: list[ast.expr]) -> str:
+    return str(nodes[0].value) if nodes and isinstance(nodes[0], ast.Constant) else ""
+
+
+def _note(node: ast.AST, own: set[str], first: bool, line: int, found: Changes) -> None:
+    """Note the name, and the attributes, that a part belongs to which is stored or changed."""
+    while isinstance(node, ast.Attribute | ast.Subscript):
+        if isinstance(node, ast.Attribute) and not first:
+            found.attributes.setdefault(node.attr, line)
+        node = node.value
+    if isinstance(node, ast.Name) and node.id not in own:
+        found.names.setdefault(node.id, line)
