@@ -322,7 +322,7 @@ class Expressions(Forms):
         return result if result is not None else Value(NONE, ())
 
     def call(self, node: ast.Call) -> Value | None:
-        node = self._spread(node)
+        node = self._starred(node)
         known = self.known(node.func)
         if known is MISSING and isinstance(node.func, ast.Attribute):
             owner = self.value(node.func.value)
@@ -408,7 +408,7 @@ class Expressions(Forms):
             self.lack("a function that another one returns is not compiled")
         return result
 
-    def _spread(self, node: ast.Call) -> ast.Call:
+    def _starred(self, node: ast.Call) -> ast.Call:
         """A call whose arguments behind stars are given one by one."""
         if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
             keywords = []
