@@ -2,14 +2,21 @@
 
 import inspect
 import math
+import re
 
 import numpy as np
 import pytest
 
-from compiled import compare, function_of
+from compiled import Compiled, arguments, as_python, compare, function_of
 from uvms_mj.compiler.builtin import _ELEMENTWISE, FUNCTIONS
 
-GIVEN = np.dtype([("k", "f8"), ("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6))], align=True)
+GIVEN = np.dtype(
+    [
+        *(("k", "f8"), ("i", "i8"), ("x", "f8", (6,)), ("y", "f8", (6,)), ("z", "f8", (20,)), ("A", "f8", (6, 6))),
+        *(("B", "f8", (3, 4)), ("U", "f8", (2, 3, 4)), ("n", "i8", (5,)), ("N", "i8", (3, 3)), ("b", "?", (5,))),
+    ],
+    align=True,
+)
 SHAPES = {"s": (), "v": (3,), "x": (6,), "twelve": (12,), "A": (6, 6)}
 """Shapes of results. Those of ``n`` are integers."""
 
@@ -74,6 +81,200 @@ EXPRESSIONS = [(*case, function) for case, functions in CASES.items() for functi
 EXPRESSIONS += [(*case, function) for function, count in ELEMENTWISE for case in of_numbers(function, count)]
 _AT_ONCE = 24
 
+EXACT = """
+np.roll(g.x, 1)
+np.roll(g.x, -2)
+np.roll(g.A, 1, axis=0)
+np.roll(g.A, (1, 2), axis=(0, 1))
+np.roll(g.A.T, 1)
+np.tile(g.x, 2)
+np.tile(g.x, (2, 1))
+np.tile(g.k, 3)
+np.tile(g.A, (2, 2))
+np.tile(g.n, 3)
+np.repeat(g.x[:3], 2)
+np.repeat(g.x[None, :], 3, axis=0)
+np.repeat(0.5, 6)
+g.x.repeat(3)
+g.b.repeat(3)
+np.flip(g.x)
+np.fliplr(g.A)
+np.flipud(g.A)[0]
+np.rot90(g.B)
+np.rot90(g.B, k=3)
+np.triu(g.A)
+np.tril(g.A, -1)
+np.triu(g.B, 1)
+np.tril(g.N)
+np.diag(g.x)
+np.diag(g.x[:5], 1)
+np.diag(g.x, k=-2)
+np.diag(g.A)
+np.diag(g.A, 1)
+np.diagonal(g.A, offset=-1)
+g.A.diagonal()
+np.diagflat(g.x)
+np.split(g.x, 2)
+np.split(g.x, [1, 3])
+np.array_split(g.x, 4)
+np.hsplit(g.A, 2)
+np.vsplit(g.A, 3)
+np.append(g.x, g.k)
+np.append(g.x, g.y)
+np.append(g.A, g.A, axis=0)
+np.append(g.A, g.A)
+np.append(g.n, 1.5)
+np.insert(g.x, 0, g.k)
+np.insert(g.x, 2, g.y[:2])
+np.insert(g.x, [1, 3], (g.k, 2.0))
+np.insert(g.A, 1, g.x, axis=0)
+np.delete(g.x, 2)
+np.delete(g.x, [0, -1])
+np.delete(g.A, 1, axis=1)
+np.pad(g.x, 1)
+np.pad(g.x, (1, 2), mode="edge")
+np.pad(g.A, ((1, 0), (0, 2)))
+np.resize(g.x, 10)
+np.take(g.x, [0, 2, 5])
+np.take(g.A, [0, 1], axis=1)
+g.x.take((1, 1))
+np.expand_dims(g.x, 0)
+np.expand_dims(g.x, axis=1)
+np.squeeze(g.x[None, :])
+g.x[:, None].squeeze()
+np.squeeze(g.x[:, None], axis=1)
+np.squeeze(g.x[:1] * 2)
+np.swapaxes(g.U, 0, 2)
+g.U.swapaxes(1, 2)
+np.moveaxis(g.U, -1, 0)
+np.transpose(g.U, (2, 0, 1))
+g.U.transpose(2, 0, 1)
+g.U.transpose((1, 0, 2))
+g.A.transpose()
+np.reshape(g.A, (4, 9))
+np.reshape(g.A, -1)
+np.reshape(g.A, (4, 9), order="F")
+np.reshape(g.A, shape=(9, 4))
+g.A.reshape(4, 9, order="F")
+g.A.reshape(-1)
+g.A.reshape((3, 12))
+g.A.T.reshape(36)
+g.A.ravel("F")
+g.A.flatten("F")
+np.ravel(g.A, order="F")
+g.A.flatten()
+np.atleast_1d(g.k)
+np.atleast_2d(g.x)
+np.atleast_2d(g.k)
+np.atleast_1d(g.x, g.k)
+np.concatenate([g.x, g.y])
+np.concatenate([[g.k], g.x])
+np.concatenate((g.A, g.A), axis=-1)
+np.stack([g.x, g.y], axis=-1)
+np.hstack([g.x, g.k])
+np.hstack([g.A, g.A])
+np.hstack((g.k, 1, 2.0))
+np.vstack([g.A, g.x])
+np.vstack([g.x, g.y])
+np.dstack([g.A, g.A])
+np.dstack([g.x, g.y])
+np.column_stack([g.A, g.x])
+np.column_stack([g.x, g.y])
+np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), 2.0 * np.eye(3)]])
+np.block([g.x[:3], g.y[3:]])
+np.block([[g.A, g.x[:, None]], [g.y, 1.0]])
+np.block([[g.k, 1.0], [2.0, g.k]])
+np.meshgrid(g.x[:2], g.y[:3])
+np.meshgrid(g.x[:2], g.n, indexing="ij")
+np.kron(np.eye(2), g.A[:3, :3])
+np.kron(g.x[:2], g.y[:3])
+np.kron(g.n, g.n)
+np.kron(g.A, g.x)
+g.x.tolist()
+g.n.tolist()
+g.B.tolist()
+g.B.tolist()[1][2]
+g.x[:1].item()
+g.x.item(3)
+g.B.item(1, 2)
+g.k.item()
+np.zeros((0, 3)).T
+np.roll(np.zeros(0), 1)
+np.concatenate((g.x, np.zeros(0)))
+np.tile(g.x, 0)
+"""
+"""Expressions of which machine code gives each bit, also of NaN, infinity and signed zeros."""
+ROUNDED = """
+np.linalg.det(g.A)
+"""
+"""Expressions of functions of :mod:`.library`, which agree with NumPy to rounding."""
+NAMES = {"np": np, "math": math, "definite": definite}
+
+
+def lines_of(table):
+    lines = [line for line in table.splitlines() if line and not line.startswith("#")]
+    return [lines[k : k + _AT_ONCE] for k in range(0, len(lines), _AT_ONCE)]
+
+
+def results(value):
+    """The numbers of a result that may be a tuple, and how each is reached."""
+    if not isinstance(value, tuple | list):
+        return [("", np.asarray(value))]
+    return [(f"[{k}]{path}", each) for k, item in enumerate(value) for path, each in results(item)]
+
+
+def together(lines):
+    """One function of several expressions, and the record of their results."""
+    like, fields, body = as_python(arguments([GIVEN], np.random.default_rng(1))[0]), [], []
+    for k, line in enumerate(lines):
+        body.append(f"v{k} = {line}")
+        for j, (path, result) in enumerate(results(eval(line, NAMES | {"g": like}))):
+            kind = {"f": "f8", "i": "i8", "b": "?"}[result.dtype.kind]
+            fields.append((f"r{k}_{j}", kind, result.shape))
+            body.append(f"o.r{k}_{j}{'[...]' if result.ndim else ''} = v{k}{path}")
+    return function_of("g, o", "\n".join(body), NAMES), np.dtype(fields, align=True)
+
+
+def inputs(special):
+    """Random arguments, and some with numbers that are special."""
+    for seed in range(8):
+        given = arguments([GIVEN], np.random.default_rng(seed))[0]
+        floats = [given[name] for name in GIVEN.names if GIVEN[name].base.kind == "f"]
+        for array in floats if seed and special else ():
+            array[...] = {1: 0.0, 2: -0.0, 3: 1.0}.get(seed, array) if seed < 4 else np.round(array)
+            if seed > 4:
+                array.flat[3 % array.size] = [np.nan, np.inf, -np.inf][seed - 5]
+        yield given
+
+
+@pytest.mark.parametrize("lines", lines_of(EXACT), ids=lambda lines: lines[0])
+def test_equal_bit_for_bit(lines):
+    function, kind = together(lines)
+    code = Compiled(function, [GIVEN, kind])
+    for given in inputs(special=True):
+        mine, theirs = np.zeros(1, kind), np.zeros(1, kind)
+        assert code(given, mine) == 0
+        with np.errstate(all="ignore"):
+            function(as_python(given), as_python(theirs))
+        for name in kind.names:
+            np.testing.assert_array_equal(mine[name], theirs[name], lines[int(name[1:].partition("_")[0])])
+            number = ~np.isnan(theirs[name].astype(float))
+            assert (np.signbit(mine[name].astype(float)) == np.signbit(theirs[name].astype(float)))[number].all(), name
+
+
+@pytest.mark.parametrize("lines", lines_of(ROUNDED), ids=lambda lines: lines[0])
+def test_equal_to_rounding(lines):
+    function, kind = together(lines)
+    code = Compiled(function, [GIVEN, kind])
+    for given in inputs(special=False):
+        mine, theirs = np.zeros(1, kind), np.zeros(1, kind)
+        assert code(given, mine) == 0
+        function(as_python(given), as_python(theirs))
+        for name in kind.names:
+            largest = np.abs(theirs[name]).max(initial=1.0)
+            line = lines[int(name[1:].partition("_")[0])]
+            np.testing.assert_allclose(mine[name], theirs[name], rtol=1e-12, atol=1e-12 * largest, err_msg=line)
+
 
 @pytest.mark.parametrize("first", range(0, len(EXPRESSIONS), _AT_ONCE))
 def test_a_function_of_the_language(first):
@@ -87,7 +288,8 @@ def test_a_function_of_the_language(first):
 
 
 def test_no_function_is_left_out():
-    tried = {function for *_, function in EXPRESSIONS}
+    names = set(re.findall(r"(?:np|math)(?:\.\w+)+", EXACT + ROUNDED))
+    tried = {function for *_, function in EXPRESSIONS} | {eval(name, NAMES) for name in names}
     called = {each for each in FUNCTIONS if not inspect.ismethoddescriptor(each) and not isinstance(each, str)}
     library = {each for each in called if getattr(each, "__module__", "") == "uvms_mj.compiler.libm"}  # not users'
     assert called - library <= tried

@@ -8,7 +8,9 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.scalars`: arithmetic of numbers
 - :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions; fields, entries, rows and slices
 - :mod:`.expressions`: expressions and calls
-- :mod:`.builtin`: the functions of Python, ``math`` and NumPy that are part of the language
+- :mod:`.calls`: which function has which writer, and how its arguments are read
+- :mod:`.shapes`: the functions of NumPy that put numbers into another shape or order
+- :mod:`.builtin`: all other functions of Python, ``math`` and NumPy that are part of the language
 - :mod:`.library`: functions written in the language itself, such as the solution of linear equations
 - :mod:`.libm`: exp, sin and their like, written in the language, with the same bits on every processor
 - :mod:`.cells`: a record whose numbers are known when compiling, or in registers

@@ -1,7 +1,8 @@
 """Arrays: element by element with NumPy's broadcasting, products, reductions, copies; fields, entries, rows, slices."""
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -34,6 +35,7 @@ ROWS = 4
 WRITTEN_OUT = 216
 """So many multiplications of a product are written out in a user's function, as of two matrices (6, 6); more are loops,
 which take a fifth of the time to compile, and none longer to run."""
+_ONLY_READ = "NumPy gives a view here that is only read; write .copy()"
 _BLOCK, _LANES = 128, 8
 """NumPy sums up to 128 numbers in eight partial sums, and halves what is longer."""
 
@@ -212,21 +214,111 @@ class Arrays(Scalars):
         """An array with one axis: a view where the entries follow each other, otherwise a copy."""
         return self.arranged(value, np.ravel)
 
-    def arranged(self, value: Value, arrange: Callable[[np.ndarray], np.ndarray]) -> Value:
+    def arranged(self, value: Value, arrange: Callable[[np.ndarray], Any]) -> Value:
         """The numbers of an array in another shape or order: a view where NumPy makes one, which says so itself, of an
-        array like it."""
+        array like it. Of several arrays, a tuple."""
         if not value.kind.is_array:
             self.lack("a number has no shape")
         kind, shape = value.kind, self.shape_of(value)
         ends = [(n - 1) * stride for n, stride in zip(shape, kind.strides, strict=True)] if kind.size else []
         low, high = sum(min(0, each) for each in ends), sum(max(0, each) for each in ends)
         like = np.ndarray(shape, kind.base, np.zeros(high - low + kind.base.itemsize, np.uint8), -low, kind.strides)
-        result = arrange(like)
-        if not np.shares_memory(like, result):
-            return replace(self.copied(value), kind=contiguous(kind.base, result.shape))
-        first = result.__array_interface__["data"][0] - like.__array_interface__["data"][0]
-        words = (self.shifted(value.llvm[0], WORD(first)),) if first else value.llvm
-        return replace(value, kind=replace(kind, shape=result.shape, strides=result.strides), llvm=words)
+        numbers = np.arange(1, kind.size + 1).reshape(shape)
+        with self.refused_by_numpy():
+            result, order = arrange(like), arrange(numbers)
+
+        def part(result: np.ndarray, order: np.ndarray, alone: bool) -> Value:
+            if not np.may_share_memory(like, result) or (value.fresh and not alone):
+                return self.gathered([value], order)
+            first = result.__array_interface__["data"][0] - like.__array_interface__["data"][0] if result.size else 0
+            words = (self.shifted(value.llvm[0], WORD(first)),) if first else value.llvm
+            readonly = kind.readonly if result.flags.writeable else f"lacks: {_ONLY_READ}"
+            part = replace(kind, shape=result.shape, strides=result.strides, readonly=readonly)
+            return replace(value, kind=part, llvm=words)
+
+        if isinstance(result, np.ndarray):
+            return part(result, order, True)
+        return bundle([part(*each, False) for each in zip(result, order, strict=True)])
+
+    @contextmanager
+    def refused_by_numpy(self) -> Iterator[None]:
+        """What NumPy refuses, of arrays like those of the function, the function's author has to change."""
+        try:
+            yield
+        except (ValueError, TypeError, IndexError) as error:
+            self.mistake(str(error))
+
+    def numbered(self, values: Sequence[Value]) -> list[np.ndarray]:
+        """Arrays of integers with the shapes of values: the entries are numbered from 1, one value after the other."""
+        found, so_far = [], 1
+        for value in values:
+            shape = self.shape_of(value)
+            size = int(np.prod(shape, dtype=int))
+            found.append(np.arange(so_far, so_far + size).reshape(shape))
+            so_far += size
+        return found
+
+    def gathered(self, values: Sequence[Value], order: np.ndarray, base: np.dtype | None = None) -> Value:
+        """A new array of entries of several values: ``order`` has their numbers, as of :meth:`numbered`; 0 is zero."""
+        base = self.base_of(values) if base is None else base
+        shape, order = order.shape, order.ravel()
+        out = self.made(base, shape)
+        places = np.arange(len(order))
+        first = 1
+        for value, own in zip(values, self.numbered(values), strict=True):
+            taken = (order >= first) & (order < first + own.size)
+            self._spread(out, places[taken], value, order[taken] - first)
+            first += own.size
+        if not order.all():
+            self._spread(out, places[order == 0], self.constant(0), order[order == 0])
+        return out
+
+    def _spread(self, out: Value, places: np.ndarray, value: Value, order: np.ndarray) -> None:
+        """Set entries of a new array, by their numbers, to those of a value."""
+        base, sizes, strides = out.kind.base, value.kind.sizes, value.kind.strides
+        if out.kind.size <= self.unit.unrolled:
+            for place, number in zip(places, order, strict=True):
+                entry = self.element(value, [WORD(int(i)) for i in np.unravel_index(number, sizes)] if sizes else [])
+                self.put(
+                    self.converted(entry, base), out, [WORD(int(i)) for i in np.unravel_index(place, out.kind.sizes)]
+                )
+            return
+        if not len(places):
+            return
+        to = self._by_index(places * base.itemsize)
+        if not value.kind.is_array:
+            number = self.converted(value, base)
+            self.turns(WORD(len(places)), lambda i: self.store(number, self.shifted(out.llvm[0], to(i))))
+            return
+        indices = np.unravel_index(order, sizes)
+        source = self._by_index(sum((i * stride for i, stride in zip(indices, strides, strict=True)), 0 * order))
+
+        def body(i: ir.Value) -> None:
+            array = self.reached(value, [i])
+            number = self.load(self.shifted(array.llvm[0], source(i)), value.kind.base)
+            self.store(self.converted(number, base), self.shifted(out.llvm[0], to(i)))
+
+        self.turns(WORD(len(places)), body)
+
+    def _by_index(self, numbers: np.ndarray) -> Callable[[ir.Value], ir.Value]:
+        """Integers by their index, at run time."""
+        steps = np.diff(numbers)
+        if not len(steps) or (steps == steps[0]).all():
+            step = int(steps[0]) if len(steps) else 0
+            return lambda i: self.at.add(self.at.mul(i, WORD(step)), WORD(int(numbers[0])))
+        memory = self.unit.constant_array(numbers.astype(INT))
+        return lambda i: self.at.load(self.at.gep(memory, [i], source_etype=WORD), typ=WORD)
+
+    def literal(self, array: np.ndarray) -> Value:
+        """A new array with numbers that are known when compiling."""
+        out = self.made(array.dtype, array.shape)
+        if array.size <= self.unit.unrolled:
+            for index, number in np.ndenumerate(array):
+                self.put(self.constant(number).llvm[0], out, [WORD(i) for i in index])
+            return out
+        memory = self.unit.constant_array(np.ascontiguousarray(array))
+        self.fill(out, Value(contiguous(array.dtype, array.shape), (memory,)))
+        return out
 
     # products
 
@@ -573,6 +665,11 @@ class Arrays(Scalars):
 
     def is_mask(self, value: Value) -> bool:
         return value.kind.is_array and value.kind.base == BOOL
+
+
+def _indices(number: int, sizes: tuple[int, ...]) -> list[ir.Value]:
+    """Of the entry with this number in C order."""
+    return [WORD(int(i)) for i in np.unravel_index(number, sizes)] if sizes else []
 
 
 def _without(items: tuple[int, ...], axis: int) -> tuple[int, ...]:

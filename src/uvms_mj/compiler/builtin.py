@@ -8,9 +8,8 @@ with ``@entry``, with its loop in :mod:`.library`.
 from __future__ import annotations  # the binding of arguments reads the names of types
 
 import ast
-import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
@@ -18,145 +17,24 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from . import library
+from . import library, shapes  # noqa: F401  # shapes adds its functions
 from .arrays import Arrays
+from .calls import (
+    FUNCTIONS,
+    METHODS,
+    PROPERTIES,
+    Array,
+    Floats,
+    Node,
+    Sizes,
+    Square,
+    Type,
+    Whole,
+    entry,
+)
 from .values import BOOL, DOUBLE, FLOAT, INT, WORD, Kind, Value, contiguous, items_of, scalar, shown, whole
 
-Writer = Callable[["Arrays", Sequence[ast.expr], Mapping[str, ast.expr]], "Value | None"]
-FUNCTIONS: dict[Any, Writer] = {}
-"""What writes the code of a call, by the function that is called."""
-METHODS: dict[str, Any] = {}
-"""NumPy's function for a method of an array, whose first argument is the array."""
-PROPERTIES: dict[str, Callable[[Arrays, Value], Value]] = {}
-"""What writes the code of an attribute of an array."""
-
-# What an argument is read as, by the annotation of its parameter.
-Node = ast.expr  # as it is
-Array = Value  # of a tuple, the array of its items
-Floats = Value  # an array or a number, of floats
-Square = Value  # a square matrix of floats
-Parts = list[Value]  # the arrays of a tuple
-Whole = int  # an integer that is known when compiling
-Sizes = tuple[int, ...]
-Type = np.dtype
-
-
-def entry(*functions: Any, method: str = "") -> Callable[[Callable], Callable]:
-    """Mark what writes the code of a call of these functions; of a method, too, the first one's.
-
-    Its parameters are those of the call, after ``at``, which writes. One that has a default may be left out, or None.
-    """
-
-    def mark(writer: Callable) -> Callable:
-        FUNCTIONS.update(dict.fromkeys(functions, _bound(writer)))
-        if method:
-            METHODS[method] = functions[0]
-        return writer
-
-    return mark
-
-
-def _bound(writer: Callable) -> Writer:
-    """The writer of a call from one that takes its arguments by their names, each read as its annotation says."""
-    _, *parameters = inspect.signature(writer).parameters.values()
-    names = {each.name: each for each in parameters if each.kind is not each.VAR_POSITIONAL}
-    read = {each.name: _READ[each.annotation.removesuffix(" | None")] for each in parameters}
-    further = parameters[-1].name if len(names) < len(parameters) else ""
-
-    def write(at: Arrays, nodes: Sequence[ast.expr], keywords: Mapping[str, ast.expr]) -> Value | None:
-        if len(nodes) > len(names) and not further:
-            at.lack(f"it takes at most {len(names)} arguments here, not {len(nodes)}")
-        found = dict(zip(names, nodes, strict=False))
-        for name, node in keywords.items():
-            if name not in names:
-                at.lack(f"the language has no argument {name} here")
-            if name in found:
-                at.mistake(f"argument {name} is given twice")
-            found[name] = node
-        values = []
-        for name, parameter in names.items():
-            given = found.get(name)
-            if parameter.default is not parameter.empty and (given is None or _is_none(given)):
-                if given is not None and parameter.default is not None:
-                    at.lack(f"the language has no {name}=None here")
-                values.append(parameter.default)
-            else:
-                values.append(read[name](at, given if given is not None else at.lack("an argument is missing here")))
-        return writer(at, *values, *(read[further](at, node) for node in nodes[len(names) :]))
-
-    return write
-
-
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def _floats(at: Arrays, value: Value) -> Value:
-    return at.elementwise(lambda each: scalar(at.float_of(each), FLOAT), value)
-
-
-def _square(at: Arrays, node: ast.expr) -> Value:
-    value = at.as_array(at.value(node))
-    shape = at.shape_of(value)
-    if len(shape) != 2 or shape[0] != shape[1]:
-        at.mistake(f"a square matrix is needed here, not shape {shown(shape)}")
-    return value if value.kind.base == FLOAT else _floats(at, value)
-
-
-def _parts(at: Arrays, node: ast.expr) -> list[Value]:
-    value = at.value(node)
-    if value.kind.items is None:
-        at.lack("a tuple of arrays is needed here")
-    return [at.as_array(item) for item in items_of(value)]
-
-
-def _sizes(at: Arrays, *nodes: ast.expr) -> tuple[int, ...]:
-    """The sizes of a shape, given one by one or as a tuple."""
-    values = [at.value(node) for node in nodes]
-    if len(values) == 1 and values[0].kind.items is not None:
-        values = items_of(values[0])
-    if any(value.constant is None or value.kind.base != INT for value in values):
-        at.needs_constant("the shape of an array")
-    return tuple(int(value.constant) for value in values)
-
-
-def _shape(at: Arrays, node: ast.expr) -> tuple[int, ...]:
-    shape = _sizes(at, node)
-    if any(size < 0 for size in shape):
-        at.mistake("the sizes of an array are not negative")
-    return shape
-
-
-_TYPES = {float: FLOAT, int: INT, bool: BOOL, np.float64: FLOAT, np.int64: INT, np.bool_: BOOL}
-
-
-def _type(at: Arrays, node: ast.expr) -> np.dtype:
-    """The type of an array's numbers."""
-    known = node.value if isinstance(node, ast.Constant) else at.known(node)
-    if known not in _TYPES:
-        at.lack("an array has numbers of float, int or bool")
-    return _TYPES[known]
-
-
-def _whole_number(at: Arrays, node: ast.expr) -> int:
-    value = at.value(node)
-    if not value.kind.is_number or value.kind.base != INT:
-        at.lack("a whole number is needed here")
-    at.evaluated[id(node)] = value  # type: ignore[attr-defined]
-    return at.constant_integer(node, "this number")
-
-
-_READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
-    "Value": lambda at, node: at.value(node),
-    "Node": lambda at, node: node,
-    "Array": lambda at, node: at.as_array(at.value(node)),
-    "Floats": lambda at, node: _floats(at, at.as_array(at.value(node))),
-    "Square": _square,
-    "Parts": _parts,
-    "Whole": lambda at, node: _whole_number(at, node),
-    "Sizes": _shape,
-    "Type": _type,
-}
+__all__ = ["FUNCTIONS", "METHODS", "PROPERTIES"]
 
 
 # functions of numbers, applied to each entry
@@ -478,34 +356,6 @@ def _copy(at: Arrays, a: Array) -> Value:
     return at.copied(a)
 
 
-@entry(np.concatenate)
-def _concatenate(at: Arrays, arrays: Parts, axis: Whole = 0) -> Value:
-    return at.joined(arrays, axis)
-
-
-@entry(np.stack)
-def _stack(at: Arrays, arrays: Parts, axis: Whole = 0) -> Value:
-    return at.stacked(arrays, axis)
-
-
-@entry(np.hstack)
-def _hstack(at: Arrays, tup: Parts) -> Value:
-    values = [value if value.kind.is_array else at.stacked([value]) for value in tup]
-    return at.joined(values, 0 if len(at.shape_of(values[0])) == 1 else 1)
-
-
-@entry(np.vstack)
-def _vstack(at: Arrays, tup: Parts) -> Value:
-    return at.joined([at.stacked([value]) if len(at.shape_of(value)) == 1 else value for value in tup])
-
-
-@entry(np.column_stack)
-def _column_stack(at: Arrays, tup: Parts) -> Value:
-    if any(len(at.shape_of(part)) != 1 for part in tup):
-        at.lack("np.column_stack takes vectors here; write np.hstack")
-    return at.stacked(tup, 1)
-
-
 # reductions
 
 Reduce = Callable[[Arrays, int, Callable[[ir.Value], Value], bool], Value]
@@ -617,29 +467,14 @@ def _cross(at: Arrays, a: Array, b: Array) -> Value:
     return at.written(library.cross, [a, b])
 
 
+def _diagonal(at: Arrays, value: Value) -> Value:
+    return at.arranged(value, np.diagonal)
+
+
 @entry(np.trace, method="trace")
 def _trace(at: Arrays, a: Array) -> Value:
     diagonal = _diagonal(at, a)
     return at.total(diagonal.kind.size, lambda i: at.element(diagonal, [i]), False)
-
-
-def _diagonal(at: Arrays, value: Value) -> Value:
-    if len(at.shape_of(value)) != 2:
-        at.mistake(f"a matrix is needed here, not shape {shown(at.shape_of(value))}")
-    kind = Kind(value.kind.base, (min(value.kind.sizes),), (sum(value.kind.strides),), readonly=value.kind.readonly)
-    return replace(value, kind=kind)
-
-
-@entry(np.diag, np.diagonal)
-def _diag(at: Arrays, v: Array) -> Value:
-    shape = at.shape_of(v)
-    if len(shape) == 2:
-        part = _diagonal(at, v)
-        return replace(part, kind=replace(part.kind, readonly="lacks: np.diag(A) is a view that is only read"))
-    out = at.temporary(v.kind.base, (*shape, *shape))
-    at.fill(out, at.constant(0))
-    at.each(shape, lambda i: at.store(at.element(v, i).llvm[0], at.pointer(out, [*i, *i])))
-    return out
 
 
 @entry(np.linalg.norm)
@@ -668,34 +503,6 @@ def _of_matrix(function: Callable) -> Callable:
 entry(np.linalg.inv)(_of_matrix(library.inv))
 entry(np.linalg.det)(_of_matrix(library.det))
 entry(np.linalg.cholesky)(_of_matrix(library.cholesky))
-
-
-# shapes
-
-
-@entry(np.transpose, method="transpose")
-def _transpose(at: Arrays, a: Array) -> Value:
-    return at.transposed(a)
-
-
-@entry(np.ravel, method="ravel")
-def _ravel(at: Arrays, a: Array) -> Value:
-    return at.flat(a)
-
-
-@entry("flatten", method="flatten")
-def _flatten(at: Arrays, a: Value) -> Value:
-    return at.flat(at.copied(a))
-
-
-@entry(np.reshape, method="reshape")
-def _reshape(at: Arrays, a: Array, *shape: Node) -> Value:
-    wanted, size = _sizes(at, *shape), int(np.prod(at.shape_of(a), dtype=int))
-    try:
-        shape_of_all = np.empty(size, bool).reshape(wanted).shape
-    except ValueError:
-        at.mistake(f"an array of {size} numbers can't have shape {shown(wanted)}")
-    return at.arranged(a, lambda like: like.reshape(shape_of_all))
 
 
 @entry("fill", method="fill")
