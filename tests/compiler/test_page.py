@@ -18,7 +18,7 @@ _NAMES = {
     if row.startswith("| ") and "`" in row
 }
 _LOOPS = {"range", "enumerate", "zip"}  # of statements
-_TAKES = {"out", "axis", "math"}
+_TAKES = {"out", "axis", "keepdims", "math"}
 
 
 def test_every_function_on_the_page_is_in_the_language():

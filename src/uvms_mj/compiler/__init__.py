@@ -10,6 +10,8 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.expressions`: expressions and calls
 - :mod:`.calls`: which function has which writer, and how its arguments are read
 - :mod:`.shapes`: the functions of NumPy that put numbers into another shape or order
+- :mod:`.reductions`: sums, means, extremes, orders
+- :mod:`.matrices`: products, norms and linear equations
 - :mod:`.builtin`: all other functions of Python, ``math`` and NumPy that are part of the language
 - :mod:`.library`: functions written in the language itself, such as the solution of linear equations
 - :mod:`.libm`: exp, sin and their like, written in the language, with the same bits on every processor

@@ -14,6 +14,7 @@ from .refusals import INDEX, field_suggestion
 from .scalars import Scalars
 from .values import (
     BOOL,
+    DOUBLE,
     FLOAT,
     INT,
     SCALARS,
@@ -409,7 +410,7 @@ class Arrays(Scalars):
         value = self.as_array(value)
         shape = self.shape_of(value)
         if not shape:
-            return value
+            return reduce(1, lambda _: value, False)
         if axis is None or len(shape) == 1:
             if axis not in (None, 0, -1):
                 self.mistake(f"an array of shape {shown(shape)} has no axis {axis}")
@@ -424,7 +425,7 @@ class Arrays(Scalars):
             def term(i: ir.Value) -> Value:
                 return self.element(value, [*indices[:axis], i, *indices[axis:]])
 
-            result = reduce(shape[axis], term, axis != len(shape) - 1)
+            result = reduce(shape[axis], term, np.prod(shape[axis + 1 :]) != 1)
             if not out:
                 out.append(self.made(result.kind.base, rest))
             self.put(result.llvm[0], out[0], indices)
@@ -450,9 +451,11 @@ class Arrays(Scalars):
             return self.constant(0.0)
         first = term(WORD(0))
         base = FLOAT if first.kind.base == FLOAT else INT
-        if not in_order and n >= _LANES and base == FLOAT:
-            return self._in_lanes(n, term, 0)
-        return scalar(self._side_by_side(n, [term], base)[0], base)
+        if base == INT:
+            return scalar(self._side_by_side(n, [term], base)[0], base)
+        in_lanes = not in_order and n >= _LANES
+        found = self._in_lanes(n, term, 0) if in_lanes else scalar(self._side_by_side(n, [term], base)[0], base)
+        return scalar(self.at.fadd(found.llvm[0], DOUBLE(0.0)), FLOAT)  # NumPy begins with 0.0: a sum is never -0.0
 
     def _in_lanes(self, n: int, term: Callable[[ir.Value], Value], start: int) -> Value:
         def add(a: Value, b: Value) -> Value:

@@ -7,17 +7,15 @@ with ``@entry``, with its loop in :mod:`.library`.
 
 from __future__ import annotations  # the binding of arguments reads the names of types
 
-import ast
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
-from . import library, shapes  # noqa: F401  # shapes adds its functions
+from . import library, matrices, reductions, shapes  # noqa: F401  # they add their functions
 from .arrays import Arrays
 from .calls import (
     FUNCTIONS,
@@ -27,12 +25,12 @@ from .calls import (
     Floats,
     Node,
     Sizes,
-    Square,
     Type,
     Whole,
     entry,
+    stored,
 )
-from .values import BOOL, DOUBLE, FLOAT, INT, WORD, Kind, Value, contiguous, items_of, scalar, shown, whole
+from .values import BOOL, DOUBLE, FLOAT, INT, WORD, Value, contiguous, items_of, scalar, whole
 
 __all__ = ["FUNCTIONS", "METHODS", "PROPERTIES"]
 
@@ -171,15 +169,6 @@ def _elementwise(count: int, function: Callable[..., Value], out: bool) -> Calla
 for _functions, (_count, _function) in _ELEMENTWISE.items():
     for _each in _functions:  # only NumPy's have a parameter out
         entry(_each)(_elementwise(_count, _function, isinstance(_each, np.ufunc)))
-
-
-def stored(at: Arrays, out: ast.expr | None, result: Value) -> Value:
-    """A result, in the array that the caller gives for it, if any."""
-    if out is None:
-        return result
-    target = at.value(out)
-    at.store_all(target, result, in_place=True)
-    return target
 
 
 # numbers
@@ -356,58 +345,6 @@ def _copy(at: Arrays, a: Array) -> Value:
     return at.copied(a)
 
 
-# reductions
-
-Reduce = Callable[[Arrays, int, Callable[[ir.Value], Value], bool], Value]
-
-
-def _reduction(function: Reduce) -> Callable:
-    def write(at: Arrays, a: Value, axis: Whole | None = None) -> Value:
-        return at.reduced(a, axis, partial(function, at))
-
-    return write
-
-
-def _mean(at: Arrays, n: int, term: Callable, in_order: bool) -> Value:
-    return at.operation("Div", at.total(n, term, in_order), at.constant(float(n))) if n else at.constant(math.nan)
-
-
-def _in_turn(step: Callable[..., Value]) -> Reduce:
-    return lambda at, n, term, _: at.in_turn(n, term, partial(step, at))
-
-
-def _tested(name: str) -> Reduce:
-    step = _logical(name)
-    return lambda at, n, term, _: at.in_turn(n, lambda i: scalar(at.truth(term(i)), BOOL), partial(step, at))
-
-
-_REDUCTIONS: dict[str, tuple[tuple[Any, ...], Reduce]] = {
-    "sum": ((np.sum,), Arrays.total),
-    "mean": ((np.mean,), _mean),
-    "prod": ((np.prod,), _in_turn(_operator("Mult"))),
-    "min": ((np.min, np.amin), _in_turn(lambda at, a, b: at.extreme("<", a, b))),
-    "max": ((np.max, np.amax), _in_turn(lambda at, a, b: at.extreme(">", a, b))),
-    "any": ((np.any, any), _tested("or_")),
-    "all": ((np.all, all), _tested("and_")),
-    "argmin": ((np.argmin,), lambda at, n, term, _: at.place_of(n, term, "<")),
-    "argmax": ((np.argmax,), lambda at, n, term, _: at.place_of(n, term, ">")),
-}
-for _name, (_functions, _reduce) in _REDUCTIONS.items():
-    entry(*_functions, method=_name)(_reduction(_reduce))
-
-
-@entry(sum)
-def _sum(at: Arrays, iterable: Value) -> Value:
-    """Python's own sum, one after the other."""
-    if iterable.kind.items is not None:
-        values = items_of(iterable)
-    elif len(at.shape_of(iterable)) == 1 and iterable.kind.size <= 64:
-        values = [at.element(iterable, [WORD(i)]) for i in range(iterable.kind.size)]
-    else:
-        at.lack("write np.sum(x)")
-    return reduce(partial(at.binary, "Add"), values, whole(0))
-
-
 # elements of several arrays
 
 
@@ -433,76 +370,6 @@ def _interp(at: Arrays, x: Value, xp: Floats, fp: Floats) -> Value:
     if at.shape_of(xp) != at.shape_of(fp) or len(at.shape_of(xp)) != 1:
         at.mistake("the tables of np.interp have one length")
     return at.elementwise(lambda v: at.written(library.interp, [scalar(at.float_of(v), FLOAT), xp, fp]), x)
-
-
-# matrices
-
-
-@entry(np.inner, np.vdot)
-def _inner(at: Arrays, a: Array, b: Array) -> Value:
-    if len(at.shape_of(a)) != 1 or len(at.shape_of(b)) != 1:
-        at.lack("np.inner and np.vdot are of vectors here; write @")
-    return at.binary("MatMult", a, b)
-
-
-@entry(np.dot, np.matmul, method="dot")
-def _dot(at: Arrays, a: Array, b: Array, out: Node | None = None) -> Value:
-    name = "Mult" if not at.shape_of(a) or not at.shape_of(b) else "MatMult"
-    return stored(at, out, at.binary(name, a, b))
-
-
-@entry(np.outer)
-def _outer(at: Arrays, a: Array, b: Array) -> Value:
-    if not a.kind.is_array or not b.kind.is_array:
-        at.lack("np.outer is of arrays here; write *")
-    a, b = at.flat(a), at.flat(b)
-    column = Kind(a.kind.base, (*a.kind.sizes, 1), (*a.kind.strides, 0))
-    return at.elementwise(partial(at.operation, "Mult"), replace(a, kind=column), b)
-
-
-@entry(np.cross)
-def _cross(at: Arrays, a: Array, b: Array) -> Value:
-    if at.shape_of(a) != (3,) or at.shape_of(b) != (3,):
-        at.mistake(f"a cross product is of two vectors (3,), not {shown(at.shape_of(a))} and {shown(at.shape_of(b))}")
-    return at.written(library.cross, [a, b])
-
-
-def _diagonal(at: Arrays, value: Value) -> Value:
-    return at.arranged(value, np.diagonal)
-
-
-@entry(np.trace, method="trace")
-def _trace(at: Arrays, a: Array) -> Value:
-    diagonal = _diagonal(at, a)
-    return at.total(diagonal.kind.size, lambda i: at.element(diagonal, [i]), False)
-
-
-@entry(np.linalg.norm)
-def _norm(at: Arrays, x: Array) -> Value:
-    if not x.kind.is_array:
-        at.lack("np.linalg.norm is of arrays here; write abs(x)")
-    flat = at.flat(x)
-    return at.c_function("sqrt", [at.product(flat, flat)])
-
-
-@entry(np.linalg.solve)
-def _solve(at: Arrays, a: Square, b: Floats) -> Value:
-    shape, right = at.shape_of(a), at.shape_of(b)
-    if right[:1] != shape[:1] or len(right) > 2:
-        at.mistake(f"shapes {shown(shape)} and {shown(right)} do not fit in linear equations")
-    return at.written(library.solve if len(right) == 1 else library.solve_all, [a, b])
-
-
-def _of_matrix(function: Callable) -> Callable:
-    def write(at: Arrays, a: Square) -> Value:
-        return at.written(function, [a])
-
-    return write
-
-
-entry(np.linalg.inv)(_of_matrix(library.inv))
-entry(np.linalg.det)(_of_matrix(library.det))
-entry(np.linalg.cholesky)(_of_matrix(library.cholesky))
 
 
 @entry("fill", method="fill")

@@ -207,3 +207,12 @@ _READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
     "Sizes": _shape,
     "Type": _type,
 }
+
+
+def stored(at: Arrays, out: ast.expr | None, result: Value) -> Value:
+    """A result, in the array that the caller gives for it, if any."""
+    if out is None:
+        return result
+    target = at.value(out)
+    at.store_all(target, result, in_place=True)
+    return target

@@ -147,3 +147,75 @@ def solve_either(A, b):
 
 REPLACED = {np.linalg.solve: solve_either, np.linalg.inv: inv, np.linalg.det: det, np.linalg.cholesky: cholesky}
 """NumPy's functions of which machine code has other digits, each with the function that it has in place of it."""
+
+
+def sort(a):
+    """The numbers of a vector in ascending order, NaN at the end."""
+    s = a.copy()
+    for i in range(1, len(s)):
+        value = s[i]
+        j = i
+        while j > 0 and (value < s[j - 1] or (s[j - 1] != s[j - 1] and value == value)):
+            s[j] = s[j - 1]
+            j -= 1
+        s[j] = value
+    return s
+
+
+def argsort(a):
+    """The indices of a vector's numbers in ascending order; equal numbers keep theirs."""
+    order = np.arange(len(a))
+    for i in range(1, len(a)):
+        j = i
+        while j > 0 and (a[i] < a[order[j - 1]] or (a[order[j - 1]] != a[order[j - 1]] and a[i] == a[i])):
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = i
+    return order
+
+
+def argsort_distinct(a):
+    """As :func:`argsort`; NumPy's order of equal numbers is not known."""
+    order = argsort(a)
+    for i in range(1, len(a)):
+        if not a[order[i - 1]] < a[order[i]]:
+            raise ValueError("equal numbers have no order")
+    return order
+
+
+def sorted_stable(a):
+    """As :func:`sort`; Python's own order of NaN is not known."""
+    for value in a:
+        if value != value:
+            raise ValueError("NaN has no order")
+    return sort(a)
+
+
+def sorted_back(a):
+    """In descending order; equal numbers keep their order."""
+    s = sorted_stable(-a)
+    return -s
+
+
+def place(a, value, right):
+    """Where a number belongs in a vector of ascending numbers, by bisection; ``right``: behind equal ones."""
+    low, high = 0, len(a)
+    while low < high:
+        middle = (low + high) // 2
+        known = a[middle]
+        before = known < value or (value != value and known == known)
+        if right and not before:
+            before = not (value < known or (known != known and value == value))
+        if before:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+def place_in_bins(a, value, behind):
+    """As :func:`place`. Raises unless the numbers of the vector ascend."""
+    for i in range(1, len(a)):
+        if not a[i - 1] <= a[i]:
+            raise ValueError("the bins must ascend")
+    return place(a, value, behind)

@@ -229,7 +229,7 @@ class Scalars(Emission):
 
     def chosen(self, test: ir.Value, yes: Value, no: Value) -> Value:
         """One of two numbers."""
-        base = self.common([yes, no])
+        base = BOOL if yes.kind.base == no.kind.base == BOOL else self.common([yes, no])
         return scalar(self.at.select(test, self.converted(yes, base), self.converted(no, base)), base)
 
     def is_nan(self, value: Value) -> ir.Value:
