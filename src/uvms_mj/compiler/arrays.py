@@ -56,6 +56,11 @@ class Arrays(Scalars):
     def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
         raise NotImplementedError  # statements have it
 
+    def stored_in(self, target: Value, result: Value) -> Value:
+        """An array, after a result is stored in it."""
+        self.store_all(target, result, in_place=True)
+        return target
+
     # arrays of what is not one
 
     def as_array(self, value: Value) -> Value:
@@ -478,6 +483,18 @@ class Arrays(Scalars):
         for i in range(n - n % _LANES, n):
             result = add(result, term(WORD(start + i)))
         return result
+
+    def all_of(self, tests: Value) -> Value:
+        """Whether all of an array's truth values are true."""
+        if tests.kind.is_number:
+            return tests
+        if not tests.kind.size:
+            return self.constant(True)
+
+        def both(a: Value, b: Value) -> Value:
+            return scalar(self.at.and_(self.truth(a), self.truth(b)), BOOL)
+
+        return self.reduced(tests, None, lambda n, term, _: self.in_turn(n, term, both))
 
     def place_of(self, n: int, term: Callable[[ir.Value], Value], sign: str) -> Value:
         """The index of the first least (greatest) number, or of the first NaN."""

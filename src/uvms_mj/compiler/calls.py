@@ -211,8 +211,4 @@ _READ: dict[str, Callable[[Arrays, ast.expr], Any]] = {
 
 def stored(at: Arrays, out: ast.expr | None, result: Value) -> Value:
     """A result, in the array that the caller gives for it, if any."""
-    if out is None:
-        return result
-    target = at.value(out)
-    at.store_all(target, result, in_place=True)
-    return target
+    return result if out is None else at.stored_in(at.value(out), result)

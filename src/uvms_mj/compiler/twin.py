@@ -168,9 +168,9 @@ def _others() -> dict[Any, Callable]:
     for function, (name, n) in OF_C.items():
         if name not in _EXACT and (isinstance(function, np.ufunc) or function is math.hypot):
             found[function] = _of_c(name, n)
-    for function in (np.sum, np.mean):
+    for function in (np.sum, np.mean, np.prod, np.std, np.var, np.average):
         found[function] = functools.partial(_in_order, function)
-    found |= dict.fromkeys((np.matmul, np.dot, np.inner, np.vdot), _product)
+    found |= dict.fromkeys((np.matmul, np.dot), _product)
     found |= {np.power: _Arithmetic.power, pow: _power, np.linalg.norm: _norm}
     return found | {function: functools.partial(_ours, function, ours) for function, ours in REPLACED.items()}
 
@@ -214,12 +214,16 @@ def _power(base: Any, exponent: Any, *further: Any) -> Any:
 
 
 def _norm(x: Any, *further: Any, **keywords: Any) -> Any:
-    exact = np.linalg.norm(x, *further, **keywords)
+    exact = np.linalg.norm(np.ascontiguousarray(x), *further, **keywords)
+    order = keywords.get("ord", further[0] if further else None)
+    whole = keywords.get("axis", further[1] if len(further) > 1 else None) is None
+    if not whole or not (order is None or (order, np.ndim(x)) in (("fro", 2), (2, 1))):
+        return exact
     flat = np.ravel(x)
-    return exact if further or keywords else np.sqrt(_Arithmetic.product(flat, flat))
+    return np.reshape(np.sqrt(_Arithmetic.product(flat, flat)), np.shape(exact))[()]
 
 
 def _ours(theirs: Callable, ours: Any, *arguments: Any, **keywords: Any) -> Any:
     """A function of :mod:`.library` in NumPy's place; where NumPy raises, it raises."""
     theirs(*arguments, **keywords)
-    return twin(ours)(*(np.array(each, float) for each in arguments), **keywords)
+    return twin(ours)(*arguments, **keywords)
