@@ -3,6 +3,7 @@
 import ast
 import functools
 import linecache
+import types
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -24,10 +25,15 @@ class Changes:
     attributes: dict[str, int] = field(default_factory=dict)
 
 
-def changes_of(file: str) -> Changes:
-    """What the functions of a file change. A file that can't be read changes nothing."""
-    linecache.checkcache(file)
-    return _changes("".join(linecache.getlines(file)))
+def changes_of(function: types.FunctionType) -> Changes:
+    """What the functions in a function's file, and in that of its global names, change. A file that can't be read
+    changes nothing."""
+    found = Changes()
+    for file in sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))}):
+        linecache.checkcache(file)
+        its = _changes("".join(linecache.getlines(file)))
+        found = Changes(found.names | its.names, found.attributes | its.attributes)
+    return found
 
 
 @functools.lru_cache(maxsize=64)

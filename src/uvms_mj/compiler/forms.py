@@ -88,7 +88,7 @@ class Forms(Arrays):
     @functools.cached_property
     def changes(self) -> Changes:
         """What the functions of this one's file change."""
-        return changes_of(self.function.__code__.co_filename) if self.unit.checked else Changes()
+        return changes_of(self.function) if self.unit.checked else Changes()
 
     def known(self, node: ast.expr) -> Any:
         """What an expression stands for if it is no number, array or tuple: a function, a module, a text; of a global
@@ -377,10 +377,9 @@ class Forms(Arrays):
             plain = of.__new__.__code__.co_filename.startswith("<") and "__init__" not in vars(of)
         elif dataclasses.is_dataclass(of):
             names = [each.name for each in dataclasses.fields(of) if each.init]
-            methods = [*(vars(each) for each in of.__mro__[:-1])]
-            plain = of.__dataclass_params__.init and not any(  # type: ignore[attr-defined]
-                word in each for each in methods for word in ("__post_init__", "__new__", "__getattr__", "__setattr__")
-            )
+            own = ("__post_init__", "__new__", "__getattr__", "__getattribute__")
+            plain = of.__dataclass_params__.init  # type: ignore[attr-defined]
+            plain = plain and not any(word in vars(each) for each in of.__mro__[:-1] for word in own)
             plain = plain and len(names) == len(dataclasses.fields(of))
             plain = plain and all(each.default_factory is dataclasses.MISSING for each in dataclasses.fields(of))
         else:

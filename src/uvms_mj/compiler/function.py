@@ -736,8 +736,9 @@ def _held_in(tree: ast.AST, name: str) -> str:
         reads = reads or isinstance(parent, ast.Return | ast.BinOp | ast.Compare | ast.Starred | ast.If | ast.While)
         reads = reads or (isinstance(parent, ast.Call) and node in parent.args and not _is_users(parent))
         if isinstance(parent, ast.Assign) and parent.value is node:  # into a part of an array
-            reads = all(isinstance(each, ast.Subscript) for each in parent.targets)
-            reads = reads and not any(_is_name(each.value, name) for each in parent.targets)
+            reads = all(isinstance(each, ast.Subscript | ast.Tuple | ast.List) for each in parent.targets)
+            parts = (part for each in parent.targets for part in ast.walk(each))
+            reads = reads and not any(_is_name(part, name) for part in parts)
         if isinstance(parent, ast.For) and parent.iter is node:
             reads = not any(_is_name(part, name) for each in parent.body for part in ast.walk(each))
         if isinstance(parent, ast.comprehension) and parent.iter is node:
