@@ -15,10 +15,24 @@ KINDS = [GAINS, GIVEN, np.dtype(("f8", (6,)))]
 READONLY = {0: "a gain is constant", 1: "signals can only be read"}
 SHARED = np.zeros(3)
 NAMES = ["a", "b"]
+GROWN = [1.0]
+TABLE = {"a": 1.0}
 
 
 def change(x):
     x[0] = 1.0
+
+
+def grow():
+    GROWN.append(2.0)
+
+
+def fill(key):
+    TABLE[key] = 2.0
+
+
+def kept(x):
+    return x[0]
 
 
 def put(x, i):
@@ -77,7 +91,7 @@ def refused(body):
         ("a, b = s.x", "6 values can't be unpacked into 2 names"),
         ("change(s.x, 1.0)", "change: too many positional arguments"),
         ("out[:] = np.sum(s.A, 0, axis=1)", "argument axis is given twice"),
-        ("out[:] = s.A.reshape(5, 7)[0]", "an array of 36 numbers can't have shape (5, 7)"),
+        ("out[:] = s.A.reshape(5, 7)[0]", "cannot reshape array of size 36 into shape (5,7)"),
         ("out[0] = np.linalg.det(s.A[:3])", "a square matrix is needed here, not shape (3, 6)"),
         ("out[0] = np.concatenate((s.A, s.A[:, :3])).sum()", "can't be joined along axis 0"),
     ],
@@ -110,19 +124,24 @@ def test_what_a_helper_does_wrong_is_in_the_helpers_line(body, reason, words):
     [
         ("x = np.zeros(s.n)", "the shape of an array must be known when compiling"),
         ("out[0] = s.x[: s.n].sum()", "the bounds of a slice must be known when compiling"),
-        ("out[:] = np.array([x for x in s.x])", "the language has no list comprehension; write a loop"),
+        ("x = [a for a in s.x if a > 0.0]", "how many values a comprehension has must be known when compiling"),
+        ("out[0] = GROWN[0]", "GROWN changes in line"),
+        ("out[0] = TABLE['a']", "TABLE changes in line"),
+        ("x = [1.0, 2.0]\ny = x\nx[0] = 3.0", "something else holds it, too, in 'y = x'"),
+        ("x = [1.0]\nout[0] = kept(x)\nx.append(2.0)", "something else holds it, too, in 'kept(x)'"),
+        ("x = NAMES\nx.append(2.0)", "x is changed in place here, and is no list of this function"),
+        ("a = 1.0\nf = lambda x: a * x\na = 2.0\nout[0] = f(1.0)", "a is bound more than once"),
+        ("m = 'go' if g.k > 0.0 else 'stop'", "it is the text 'go' or the text 'stop'"),
+        ("out[0] = {'a': 1.0, 'b': 2.0}['a' if g.k > 0.0 else 'b']", "it is the text 'a' or the text 'b'"),
+        ("out[0] = isinstance(s.n, int)", "a number of Python or of NumPy is not known"),
         ("try:\n    out[0] = 1.0\nexcept ValueError:\n    pass", "the language has no try"),
-        ("print(out[0])", "the language has no print"),
-        ("x = [1.0, 2.0]\nout[0] = x[0]", "a list is not an array; write np.array([...])"),
-        ("out[0] = len(NAMES)", "a list is not a number"),
-        ("SHARED[0] = 1.0", "keep what changes in a state or a memory"),
+        ("SHARED[0] = 1.0", "keep it in a state or a memory"),
         ("x = out[:3]\nif g.k > 0.0:\n    x = out[::2]\nx[0] = 1.0", "x has its numbers in another order here"),
         ("x = s.x\nif g.k > 0.0:\n    x = 1.0", "x is a float here, and an array of shape (6,) before"),
-        ("out[:] = np.sqrt()", "an argument is missing"),
-        ("out[:] = np.where(s.x, s.x)", "an argument is missing"),
+        ("out[:] = np.sqrt()", "argument x is missing"),
+        ("out[:] = np.where(s.x, s.x)", "write np.where(condition, x, y)"),
         ("out[:] = np.sin(s.x, out, 3)", "it takes at most 2 arguments here, not 3"),
         ("x = np.zeros((1000, 1000))", "more than 256 kB"),
-        ("f = lambda x: x\nout[0] = f(1.0)", "the language has no lambda; write a function with def"),
         ("out[0] = np.sum(s.x, where=s.x)", "the language has no argument where here"),
     ],
 )

@@ -3,6 +3,7 @@
 import ast
 import functools
 import linecache
+import types
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -18,16 +19,23 @@ _FIRST = ("__init__", "__post_init__", "__new__", "__set_name__", "__init_subcla
 
 @dataclass
 class Changes:
-    """Global names, and attributes of objects, with a line where a function changes them."""
+    """Global names, and attributes of objects, with a line where a function changes them. ``prints`` is the first line
+    where one calls print, or 0."""
 
     names: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
+    prints: int = 0
 
 
-def changes_of(file: str) -> Changes:
-    """What the functions of a file change. A file that can't be read changes nothing."""
-    linecache.checkcache(file)
-    return _changes("".join(linecache.getlines(file)))
+def changes_of(function: types.FunctionType) -> Changes:
+    """What the functions in a function's file, and in that of its global names, change. A file that can't be read
+    changes nothing."""
+    found = Changes()
+    for file in sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))}):
+        linecache.checkcache(file)
+        its = _changes("".join(linecache.getlines(file)))
+        found = Changes(found.names | its.names, found.attributes | its.attributes, found.prints or its.prints)
+    return found
 
 
 @functools.lru_cache(maxsize=64)
@@ -60,6 +68,8 @@ def _look(function: ast.AST, found: Changes) -> None:
     own -= shared
     first = getattr(function, "name", "") in _FIRST
     for node in nodes:
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print":
+            found.prints = min(node.lineno, found.prints or node.lineno)
         changed: ast.AST | None = None
         if isinstance(node, ast.Name) and node.id in shared and not isinstance(node.ctx, ast.Load):
             found.names.setdefault(node.id, node.lineno)

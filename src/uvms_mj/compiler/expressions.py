@@ -65,7 +65,7 @@ class Expressions(Forms):
         self.assigned: set[str] = set()  # names that have a value here, whichever way led here
         self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
         seen = inspect.getclosurevars(function)
-        self.names = vars(builtins) | seen.builtins | seen.globals | seen.nonlocals
+        self.names = {**vars(builtins), **seen.builtins, **seen.globals, **seen.nonlocals}
 
     def lasting(self, value: Value) -> Value:
         """A value that outlives its statement: of a new array in a loop, which each turn makes again, a copy."""

@@ -88,7 +88,7 @@ class Forms(Arrays):
     @functools.cached_property
     def changes(self) -> Changes:
         """What the functions of this one's file change."""
-        return changes_of(self.function.__code__.co_filename) if self.unit.checked else Changes()
+        return changes_of(self.function) if self.unit.checked else Changes()
 
     def known(self, node: ast.expr) -> Any:
         """What an expression stands for if it is no number, array or tuple: a function, a module, a text; of a global
@@ -212,16 +212,17 @@ class Forms(Arrays):
         return node.value
 
     def _JoinedStr(self, node: ast.JoinedStr) -> Value:
-        found = []
+        found, is_known = "", True
         for each in node.values:
             if isinstance(each, ast.Constant):
-                found.append(each.value)
+                found += str(each.value)
                 continue
             assert isinstance(each, ast.FormattedValue)
             known = self.python(self.value(each.value))
             plain = each.conversion == -1 and each.format_spec is None
-            found.append(str(known) if plain and type(known) in (str, int) else MISSING)
-        return known_object(_TEXT if MISSING in found else "".join(found))
+            is_known = is_known and plain and type(known) in (str, int)
+            found += str(known)
+        return known_object(found if is_known else _TEXT)
 
     def reduced_operation(self, name: str, left: Value, right: Value) -> Value | None:
         """``+`` and ``*`` of tuples and lists, ``+`` and ``%`` with a text; None of anything else."""
@@ -229,9 +230,10 @@ class Forms(Arrays):
             if name == "Mult" and self._in_order(one) and other.kind.is_number and other.kind.base == INT:
                 if other.constant is None:
                     self.needs_constant("how often a list is repeated")
-                if len(items_of(one)) * other.constant > 16 * MOST_TURNS:
+                times = int(other.constant or 0)
+                if len(items_of(one)) * times > 16 * MOST_TURNS:
                     self.lack("a list is too long here; write np.full(n, value)")
-                return bundle([self.held(each) for each in items_of(one)] * other.constant, one.kind.form)
+                return bundle([self.held(each) for each in items_of(one)] * times, one.kind.form)
         if name == "Add" and self._in_order(left) and self._in_order(right):
             if left.kind.form != right.kind.form:
                 self.mistake("a list is added to a list, and a tuple to a tuple")
@@ -377,10 +379,9 @@ class Forms(Arrays):
             plain = of.__new__.__code__.co_filename.startswith("<") and "__init__" not in vars(of)
         elif dataclasses.is_dataclass(of):
             names = [each.name for each in dataclasses.fields(of) if each.init]
-            methods = [*(vars(each) for each in of.__mro__[:-1])]
-            plain = of.__dataclass_params__.init and not any(  # type: ignore[attr-defined]
-                word in each for each in methods for word in ("__post_init__", "__new__", "__getattr__", "__setattr__")
-            )
+            own = ("__post_init__", "__new__", "__getattr__", "__getattribute__")
+            plain = of.__dataclass_params__.init  # type: ignore[attr-defined]
+            plain = plain and not any(word in vars(each) for each in of.__mro__[:-1] for word in own)
             plain = plain and len(names) == len(dataclasses.fields(of))
             plain = plain and all(each.default_factory is dataclasses.MISSING for each in dataclasses.fields(of))
         else:
@@ -460,7 +461,7 @@ class Forms(Arrays):
         """The values of a tuple or an array, one by one."""
         if self.is_dict(value):
             items = [self.frozen(key) for key in self.entries(value)]
-        elif value.kind.items is not None and not (value.kind.form and value.kind.form.keys and self._opaque(value)):
+        elif value.kind.items is not None and not self._opaque(value):
             items = items_of(value)
         elif value.kind.is_array and self.shape_of(value):
             items = [self.at_index(value, WORD(i)) for i in range(self.shape_of(value)[0])]

@@ -5,7 +5,7 @@ import copy
 import enum
 import types
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
@@ -76,7 +76,7 @@ class Function(Lifetimes):
         self.bound_once = {name for name, times in stored.items() if times == 1} - set(parameters)
         self.unbound = set(parameters) - set(stored)
 
-    def bindings(self, statements: Sequence[ast.stmt]) -> Iterator[str]:
+    def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
         """The names that statements bind; one that changes a list binds its name anew."""
         return bindings(statements, self.lists)
 
@@ -728,16 +728,18 @@ def _held_in(tree: ast.AST, name: str) -> str:
         parent = parents[id(node)]
         if isinstance(node.ctx, ast.Store):
             made = ast.List | ast.ListComp | ast.Dict | ast.DictComp | ast.BinOp | ast.Call
-            one = isinstance(parent, ast.Assign | ast.AnnAssign | ast.AugAssign) and isinstance(parent.value, made)
-            if not one or (isinstance(parent, ast.Assign) and len(parent.targets) > 1) or _is_users(parent.value):
+            if not isinstance(parent, ast.Assign | ast.AnnAssign | ast.AugAssign) or not isinstance(parent.value, made):
+                return ast.unparse(parent)[:60]
+            if (isinstance(parent, ast.Assign) and len(parent.targets) > 1) or _is_users(parent.value):
                 return ast.unparse(parent)[:60]
             continue
         reads = isinstance(parent, ast.Subscript | ast.Attribute) and parent.value is node
         reads = reads or isinstance(parent, ast.Return | ast.BinOp | ast.Compare | ast.Starred | ast.If | ast.While)
         reads = reads or (isinstance(parent, ast.Call) and node in parent.args and not _is_users(parent))
         if isinstance(parent, ast.Assign) and parent.value is node:  # into a part of an array
-            reads = all(isinstance(each, ast.Subscript) for each in parent.targets)
-            reads = reads and not any(_is_name(each.value, name) for each in parent.targets)
+            reads = all(isinstance(each, ast.Subscript | ast.Tuple | ast.List) for each in parent.targets)
+            parts = (part for each in parent.targets for part in ast.walk(each))
+            reads = reads and not any(_is_name(part, name) for part in parts)
         if isinstance(parent, ast.For) and parent.iter is node:
             reads = not any(_is_name(part, name) for each in parent.body for part in ast.walk(each))
         if isinstance(parent, ast.comprehension) and parent.iter is node:

@@ -147,7 +147,8 @@ class Simulation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings about the scenario, computed at each call."""
-        return (*warnings_of(self.setup), *self.slow_stages)
+        silent = (stage.silent for stage in self._stages.running)
+        return (*warnings_of(self.setup), *self.slow_stages, *filter(None, silent))
 
     @property
     def slow_stages(self) -> tuple[str, ...]:

@@ -241,6 +241,15 @@ class CompiledStage:
             return ""
         return f"{self.stage.label()} runs as plain Python, which is slow: {self.not_compiled}"
 
+    @property
+    def silent(self) -> str:
+        """A note on a compiled stage that would print as plain Python; empty for another one."""
+        from ...compiler.changes import changes_of
+
+        line = changes_of(type(self.stage).function()).prints if self.compared else 0
+        said = f"{self.stage.label()} prints nothing where it is compiled (line {line}); with {PLAIN}=1 it prints"
+        return said if line else ""
+
 
 WHY = {
     INDEX: "an index is out of bounds",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...compiler.builtin import FUNCTIONS
+from ...compiler.changes import changes_of
 
 _NUMBERS = (bool, int, float, str, type(None), type(Ellipsis), np.bool_, np.int64, np.float64)
 _INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
@@ -54,7 +55,7 @@ class _Walk:
             return
         self._seen[id(function)] = function
         names = self._code(function.__code__)
-        self._add(function.__name__)
+        self._add(function.__name__, changes_of(function))
         self.value(function.__defaults__, names)
         self.value(function.__kwdefaults__, names)
         for name in sorted(names & function.__globals__.keys()):
