@@ -275,8 +275,7 @@ class Simulation:
         if self._foreign:
             process, who = os.getpid(), " or ".join(called(stage.stage) for stage in self._foreign)
             with no_exit(who):
-                done = self._advance(n, seconds, process)
-            return done
+                return self._advance(n, seconds, process)
         return self._advance(n, seconds)
 
     def _advance(self, n: int, seconds: float, process: int | None = None) -> int:
