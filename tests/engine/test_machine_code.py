@@ -147,3 +147,27 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
     assert set(compilation._sources()) == {path.read_bytes() for path in covered}
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, mode):
+    """They could put code into it, which this process would run."""
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(folder))
+    folder.chmod(0o700)
+    assert compilation.cache_folder.__wrapped__() == folder
+    folder.chmod(mode)
+    with pytest.warns(compilation.CacheWarning, match=f"other users may write there.*chmod go-w {folder}"):
+        used = compilation.cache_folder.__wrapped__()
+    assert used != folder
+    assert not list(folder.iterdir())
+
+
+def test_a_folder_that_is_made_is_the_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path / "a" / "b"))
+    before = os.umask(0)
+    try:
+        assert compilation.cache_folder.__wrapped__().stat().st_mode & 0o777 == 0o700
+    finally:
+        os.umask(before)

@@ -1,7 +1,9 @@
 """FMUs as stages: they give the numbers of the same stage in Python, bit for bit, and what does not fit is a list."""
 
+import sys
 import threading
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -302,6 +304,43 @@ def test_a_unit_of_pythonfmu_is_a_law(tmp_path, in_python):
     assert_same(
         *(simulate(scenario.updated(gains, controller=str(each)), engine="free_body") for each in (unit, in_python))
     )
+
+
+def test_units_of_pythonfmu_with_one_script_name_do_not_meet(tmp_path, in_python):
+    """Nor do the modules beside the scripts, nor what they keep from run to run."""
+    pythonfmu, units = pytest.importorskip("pythonfmu.builder"), []
+    for name, half in (("soft", 50.0), ("stiff", 100.0)):
+        (folder := tmp_path / name).mkdir()
+        (folder / "beside_it.py").write_text(f"HALF = {half}\nCALLS = []\n")
+        text = PYTHON_UNIT.replace("do_step(self, t, h):", "do_step(self, t, h):\n        CALLS.append(t)")
+        text = text.replace("self.k_p * ", "2.0 * HALF * (1.0 if len(CALLS) < 150 else 0.0) * ")
+        (folder / "python_unit.py").write_text("from beside_it import CALLS, HALF\n" + text)
+        script, beside = str(folder / "python_unit.py"), [str(folder / "beside_it.py")]
+        units.append(pythonfmu.FmuBuilder.build_FMU(script, dest=str(folder), project_files=beside))
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.1, "controller.period": 1e-3})
+    before, modules = list(sys.path), set(sys.modules)
+    for order in ((0, 1), (1, 0), (1, 1)):
+        for k in order:
+            mine = scenario.updated({}, controller=str(units[k]))
+            theirs = scenario.updated({"controller.k_p": (100.0, 200.0)[k]}, controller=str(in_python))
+            assert_same(simulate(mine, engine="free_body"), simulate(theirs, engine="free_body"))
+    assert sys.path == before
+    assert not {"python_unit", "beside_it"} & (set(sys.modules) - modules)
+    with Simulation(mine, engine="free_body") as sim, Simulation(theirs, engine="free_body") as other:
+        for _ in range(2):
+            for each in (sim, other):
+                each.reset()
+                each.step(1000)
+            np.testing.assert_array_equal(sim.signals.tau_cmd, other.signals.tau_cmd)
+
+
+def test_a_damaged_archive_is_one_sentence(tmp_path, pd):
+    data = bytearray(Path(pd).read_bytes())
+    for place in range(len(data) // 3, len(data) // 2):
+        data[place] ^= 255
+    (tmp_path / "damaged.fmu").write_bytes(data)
+    with pytest.raises(InputError, match=r"damaged\.fmu: "):
+        Simulation(Scenario.load("push_wall", {"controller.name": str(tmp_path / "damaged.fmu")}), engine="free_body")
 
 
 def test_a_log_with_a_table_of_variables_is_read(tmp_path):

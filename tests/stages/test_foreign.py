@@ -433,3 +433,115 @@ def test_a_compiler_that_is_no_command_is_named(tmp_path, monkeypatch):
         monkeypatch.setenv("CC", given)
         with pytest.raises(InputError, match=words):
             Simulation(Scenario.load("push_wall", {"controller.name": file}), engine="free_body")
+
+
+COUNTS = PD.replace("{\n    for", "{\n    state->count[0] = COUNT;\n    for", 1)
+COUNTED = f"{PD_TOML}states.count = {{size = 1, advanced = false}}\n"
+
+
+def count_of(source: str, resets: int = 1) -> list[float]:
+    """How often a law has been called, by its own static data, after 50 instants of each run of a Simulation."""
+    found = []
+    with Simulation(Scenario.load("push_wall", {"controller.name": source}), engine="free_body") as sim:
+        for _ in range(1 + resets):
+            sim.step(50)
+            found.append(float(sim.memory.stages.stages["controller"].state["count"][0, 0]))
+            sim.reset()
+    return found
+
+
+@pytest.mark.parametrize("suffix", ["c", "cpp"])
+@pytest.mark.parametrize("beside", [False, True])
+def test_static_data_begin_each_run_anew(tmp_path, suffix, beside):
+    """Of a library and of one beside it, in C and of C++ templates, which g++ makes unique in a process."""
+    if suffix == "cpp" and shutil.which("g++") is None:
+        pytest.skip("no g++")
+    tool = "g++" if suffix == "cpp" else compiler()[0]
+    build = [tool, "-shared", "-fPIC", "-O2", "-ffp-contract=off"]
+    linkage = 'extern "C" ' if suffix == "cpp" else ""
+    calls, own = "calls", "static double calls;\n"
+    if suffix == "cpp":
+        own = "template <class T> struct Of { static T calls; };\ntemplate <class T> T Of<T>::calls;\n"
+        calls = "Of<double>::calls"
+    counts = f"{own}{linkage}double counted(void) {{ return {calls} += 1.0; }}\n"
+    written(tmp_path, "pd", COUNTS.replace("COUNT", "counted()"), COUNTED)
+    write_new("header", str(tmp_path / "pd.toml"))
+    head, last = counts, list[str]()
+    if beside:
+        (tmp_path / f"helper.{suffix}").write_text(counts)
+        options = ["-o", "libhelper.so", "-Wl,-soname,libhelper.so", f"helper.{suffix}"]
+        subprocess.run([*build, *options], check=True, cwd=tmp_path)
+        head, last = f"{linkage}double counted(void);\n", ["-L.", "-lhelper", "-Wl,-rpath,$ORIGIN"]
+    text = (tmp_path / "pd.c").read_text()
+    (tmp_path / f"pd.{suffix}").write_text(head + text)
+    subprocess.run([*build, "-o", "libpd.so", f"pd.{suffix}", *last], check=True, cwd=tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    sources = [f"{tmp_path}/libpd.so:pd"] + ([f"{tmp_path}/pd.c"] if suffix == "c" and not beside else [])
+    for source in sources:
+        for _ in range(2):
+            assert count_of(source) == [50.0, 50.0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_random_numbers_of_c_begin_each_run_anew(tmp_path):
+    source = written(tmp_path, "pd", "#include <stdlib.h>\n" + COUNTS.replace("COUNT", "rand()"), COUNTED)
+    first = count_of(source)
+    assert count_of(source) == first
+    assert len(set(first)) == 1
+
+
+def test_a_file_that_the_assembler_reads_is_compiled(tmp_path):
+    data = 'extern const double gain_of_file;\n__asm__(".section .rodata\\n.balign 8\\n.global gain_of_file\\n"\n'
+    data += '"gain_of_file: .inc" "bin \\"gain.bin\\"\\n.text\\n");\n'
+    source = written(tmp_path, "pd", data + COUNTS.replace("COUNT", "gain_of_file"), COUNTED)
+    for gain in (2.0, 3.0):
+        (tmp_path / "gain.bin").write_bytes(np.float64(gain).tobytes())
+        assert count_of(source, 0) == [gain]
+
+
+def test_a_damaged_library_that_is_kept_is_compiled_again(tmp_path, monkeypatch):
+    from uvms_mj.engine.native import compilation, shared_library
+
+    for module in (compilation, shared_library):
+        monkeypatch.setattr(module, "cache_folder", lambda: tmp_path)
+    source = written(tmp_path, "pd", COUNTS.replace("COUNT", "7"), COUNTED)
+    assert count_of(source) == [7.0, 7.0]
+    (kept,) = tmp_path.glob("c-*.so")
+    whole = kept.read_bytes()
+    for damaged in (whole[:100], b"", bytes([whole[0] ^ 1]) + whole[1:]):
+        kept.write_bytes(damaged)
+        assert count_of(source) == [7.0, 7.0]
+        assert kept.read_bytes() == whole
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize("plain", ["", "1"])
+def test_floating_point_modes_that_a_stage_changes_are_its_own(tmp_path, monkeypatch, plain):
+    monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
+    rounds = PD.replace("return 0;", "if (gains->k_d > 150.0) fesetround(FE_UPWARD);\n    return 0;")
+    source = written(tmp_path, "pd", "#include <fenv.h>\n" + rounds)
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.05, "controller.name": source})
+    ours = simulate(scenario.updated({"controller.k_d": 151.0}), engine="free_body")
+    without = written(tmp_path / "without", "pd") if (tmp_path / "without").mkdir() is None else ""
+    theirs = simulate(scenario.updated({"controller.k_d": 151.0}, controller=without), engine="free_body")
+    assert_same(ours, theirs)
+    assert np.nextafter(1.0, 2.0) * (1.0 - 2.0**-53) == 1.0  # 1 + 2**-52 upward
+
+
+@pytest.mark.processes
+def test_a_law_in_c_that_prints_or_exits(tmp_path):
+    """What it prints is not in JSON; and exit(0) is no success."""
+    import json
+
+    from forked import done
+
+    says = PD.replace("return 0;", 'printf("said by C\\n"); if (signals->t > gains->k_p) exit(0);\n    return 0;')
+    source = written(tmp_path, "pd", "#include <stdio.h>\n#include <stdlib.h>\n" + says)
+    common = ("run", "--engine", "free_body", "simulation.duration=0.05", "-c", source, "--json")
+    whole = done(*common, "controller.k_p=200.0", cwd=tmp_path)
+    assert whole.exit_code == 0
+    assert json.loads(whole.stdout)["status"] == "completed"
+    assert "said by C" in whole.stderr
+    ended = done(*common, "controller.k_p=0.02", cwd=tmp_path)
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    assert "your law pd (pd.c) ended the process by exit()" in ended.stderr

@@ -337,6 +337,11 @@ class Expressions(Forms):
             return self._of_value(self.value(node.func), node)
         if known is MISSING and isinstance(node.func, ast.Name):
             return self._of_value(self._Name(node.func), node)
+        if isinstance(getattr(known, "__self__", None), np.ufunc) and isinstance(node.func, ast.Attribute):
+            method = METHODS.get(node.func.attr)  # as in np.add.reduce(x)
+            if method is None:
+                self.lack(f"the language has no {ast.unparse(node.func)}")
+            return FUNCTIONS[method](self, [node.func.value, *node.args], self._keywords(node))
         return self._of_known(known, node)
 
     def _of_object(self, owner: Value, node: ast.Call) -> Any:

@@ -61,7 +61,7 @@ class Choice(Generic[_Stage]):
         if own is None:
             return stage
         namespace = namespaces.setdefault(own.folder, Namespace(own.folder))
-        return stage_of(self.stage_class(cls.source(), namespace, cls), settings_of(stage), self.shipped)
+        return stage_of(self.stage_class(stage.source(), namespace, cls), settings_of(stage), self.shipped)
 
     def stage_class(
         self, source: Any, namespace: Namespace | None = None, before: type[_Stage] | None = None

@@ -130,7 +130,7 @@ class Namespace:
         return spec
 
     def _finder(self, folder: str) -> importlib.machinery.FileFinder:
-        machinery: Any = importlib.machinery  # it calls a loader, which need be no class
+        machinery: Any = importlib.machinery  # which calls what it is given, a class or not
         return machinery.FileFinder(
             folder,
             (partial(_Extension, self), machinery.EXTENSION_SUFFIXES),

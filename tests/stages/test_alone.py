@@ -1,0 +1,296 @@
+"""A user's code is alone in its run: what another run has loaded, kept or changed is not in it."""
+
+import gc
+import inspect
+import multiprocessing
+import pickle
+import random
+import sys
+import traceback
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+
+from law_files import HEADER, law_file, one_liner
+from uvms_mj import InputError, LawError, Scenario, Simulation, simulate
+from uvms_mj.engine.run import PlainPythonWarning
+from uvms_mj.stages.namespace import PREFIX, source_files
+from uvms_mj.studies.bundle import StudyBundle
+from uvms_mj.studies.study import Study
+
+SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
+PD = "tau_cmd[:] = signals.g_hat - {gain} * signals.eta_e - 150.0 * signals.nu_e"
+plainly = pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+
+
+def end(source: str, **overrides: object) -> list[float]:
+    """Where a run ends."""
+    return simulate(Scenario.load("push_wall", {**SHORT, **overrides}, source), engine="free_body").p_WB[-1].tolist()
+
+
+def with_helpers(folder: Path, gain: float) -> str:
+    """A law whose gain is in a module beside it, and in a package's module that imports by a relative name."""
+    (folder / "parts").mkdir(parents=True)
+    (folder / "utils.py").write_text(f"HALF = {gain / 2}\n")
+    (folder / "parts" / "__init__.py").write_text("from .whole import both\n")
+    (folder / "parts" / "whole.py").write_text("import utils\n\n\ndef both(x):\n    return x + utils.HALF\n")
+    header = f"{HEADER}import utils\nfrom parts import both\n"
+    return f"{law_file(folder, one_liner('Law', PD.format(gain='both(utils.HALF)')), header=header)}:Law"
+
+
+def test_modules_of_one_name_do_not_meet(tmp_path):
+    soft, stiff = with_helpers(tmp_path / "soft", 50.0), with_helpers(tmp_path / "stiff", 200.0)
+    alone = [
+        end(f"{law_file(tmp_path, one_liner('Law', PD.format(gain=gain)), f'law_{gain:.0f}.py')}:Law")
+        for gain in (50.0, 200.0)
+    ]
+    assert alone[0] != alone[1]
+    for order in ((0, 1), (1, 0)):
+        found = {k: end((soft, stiff)[k]) for k in order}
+        assert [found[0], found[1]] == alone
+
+
+@pytest.mark.parametrize("module", ["utils.py", "parts/whole.py"])
+def test_an_edited_module_is_seen_by_the_next_run_of_the_same_scenario(tmp_path, module):
+    source = with_helpers(tmp_path, 50.0)
+    scenario = Scenario.load("push_wall", SHORT, source)
+    before = simulate(scenario, engine="free_body").p_WB[-1].tolist()
+    text = (tmp_path / module).read_text()
+    (tmp_path / module).write_text(text.replace("25.0", "100.0").replace("x + utils.HALF", "x + utils.HALF + 150.0"))
+    after = simulate(scenario, engine="free_body").p_WB[-1].tolist()
+    assert before != after == end(source) == end(with_helpers(tmp_path / "other", 200.0))
+    assert not list(tmp_path.rglob("__pycache__"))
+
+
+def test_a_stage_that_is_pickled_is_loaded_from_its_file(tmp_path):
+    source = with_helpers(tmp_path, 50.0)
+    scenario = Scenario.load("push_wall", {**SHORT, "controller.period": 0.002}, source)
+    for pickler in (pickle, cloudpickle):
+        text = pickler.dumps(scenario)
+        (tmp_path / "utils.py").write_text("HALF = 100.0\n")
+        again = pickle.loads(text)
+        assert again.controller.period == 0.002
+        module = sys.modules[type(again.controller).__module__]
+        assert module.utils.HALF == 100.0
+        (tmp_path / "utils.py").write_text("HALF = 25.0\n")
+
+
+def test_python_finds_the_source_of_what_is_loaded(tmp_path):
+    source = with_helpers(tmp_path, 50.0)
+    kind = type(Scenario.load("push_wall", SHORT, source).controller)
+    file = source.rpartition(":")[0]
+    assert inspect.getsource(kind) in Path(file).read_text()
+    assert inspect.getsourcefile(kind) == file
+    assert kind.source() == source
+    law_file(
+        tmp_path, one_liner("Wrong", "utils.fails(signals.t)\ntau_cmd[:] = 0.0"), "wrong.py", f"{HEADER}import utils\n"
+    )
+    (tmp_path / "utils.py").write_text("def fails(t):\n    return {}['key']\n")
+    with pytest.warns(PlainPythonWarning), pytest.raises(LawError) as caught:
+        end(f"{tmp_path}/wrong.py:Wrong")
+    lines = [frame.line for frame in traceback.extract_tb(caught.value.__cause__.__traceback__)]
+    assert "return {}['key']" in lines
+
+
+def test_what_is_missing_is_named_as_it_is_imported(tmp_path):
+    with_helpers(tmp_path, 50.0)
+    for line, words in (
+        ("import parts.no", "No module named 'parts.no'"),
+        ("from utils import no", "cannot import name 'no' from 'utils'"),
+    ):
+        file = law_file(tmp_path, one_liner("Law", "tau_cmd[:] = 0.0"), "wrong.py", f"{HEADER}{line}\n")
+        with pytest.raises(InputError) as caught:
+            Scenario.load("push_wall", SHORT, f"{file}:Law")
+        assert words in str(caught.value)
+        assert PREFIX not in str(caught.value)
+
+
+def test_a_study_takes_packages_with_relative_imports_and_imports_within_functions(tmp_path):
+    source = with_helpers(tmp_path, 50.0)
+    (tmp_path / "late.py").write_text("from parts import both\n")
+    file = Path(source.rpartition(":")[0])
+    file.write_text(file.read_text() + "\n\ndef later():\n    import late\n")
+    study = Study.from_dict({"laws": [source], "base": {"scenario": "push_wall"}})
+    names = {"/".join(Path(name).parts[1:]) for name in StudyBundle.of(study.plan).files}
+    assert names == {"my_law.py", "utils.py", "late.py", "parts/__init__.py", "parts/whole.py"}
+    module = sys.modules[type(Scenario.load("push_wall", SHORT, source).controller).__module__]
+    assert {path.name for path in source_files(module)} == {Path(name).name for name in names}
+
+
+def test_a_module_of_a_run_goes_with_it(tmp_path):
+    source = with_helpers(tmp_path, 50.0)
+    end(source)
+    gc.collect()
+    before = {name for name in sys.modules if name.startswith(PREFIX)}
+    maps = Path("/proc/self/maps")
+    mapped = len(maps.read_text().splitlines()) if maps.exists() else 0
+    for _ in range(30):
+        end(source, **{"simulation.duration": 0.001})
+    gc.collect()
+    assert {name for name in sys.modules if name.startswith(PREFIX)} <= before
+    if mapped:
+        assert len(maps.read_text().splitlines()) <= mapped + 10
+
+
+REMEMBERS = """
+import random
+from collections import deque
+
+BUFFER, SUM = deque(maxlen=50), [0.0]
+
+
+class Pid:
+    def __init__(self):
+        self.integral = np.zeros(6)
+
+    def update(self, e, h):
+        self.integral += e * h
+        return -200.0 * e - 4000.0 * self.integral
+
+
+PID = Pid()
+
+
+def average(e):
+    BUFFER.append(e)
+    return sum(BUFFER) / len(BUFFER)
+
+
+@dataclass(frozen=True)
+class Law(Controller):
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.g_hat - 150.0 * signals.nu_e + WHAT
+"""
+KEEPS = {
+    "an object": "PID.update(signals.eta_e, signals.period)",
+    "a deque": "-200.0 * average(signals.eta_e)",
+    "a deque of copies": "-200.0 * average(signals.eta_e.copy())",
+    "NumPy's generator": "np.random.randn(6)",
+    "Python's generator": "random.gauss(0.0, 1.0)",
+}
+
+
+def remembers(folder: Path, what: str) -> str:
+    return f"{law_file(folder, REMEMBERS.replace('WHAT', KEEPS[what]))}:Law"
+
+
+@plainly
+@pytest.mark.parametrize("what", KEEPS)
+def test_what_a_stage_in_python_keeps_ends_with_its_run(tmp_path, what):
+    source = remembers(tmp_path, what)
+    first = end(source)
+    outer = random.getstate(), str(np.random.get_bit_generator().state)
+    assert end(source) == end(source) == first
+    assert (random.getstate(), str(np.random.get_bit_generator().state)) == outer
+    with Simulation(Scenario.load("push_wall", SHORT, source), engine="free_body") as sim:
+        for _ in range(2):
+            sim.step(200)
+            assert sim.signals.p_WB.tolist() == first
+            sim.reset()
+        sim.set({"wall.position": 1.5})
+        sim.reset(seed=1)
+        sim.step(200)
+        assert (sim.signals.p_WB.tolist() == first) == ("generator" not in what)
+
+
+@plainly
+def test_a_signal_that_is_kept_stays_as_it_was(tmp_path):
+    """The list has the values of its instants, as a list of copies has; an array that is written in place, too."""
+    assert end(remembers(tmp_path, "a deque")) == end(remembers(tmp_path, "a deque of copies"))
+    body = """
+PAST, COPIES = [], []
+
+
+@dataclass(frozen=True)
+class Law(Controller):
+    uses_task = False
+    states = {"x": 2}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.t
+        state_dot.x[:] = 1.0
+        PAST.append((signals, signals.eta_e[:3], signals["M_hat"].T, state.x, tau_cmd))
+        kept = signals.eta_e[:3].copy(), signals.M_hat.T.copy(), state.x.copy(), tau_cmd.copy()
+        COPIES.append((float(signals.t), *kept))
+        for (whole, *kept), (t, *copies) in zip(PAST, COPIES):
+            assert whole.t == t
+            assert all((a == b).all() for a, b in zip(kept, copies))
+"""
+    assert end(f"{law_file(tmp_path, body)}:Law", **{"simulation.duration": 0.05})
+
+
+@plainly
+@pytest.mark.slow
+@pytest.mark.processes
+def test_the_rows_of_a_study_do_not_depend_on_their_order_or_on_the_workers(tmp_path):
+    tables = {
+        "laws": [remembers(tmp_path, "an object")],
+        "base": {"scenario": "push_wall", "simulation": {"duration": 0.2, "timestep": 1e-3}},
+        "vary": [{"key": "current.speed", "values": [0.0, 0.1, 0.2, 0.05]}],
+    }
+    back = tables | {"vary": [{"key": "current.speed", "values": [0.05, 0.2, 0.1, 0.0]}]}
+    frames = [
+        Study.from_dict(each).run(tmp_path / str(k), workers=n).frame.sort_values("current.speed")
+        for k, (each, n) in enumerate([(tables, 1), (tables, 2), (back, 1)])
+    ]
+    numbers = [frame.filter(like="final.").to_numpy() for frame in frames]
+    assert len({tuple(row) for row in numbers[0]}) == 4
+    assert all(np.array_equal(each, numbers[0]) for each in numbers[1:])
+
+
+@plainly
+def test_a_global_of_a_module_is_one_for_all_its_functions(tmp_path):
+    body = """
+LAST = 0.0
+
+
+def last():
+    return LAST
+
+
+@dataclass(frozen=True)
+class Law(Controller):
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        global LAST
+        tau_cmd[:] = {"last": last()}["last"]
+        LAST = signals.t
+"""
+    trace = simulate(Scenario.load("push_wall", SHORT, f"{law_file(tmp_path, body)}:Law"), engine="free_body")
+    np.testing.assert_allclose(trace.tau_cmd[2:-1, 0], trace.t[2:-1] - 1e-3, atol=1e-12)
+
+
+def test_what_lives_on_is_said(tmp_path):
+    library = "import ctypes\nLIBM = ctypes.CDLL(None)\nLIBM.cos.restype = ctypes.c_double\n"
+    body = one_liner("Law", "tau_cmd[:] = LIBM.cos(ctypes.c_double(0.0)) * signals.tau_nom")
+    file = law_file(tmp_path, body, header=f"{HEADER}{library}")
+    with pytest.warns(PlainPythonWarning, match="which a process loads once: what it keeps lives on from run to run"):
+        assert end(f"{file}:Law") == end("impedance")
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("line", "status", "said"),
+    [
+        ("os.fork()", 0, "the copy ends here"),
+        ("ctypes.CDLL(None).exit(0)", 2, "your law Law (my_law.py) ended the process by exit()"),
+    ],
+)
+def test_a_stage_that_copies_or_ends_the_process_is_named(tmp_path, line, status, said):
+    from forked import done
+
+    body = one_liner("Law", f"tau_cmd[:] = 0.0\nif signals.instant == 50:\n    {line}")
+    file = law_file(tmp_path, body, header=f"{HEADER}import ctypes\nimport os\n")
+    arguments = ("run", "-q", "--engine", "free_body", "simulation.duration=0.1", "-c", f"{file}:Law", "-o", "out")
+    ended = done(*arguments, cwd=tmp_path)
+    assert ended.exit_code == status
+    assert said in ended.stderr
+    assert not multiprocessing.active_children()
