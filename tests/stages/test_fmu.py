@@ -334,7 +334,7 @@ def test_units_of_pythonfmu_with_one_script_name_do_not_meet(tmp_path, in_python
             np.testing.assert_array_equal(sim.signals.tau_cmd, other.signals.tau_cmd)
 
 
-def test_a_damaged_archive_is_one_sentence(tmp_path, pd):
+def test_a_unit_with_a_damaged_archive_is_one_sentence(tmp_path, pd):
     data = bytearray(Path(pd).read_bytes())
     for place in range(len(data) // 3, len(data) // 2):
         data[place] ^= 255

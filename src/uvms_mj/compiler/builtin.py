@@ -254,7 +254,7 @@ entry("accumulate", method="accumulate")(_of_operation(1))
 
 @entry("outer", method="outer")
 def _outer(at: Arrays, function: Node, A: Array, B: Array) -> Value:
-    known = next((of for functions, of in _ELEMENTWISE.items() if at.known(function) in functions), (0, None))
+    known: Any = next((of for functions, of in _ELEMENTWISE.items() if at.known(function) in functions), (0, None))
     if known[0] != 2 or not A.kind.is_array or not B.kind.is_array:
         at.lack(f"the language has no {ast.unparse(function)}.outer of these")
     column = at.arranged(A, lambda like: like.reshape(*like.shape, *[1] * len(at.shape_of(B))))
@@ -497,7 +497,7 @@ def _arange(at: Arrays, *numbers: Known, dtype: Type | None = None) -> Value:
 
 @entry(np.linspace)
 def _linspace(at: Arrays, start: Floats, stop: Floats, num: Whole = 50, endpoint: Flag = True) -> Value:
-    known = [start.constant, stop.constant]
+    known: Any = [start.constant, stop.constant]
     if num < 0:
         at.mistake("the number of samples is not negative")
     if all(each is not None for each in known):

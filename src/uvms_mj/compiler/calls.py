@@ -184,9 +184,10 @@ def _as_python(at: Arrays, value: Value) -> Any:
         return None
     if value.kind.items is not None:
         return tuple(_as_python(at, item) for item in items_of(value))
-    if value.constant is None:
+    number: Any = value.constant
+    if number is None:
         at.needs_constant("this argument")
-    return {INT: int, BOOL: bool, FLOAT: float}[value.kind.base](value.constant)
+    return {INT: int, BOOL: bool, FLOAT: float}[value.kind.base](number)
 
 
 def _flag(at: Arrays, node: ast.expr) -> bool:
