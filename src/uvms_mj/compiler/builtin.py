@@ -501,7 +501,7 @@ def _linspace(at: Arrays, start: Floats, stop: Floats, num: Whole = 50, endpoint
     if num < 0:
         at.mistake("the number of samples is not negative")
     if all(each is not None for each in known):
-        return at.literal(np.linspace(*known, num, endpoint))
+        return at.literal(np.linspace(known[0], known[1], num=num, endpoint=endpoint))
     if start.kind.is_array or stop.kind.is_array:
         at.lack("np.linspace is between two numbers here; write a loop")
     out = at.temporary(FLOAT, (num,))
