@@ -86,7 +86,7 @@ class Module:
         raise NotImplementedError  # Unit translates the function
 
 
-_OURS = tuple(f"{__name__.rpartition('.')[0]}.{name}" for name in ("library", "libm"))
+_PACKAGE = __name__.partition(".")[0]
 
 
 class Emission:
@@ -98,7 +98,7 @@ class Emission:
     def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
         self.unit, self.function, self.source = unit, function, source
         self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
-        self.ours = function.__module__ in _OURS  # a function of the language's own
+        self.ours = function.__module__.partition(".")[0] == _PACKAGE  # what wraps there may
         self.line = 1
         self.given: Sequence[ir.Value] = ()  # where the cells are
 

@@ -240,9 +240,10 @@ class MujocoEngine(Engine):
         self._q[:] = self._plant.initial_joints(setup.scenario.initial)
 
     def go_back(self, t: float) -> None:
-        read = self._run["plant"]
-        self.qpos[:], self._q[:] = read["qpos"][0, :7], read["qpos"][0, 7:]
-        self.qvel[:], self._q_dot[:] = read["qvel"][0, :6], read["qvel"][0, 6:]
+        true, joints = self._run["true"][0], self._run["encoder"][0]
+        self.qpos[:3], self.qpos[3:] = true["p_WB"], true["quat_WB"]
+        self.qvel[:3], self.qvel[3:] = true["R_WB"].reshape(3, 3) @ true["nu"][:3], true["nu"][3:]
+        self._q[:], self._q_dot[:] = joints["q"], joints["q_dot"]
         self._data.time = t
 
     def sense(self) -> None:
