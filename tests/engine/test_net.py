@@ -1,5 +1,6 @@
 """The net: faults that are put into the compiler are caught at an instant of a run, and the run goes on as Python."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.compiler import arrays, builtin
 from uvms_mj.compiler.values import whole
+from uvms_mj.engine.batch import Batch
 from uvms_mj.engine.native import compilation, net
 from uvms_mj.engine.native.net import NetWarning
 
@@ -147,6 +149,29 @@ def test_no_false_alarm_and_no_other_bits(tmp_path, monkeypatch):
         free = run(law, seconds=0.05)
     for signal in watched.signals:
         np.testing.assert_array_equal(getattr(watched, signal.name), getattr(free, signal.name))
+
+
+def test_a_batch_is_compared_at_its_start_and_then_native(tmp_path, monkeypatch):
+    put, body = FAULTS["the lesser for the greater"]
+    law = file_of(tmp_path, body)
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.1}, law)
+    with Simulation(scenario, engine="free_body") as alone:
+        alone.step(600)
+        expected = alone.signals.p_WB.copy()
+    for faulty in (False, True):
+        monkeypatch.setattr(net, "_accounts", {})
+        with monkeypatch.context() as patch, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            if faulty:
+                put(patch)
+            batch = Batch([Simulation(scenario, engine="free_body") for _ in range(3)], threads=1)
+            for _ in range(6):
+                batch.step(100, np.arange(3))
+            assert any(each.category is NetWarning for each in caught) == faulty
+            np.testing.assert_allclose(batch.read(("p_WB",))["p_WB"], [expected] * 3, rtol=0, atol=1e-14)
+            assert batch[0].all_native != faulty
+            assert not batch[0].compares
+            batch.close()
 
 
 def test_a_slow_stage_is_compared_when_it_is_due_and_takes_no_more(tmp_path):

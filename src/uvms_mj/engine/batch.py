@@ -28,8 +28,9 @@ class Batch:
     """Simulations that are stepped together. Each has the numbers that it has alone, bit for bit, for any number of
     threads.
 
-    With the engine free_body and compiled stages, all steps of a thread are one call of machine code. Otherwise the
-    Simulations of a thread step one after another.
+    With the engine free_body and compiled stages, all steps of a thread are one call of machine code. Otherwise, and
+    while the first instants of a user's stage are compared with plain Python, the Simulations of a thread step one
+    after another.
 
     Args:
         simulations: Simulations of one kind: the same stages, engine and vehicle. They belong to the batch from now
@@ -83,7 +84,7 @@ class Batch:
         found: dict[int, Diverged] = {}
         if not len(which):
             return found
-        if self._native:
+        if self._native and not any(self._simulations[i].compares for i in which[:1].tolist()):
             self._step_natively(n, which)
             stopped = self.read((STOP,))[STOP]
             for i in which[stopped[which] != 0].tolist() if stopped.any() else ():
@@ -103,6 +104,7 @@ class Batch:
                     found[i] = diverged
 
         self._share(len(indices), one_by_one)
+        self._native = self._native and all(each.all_native for each in self._simulations)
         return found
 
     def _step_natively(self, n: int, which: np.ndarray) -> None:

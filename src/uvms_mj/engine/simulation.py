@@ -314,6 +314,11 @@ class Simulation:
         return self._memory
 
     @property
+    def compares(self) -> bool:
+        """Whether the first instants of a user's stage are being compared with plain Python."""
+        return any(watch.account.is_new for watch in self._net.watches.values())
+
+    @property
     def all_native(self) -> bool:
         """Whether its steps are machine code without Python or MuJoCo between them."""
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)

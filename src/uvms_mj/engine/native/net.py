@@ -48,6 +48,11 @@ class Account:
     differs: str = ""
 
     @property
+    def is_new(self) -> bool:
+        """Whether the first instants are being compared."""
+        return self.instants < FIRST and self.spent < START_S
+
+    @property
     def has_time(self) -> bool:
         return self.spent < START_S + SHARE * (time.process_time() - self.since)
 
