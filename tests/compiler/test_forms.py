@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from compiled import compare
+from compiled import compare, defined
+from uvms_mj.compiler.refusals import Lacking
+from uvms_mj.compiler.unit import Unit, translate
 
 GIVEN = np.dtype([("k", "f8"), ("n", "i8"), ("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6))], align=True)
 OUT = np.dtype([("x", "f8", (6,)), ("s", "f8", (40,)), ("whole", "i8", (8,))], align=True)
@@ -268,3 +270,23 @@ def statements(g, o):
 )
 def test_a_form_gives_the_same_as_machine_code_and_as_plain_python(function):
     compare(function, [GIVEN, OUT])
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "a = [1.0, 2.0, 3.0]\nfor k, v in enumerate(a):\n    a[2] = a[2] + v\no.x[0] = a[2]",
+        "a = [1.0, 2.0, 3.0]\nfor v, w in zip(a, g.x):\n    a[2] = a[2] + v\no.x[0] = a[2]",
+        "d = {'a': 1.0, 'b': 2.0}\nfor k, v in d.items():\n    d['b'] = 7.0\n    o.x[0] += v",
+        "a = [1.0, 2.0]\nfor k, v in enumerate(a):\n    if k < 2:\n        a.append(v)\no.x[0] = len(a)",
+        "for i in range(6):\n    o.x[i] = i\nfs = [lambda a: a * i for i in range(3)]\no.x[0] = fs[0](2.0)",
+        "fs = []\nfor i in range(3):\n    fs.append(lambda a: a * i)\no.x[0] = fs[0](2.0)",
+        "fs = []\nfor i in range(3):\n    fs.append(given(lambda a: a * i))\no.x[0] = fs[0](2.0)",
+    ],
+)
+def test_what_changes_while_it_is_run_over_or_read_is_left_to_python(body):
+    source = "def given(f):\n    return f\n\ndef program(g, o):\n" + "".join(
+        f"    {line}\n" for line in body.splitlines()
+    )
+    with pytest.raises(Lacking):
+        translate(Unit("late", checked=True), defined(source, {"np": np}), [GIVEN, OUT], "late")

@@ -62,6 +62,7 @@ class Expressions(Forms):
         self.variables: dict[str, Variable] = {}
         self.constants: dict[str, Value] = {}  # names that stand for one number
         self.evaluated: dict[int, Value] = {}  # by the ids of nodes: what is known already
+        self.of_turn: frozenset[str] = frozenset()  # names of the comprehensions around this place
         self.assigned: set[str] = set()  # names that have a value here, whichever way led here
         self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
         seen = inspect.getclosurevars(function)

@@ -434,7 +434,9 @@ class Forms(Arrays):
         self.locals |= names.keys()
         self.assigned |= names.keys()
         self.constants |= names
+        outer, self.of_turn = self.of_turn, self.of_turn | names.keys()
         yield
+        self.of_turn = outer
         for name, local, assigned, constant in before:
             if not local:
                 self.locals.discard(name)

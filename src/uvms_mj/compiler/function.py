@@ -5,7 +5,7 @@ import copy
 import enum
 import types
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
@@ -16,7 +16,22 @@ from .forms import LIST, MOST_TURNS, Given
 from .lifetimes import Again, Lifetimes, Plan, bindings
 from .refusals import RAISED
 from .scalars import operator_name
-from .values import INT, NONE, WORD, Kind, Memory, Value, bundle, items_of, scalar, shown, unbundled, whole
+from .values import (
+    INT,
+    NONE,
+    WORD,
+    Form,
+    Kind,
+    Memory,
+    Value,
+    bundle,
+    items_of,
+    parts_of,
+    scalar,
+    shown,
+    unbundled,
+    whole,
+)
 
 _LACKS = "lacks: "
 
@@ -71,7 +86,7 @@ class Function(Lifetimes):
         stored = Counter(self.bindings(tree.body))
         parameters = [each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)]
         calls = [each for each in ast.walk(tree) if isinstance(each, ast.Call)]
-        self.handed = {id(each) for call in calls for each in call.args if isinstance(each, ast.Lambda)}
+        self.handed = {id(each) for call in calls if _calls_at_once(call) for each in call.args}
         self.leaving = {id(loop) for loop in ast.walk(tree) if _is_left(loop)}
         self.bound_once = {name for name, times in stored.items() if times == 1} - set(parameters)
         self.unbound = set(parameters) - set(stored)
@@ -107,9 +122,22 @@ class Function(Lifetimes):
         self.entry.branch(self.begin)
 
     def _leave(self, value: Value) -> None:
+        if any(self._is_given_function(part) for part in parts_of(value.kind)):
+            self.lack(
+                "it returns a function that it was given, and what that reads around it may change until it is called"
+            )
         block = self.at.append_basic_block()
         self.at.branch(block)
         self.returns.append((block, value))
+
+    def _is_given_function(self, kind: Kind) -> bool:
+        """Whether it is a function that is written within another one than this."""
+        form = kind.form
+        if not isinstance(form, Form) or not isinstance(form.of, types.FunctionType):
+            return False
+        return not any(
+            function is form.of for (owner, *_), (function, _) in self.unit.within.items() if owner is self.function
+        )
 
     def body(self, statements: Sequence[ast.stmt], straight: bool = False) -> None:
         """A list of statements. ``straight``: no way leads around them, so that they go on with the list before."""
@@ -127,7 +155,7 @@ class Function(Lifetimes):
     def demand_lasting(self, name: str, node: ast.expr | ast.FunctionDef) -> None:
         if name in self.unbound or id(node) in self.handed:
             return
-        if name not in self.bound_once or self.turning is not None or self.written_out:
+        if name not in self.bound_once or self.turning is not None or self.written_out or name in self.of_turn:
             self.lack(f"{name} is bound more than once, or in a loop, and read by a function within this one")
 
     def needs_constant(self, what: str) -> None:
@@ -742,11 +770,42 @@ def _held_in(tree: ast.AST, name: str) -> str:
             reads = reads and not any(_is_name(part, name) for part in parts)
         if isinstance(parent, ast.For) and parent.iter is node:
             reads = not any(_is_name(part, name) for each in parent.body for part in ast.walk(each))
+        reads = reads and not any(_is_changed(loop.body, name) for loop in _loops_over(node, parents))
         if isinstance(parent, ast.comprehension) and parent.iter is node:
             reads = True
         if not reads:
             return ast.unparse(parent)[:60]
     return ""
+
+
+def _loops_over(node: ast.AST, parents: Mapping[int, ast.AST]) -> Iterator[ast.For]:
+    """The loops that run over an expression with a node in it, such as ``for k, v in enumerate(x)``."""
+    while not isinstance(node, ast.stmt):
+        above = parents[id(node)]
+        if isinstance(above, ast.For) and above.iter is node:
+            yield above
+        node = above
+
+
+_READING = ("items", "keys", "values", "get", "index", "count", "copy")
+
+
+def _is_changed(statements: Sequence[ast.stmt], name: str) -> bool:
+    """Whether statements may change the list or the dict that a name stands for."""
+    for node in (part for each in statements for part in ast.walk(each)):
+        stores = isinstance(getattr(node, "ctx", None), ast.Store | ast.Del)
+        if stores and any(_is_name(part, name) for part in ast.walk(node)):
+            return True
+        method = node.func if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else None
+        if method is not None and _is_name(method.value, name) and method.attr not in _READING:
+            return True
+    return False
+
+
+def _calls_at_once(call: ast.Call) -> bool:
+    """Whether what is called is a function by its name, which calls a function that it is given, or none."""
+    keep = ("list", "tuple", "dict", "set", "zip", "enumerate", "partial")
+    return isinstance(call.func, ast.Name) and call.func.id not in keep
 
 
 def _is_name(node: ast.AST, name: str) -> bool:

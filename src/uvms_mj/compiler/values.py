@@ -323,3 +323,10 @@ def leaves_of(value: Value) -> list[Value]:
 def bundled(kind: Kind, leaves: Iterator[Value]) -> Value:
     """A value of a kind from its parts that are no tuples."""
     return next(leaves) if kind.items is None else bundle([bundled(item, leaves) for item in kind.items], kind.form)
+
+
+def parts_of(kind: Kind) -> Iterator[Kind]:
+    """A kind, and the kinds of its items and of theirs."""
+    yield kind
+    for item in kind.items or ():
+        yield from parts_of(item)

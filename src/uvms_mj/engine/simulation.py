@@ -381,7 +381,7 @@ class Simulation:
         instant, first = int(stages.rows["instant"][watch.index]) - 1, watch.in_first_run
         code, difference = watch.compare(instant)
         if difference:
-            self._distrust(watch.index, difference, surely_right_before=first)
+            self._distrust(watch.index, difference, surely_right_before=first, fault=not code)
             watch.give()
         elif code:
             run["stop"], run["stop_index"], run["next"] = STOP_STAGE, code, watch.index
@@ -401,14 +401,15 @@ class Simulation:
         self._engine.go_back(self.t)
         return True
 
-    def _distrust(self, index: int, why: str, surely_right_before: bool) -> None:
-        """Let a compiled stage run as plain Python from the instant in hand on, and say so."""
+    def _distrust(self, index: int, why: str, surely_right_before: bool, fault: bool = False) -> None:
+        """Let a compiled stage run as plain Python from the instant in hand on, and say so. ``fault``: it gave another
+        number, and did not only end early, as at an integer of more than 64 bits."""
         stage = self._stages.running[index]
         before = "" if surely_right_before else "; what it gave before may be wrong, too: run again"
         said = f"at t = {self.t:.6g} s {why}{before}"
         warnings.warn(
-            f"{called(stage.stage)} goes on as plain Python, which is slow: {said}. "
-            f"A difference is a fault of uvms-mj: please report it with this file",
+            f"{called(stage.stage)} goes on as plain Python, which is slow: {said}"
+            f"{'. That is a fault of uvms-mj: please report it with this file' if fault else ''}",
             NetWarning,
             stacklevel=2,
         )
