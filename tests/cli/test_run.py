@@ -135,7 +135,9 @@ def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
 
 
 def test_a_law_that_prints_leaves_json_alone(here, tmp_path):
-    law_file(tmp_path, "print('loading')\n" + one_liner("Loud", "tau_cmd[:] = 0.0\nprint('stepping')"), "loud.py")
+    law_file(
+        tmp_path, "print('loading')\n" + one_liner("Loud", "tau_cmd[:] = 0.0\nprint('stepping', eval('1'))"), "loud.py"
+    )
     done = here("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json")
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["steps"] == 3

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-PAGE = (Path(__file__).parents[2] / "docs" / "how_to" / "vehicle.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "how_to" / "vehicle_numbers.md").read_text()
 
 
 def test_the_matrix_about_the_origin_has_the_energy_of_the_matrix_about_the_point():

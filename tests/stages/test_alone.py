@@ -85,7 +85,10 @@ def test_python_finds_the_source_of_what_is_loaded(tmp_path):
     assert inspect.getsourcefile(kind) == file
     assert kind.source() == source
     law_file(
-        tmp_path, one_liner("Wrong", "utils.fails(signals.t)\ntau_cmd[:] = 0.0"), "wrong.py", f"{HEADER}import utils\n"
+        tmp_path,
+        one_liner("Wrong", "utils.fails(signals.t)\ntau_cmd[:] = eval('0.0')"),
+        "wrong.py",
+        f"{HEADER}import utils\n",
     )
     (tmp_path / "utils.py").write_text("def fails(t):\n    return {}['key']\n")
     with pytest.warns(PlainPythonWarning), pytest.raises(LawError) as caught:

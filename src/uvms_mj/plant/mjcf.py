@@ -292,7 +292,9 @@ def _refuse_another_format(name: str, root: Element) -> None:
     if root.tag not in _FORMATS:
         raise InputError(wrong)
     way = "`uvms-mj new vehicle NAME` writes an MJCF file: copy mass, inertia, coefficients and thrusters into it"
-    raise InputError(f"{wrong}. It is {_FORMATS[root.tag]}. {way} (docs: Add a vehicle, From URDF or SDF)")
+    raise InputError(
+        f"{wrong}. It is {_FORMATS[root.tag]}. {way} (docs: Numbers of a vehicle from elsewhere, From URDF or SDF)"
+    )
 
 
 def _users_tree(name: str, data: bytes) -> Element:
