@@ -164,8 +164,8 @@ def _coefficients(tree: TwinTree) -> str:
 
 
 def tree_xml(tree: TwinTree, timestep: float = 1e-4, integrator: str = "Euler") -> str:
-    """MJCF of the tree, a vehicle's file with the step of a run, with one motor per axis of the base and one per joint, and the site ``tool`` in the frame of
-    the last link."""
+    """MJCF of the tree, a vehicle's file with the step of a run: with one motor per axis of the base and one per joint,
+    and the site ``tool`` in the frame of the last link."""
     axes = "".join(f'<motor name="m{i}" site="origin" gear="{_numbers(np.eye(6)[i])}"/>' for i in range(6))
     joints = "".join(f'<motor joint="joint{k}" gear="1" ctrlrange="-1000 1000"/>' for k in range(1, tree.n + 1))
     return f"""<mujoco><option gravity="0 0 {-tree.gravity!r}" timestep="{timestep!r}" integrator="{integrator}"/>

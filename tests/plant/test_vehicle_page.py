@@ -13,7 +13,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "how_to" / "vehicle_numbers.md").re
 def test_the_matrix_about_the_origin_has_the_energy_of_the_matrix_about_the_point():
     (block,) = [each for each in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "def about_origin" in each]
     page: dict = {}
-    exec(block.rpartition("print(")[0], page)  # noqa: S102: the page's own example
+    exec(block.rpartition("print(")[0], page)
     rng = np.random.default_rng(1)
     M, r, nu = rng.normal(size=(6, 6)), rng.normal(size=3), rng.normal(size=6)
     M = M @ M.T

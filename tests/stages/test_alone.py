@@ -90,11 +90,11 @@ def test_python_finds_the_source_of_what_is_loaded(tmp_path):
         "wrong.py",
         f"{HEADER}import utils\n",
     )
-    (tmp_path / "utils.py").write_text("def fails(t):\n    return {}['key']\n")
+    (tmp_path / "utils.py").write_text("def fails(t):\n    return eval('{}')['key']\n")
     with pytest.warns(PlainPythonWarning), pytest.raises(LawError) as caught:
         end(f"{tmp_path}/wrong.py:Wrong")
     lines = [frame.line for frame in traceback.extract_tb(caught.value.__cause__.__traceback__)]
-    assert "return {}['key']" in lines
+    assert "return eval('{}')['key']" in lines
 
 
 def test_what_is_missing_is_named_as_it_is_imported(tmp_path):
