@@ -164,8 +164,10 @@ def _whole_number(at: Arrays, node: ast.expr) -> int:
     value = at.value(node)
     if not value.kind.is_number or value.kind.base != INT:
         at.lack("a whole number is needed here")
-    at.evaluated[id(node)] = value  # type: ignore[attr-defined]
-    return at.constant_integer(node, "this number")
+    number: Any = value.constant
+    if number is None:
+        at.needs_constant("this number")
+    return int(number)
 
 
 def known_as(at: Arrays, node: ast.expr) -> Any:

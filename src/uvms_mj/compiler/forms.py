@@ -314,7 +314,7 @@ class Forms(Arrays):
             return {key: self.frozen(each) for key, each in known.items()}
         if not self.belongs(value, dict):
             self.mistake(f"a dict is needed here, not {value.kind.described()}")
-        return dict(zip(value.kind.form.keys, items_of(value)[1:], strict=True))  # type: ignore[union-attr]
+        return dict(zip(value.kind.form.keys, items_of(value)[1:], strict=True))  # type: ignore[union-attr]  # a dict has a form
 
     def _entry(self, known: dict, node: ast.Subscript) -> Any:
         key = self.key(self.value(node.slice))
@@ -375,12 +375,12 @@ class Forms(Arrays):
         """An object of a class of named tuples or of a dataclass; None of another class."""
         is_tuple = issubclass(of, tuple) and hasattr(of, "_fields")
         if is_tuple:
-            names = list(of._fields)  # type: ignore[attr-defined]
+            names = list(of._fields)  # type: ignore[attr-defined]  # a named tuple has them
             plain = of.__new__.__code__.co_filename.startswith("<") and "__init__" not in vars(of)
         elif dataclasses.is_dataclass(of):
             names = [each.name for each in dataclasses.fields(of) if each.init]
             own = ("__post_init__", "__new__", "__getattr__", "__getattribute__")
-            plain = of.__dataclass_params__.init  # type: ignore[attr-defined]
+            plain = of.__dataclass_params__.init  # type: ignore[attr-defined]  # a dataclass has them
             plain = plain and not any(word in vars(each) for each in of.__mro__[:-1] for word in own)
             plain = plain and len(names) == len(dataclasses.fields(of))
             plain = plain and all(each.default_factory is dataclasses.MISSING for each in dataclasses.fields(of))

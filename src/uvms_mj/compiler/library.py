@@ -18,6 +18,14 @@ def remainder(a, b):
     return math.copysign(0.0, b)
 
 
+def jacobi_rotation(a, b, c):
+    """Cosine and sine of the rotation that makes the matrix [a, c; c, b] diagonal, with c not 0."""
+    z = (b - a) / (2.0 * c)
+    t = math.copysign(1.0, z) / (abs(z) + math.sqrt(1.0 + z * z))
+    cosine = 1.0 / math.sqrt(1.0 + t * t)
+    return cosine, cosine * t
+
+
 def floor_divide(a, b):
     """``a // b`` of floats."""
     if b == 0.0:
@@ -385,10 +393,7 @@ def orthogonal_columns(A):
                     c += B[k, i] * B[k, j]
                 if not abs(c) <= 1e-16 * math.sqrt(a) * math.sqrt(b):
                     rotations += 1
-                    z = (b - a) / (2.0 * c)
-                    t = math.copysign(1.0, z) / (abs(z) + math.sqrt(1.0 + z * z))
-                    cosine = 1.0 / math.sqrt(1.0 + t * t)
-                    sine = cosine * t
+                    cosine, sine = jacobi_rotation(a, b, c)
                     for k in range(m):
                         x, y = B[k, i], B[k, j]
                         B[k, i] = cosine * x - sine * y
@@ -500,10 +505,7 @@ def eigenvalues(A):
             for j in range(i + 1, n):
                 if not abs(S[i, j]) <= 1e-17 * (abs(S[i, i]) + abs(S[j, j])):
                     rotations += 1
-                    z = (S[j, j] - S[i, i]) / (2.0 * S[i, j])
-                    t = math.copysign(1.0, z) / (abs(z) + math.sqrt(1.0 + z * z))
-                    cosine = 1.0 / math.sqrt(1.0 + t * t)
-                    sine = cosine * t
+                    cosine, sine = jacobi_rotation(S[i, i], S[j, j], S[i, j])
                     for k in range(n):
                         x, y = S[k, i], S[k, j]
                         S[k, i] = cosine * x - sine * y
