@@ -1,5 +1,7 @@
 """Rows reach the sinks complete and in order, also under interrupts, failing sinks and slow sinks."""
 
+import itertools
+import sys
 import time
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from forked import done as forked
 from uvms_mj import Scenario, SinkError, Status, simulate
+from uvms_mj.records.writing import Writing
 
 SHORT = Scenario.load("push_wall", {"simulation.duration": 0.5})
 
@@ -63,6 +66,27 @@ STORM = """if True:
         assert np.array_equal(np.rint(np.diff(rows[:, 0]) / 1e-4), np.ones(len(rows) - 1)), "a row is missing or double"
     assert met > 50, met
 """
+
+
+def test_an_interrupt_at_any_line_of_a_start_is_nothing_else():
+    """Also at a line of Python's own modules: threading.Thread.start makes a RuntimeError of some."""
+    for moment in itertools.count():
+        left = iter(range(moment))
+
+        def at_a_line(frame, event, arg, left=left):
+            if next(left, None) is None:
+                raise KeyboardInterrupt
+            return at_a_line
+
+        sys.settrace(at_a_line)
+        try:
+            Writing([Kept()], None)
+            break  # there are no more lines
+        except KeyboardInterrupt:
+            continue
+        finally:
+            sys.settrace(None)
+    assert moment > 10
 
 
 def test_no_interrupt_at_any_moment_hangs_a_run_or_loses_a_row(request):

@@ -5,11 +5,12 @@ only, so an interrupt can't leave a block half written.
 
 KeyboardInterrupt can come between any two bytecodes of the main thread, even while it holds a lock of ``queue.Queue``.
 Both threads would then wait forever. Blocks therefore go through ``SimpleQueue.put``, which is one call of C, and the
-main thread polls when it has to wait.
+main thread polls when it has to wait. The thread starts by one call of C, too: ``threading.Thread.start`` waits at a
+lock, and an interrupt there ends in RuntimeError.
 """
 
+import _thread
 import queue
-import threading
 import time
 from collections.abc import Sequence
 from typing import Self
@@ -35,9 +36,9 @@ class Writing:
         for sink in sinks:
             sink.begin(header)
         self._queue: queue.SimpleQueue[tuple[int, np.ndarray] | Outcome] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="uvms-mj sinks", daemon=True)
+        self._at_work = bool(sinks)
         if sinks:
-            self._thread.start()
+            _thread.start_new_thread(self._work, ())
 
     @property
     def message(self) -> str:
@@ -61,8 +62,8 @@ class Writing:
         return self
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
-        if self._sinks and kind is None:
-            self._thread.join()
+        while kind is None and self._at_work:
+            time.sleep(_LOOKS_EVERY_S)
 
     def _hand_over(self, item: tuple[int, np.ndarray] | Outcome) -> None:
         while self._queue.qsize() >= _WAITING:
@@ -84,3 +85,4 @@ class Writing:
                     following += len(item[1])
             except BaseException as error:  # the thread of the run reports it to the user
                 self.error = error
+        self._at_work = False
