@@ -131,6 +131,7 @@ def test_what_a_helper_does_wrong_is_in_the_helpers_line(body, reason, words):
         ("x = [1.0]\nout[0] = kept(x)\nx.append(2.0)", "something else holds it, too, in 'kept(x)'"),
         ("x = NAMES\nx.append(2.0)", "x is changed in place here, and is no list of this function"),
         ("a = 1.0\nf = lambda x: a * x\na = 2.0\nout[0] = f(1.0)", "a is bound more than once"),
+        ("n = 0.0\ndef add():\n    nonlocal n\n    n += 1.0\nadd()\nout[0] = n", "a function does not bind a name of"),
         ("m = 'go' if g.k > 0.0 else 'stop'", "it is the text 'go' or the text 'stop'"),
         ("out[0] = {'a': 1.0, 'b': 2.0}['a' if g.k > 0.0 else 'b']", "it is the text 'a' or the text 'b'"),
         ("out[0] = isinstance(s.n, int)", "a number of Python or of NumPy is not known"),

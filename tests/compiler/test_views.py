@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from compiled import compare, defined
-from uvms_mj.compiler.refusals import Lacking
+from compiled import Compiled, compare, defined
+from uvms_mj.compiler.refusals import SMEARED, Lacking
 
 GIVEN = np.dtype([("k", "f8"), ("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6))], align=True)
 OUT = np.dtype([("x", "f8", (6,)), ("y", "f8", (6,)), ("A", "f8", (6, 6)), ("seen", "f8", (12,))], align=True)
@@ -156,3 +156,26 @@ def test_an_index_is_evaluated_once(body):
     helper = "def pushed(y):\n    y[0] += 1.0\n    y[1] = 0.0\n    return int(y[1]) + 1\n\n"
     body = body.replace("o.push(1.0)", "pushed(o.y)")
     assert same_or_lacking(helper + "def program(g, o):\n" + "".join(f"    {line}\n" for line in body.splitlines()))
+
+
+STEPS = ["[:3]", "[::2]", "[3:]", "[1::2]", "[::-2]", "[2::-1]", "[-1:2:-1]", "[2:5]"]
+
+
+@pytest.mark.parametrize("part", STEPS)
+def test_an_array_filled_from_itself_is_what_numpy_makes_of_it_or_the_call_ends(part):
+    """NumPy copies forward where the steps are of one sign and differ; machine code leaves that to it."""
+    ended = []
+    for other in STEPS:
+        function = defined(f"def used(o):\n    o.x{part} = o.x{other}\n", dict(NAMES))
+        mine = np.zeros(1, OUT)
+        mine["x"] = np.arange(6.0)
+        theirs = mine.copy()
+        code = Compiled(function, [OUT])
+        why = code(mine) & 255
+        function(theirs.view(np.recarray)[0])
+        assert why in (0, SMEARED)
+        ended.append(why == SMEARED)
+        if why == 0:
+            np.testing.assert_array_equal(mine["x"], theirs["x"])
+    assert any(ended)
+    assert not all(ended)

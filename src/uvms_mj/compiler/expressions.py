@@ -395,7 +395,7 @@ class Expressions(Forms):
         if written in self.unit.intrinsics:
             return self.unit.intrinsics[written](self, [self._word(each) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
-        known = self.unit.instead.get(known, known)
+        known = self.unit.instead.get(_hashed(known), known)
         if known is np.lib.stride_tricks.as_strided:
             self.forbid("as_strided reaches numbers beyond an array; write slices")
         if isinstance(known, type) and not self.is_foreign(known):

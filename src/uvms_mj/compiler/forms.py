@@ -671,6 +671,8 @@ class Forms(Arrays):
         when it is called, so that each is bound once."""
         if isinstance(node, ast.FunctionDef) and node.decorator_list:
             self.lack("a function with a decorator is not compiled")
+        if any(isinstance(each, ast.Nonlocal) for each in ast.walk(node)):
+            self.lack("a function does not bind a name of the function around it; return it, or keep it in an array")
         defaults = [each for each in (*node.args.defaults, *node.args.kw_defaults) if each is not None]
         if not all(isinstance(each, ast.Constant) for each in defaults):
             self.lack("a function within a function has numbers or texts for its defaults")

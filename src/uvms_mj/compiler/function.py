@@ -321,6 +321,9 @@ class Function(Lifetimes):
         if in_place and len(value.kind.sizes) > len(place.kind.sizes):
             self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(place.kind.sizes)}")
         if place.kind.is_array:
+            value = self.as_array(value)
+            if not in_place:
+                self.demand_apart(place, value)
             self.fill(place, self.apart(value))
         elif place.kind.is_number:
             self.store(self.converted(value, place.kind.base), place.llvm[0])

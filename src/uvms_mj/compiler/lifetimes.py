@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from llvmlite import ir
 
 from .expressions import Expressions, Variable
+from .refusals import SMEARED
 from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, contiguous, items_of, leaves_of
 
 
@@ -169,6 +170,27 @@ class Lifetimes(Expressions):
                 found.add(each)
                 todo += self.views[each] if isinstance(each, str) else []
         return {each for each in found if isinstance(each, Memory)}
+
+    def demand_apart(self, target: Value, value: Value) -> None:
+        """End early where NumPy fills an array of one axis from memory of its own that it goes through at another step.
+
+        NumPy copies it forward then, with nothing in between: ``x[::2] = x[:3]`` reads what it has just written. It
+        copies rightly where the steps are equal or opposite, and where the target has more axes."""
+        shapes = self.shape_of(target), self.shape_of(value)
+        if value.fresh or not self.unit.checked or len(shapes[0]) != 1 or not shapes[1]:
+            return
+        steps = target.kind.strides[0], value.kind.strides[-1]
+        if steps[0] == steps[1] or steps[0] * steps[1] < 0 or target.kind.size < 2 or value.kind.size < 2:
+            return
+        if target.place is not None or value.place is not None:
+            self.lack("in a fleet, an array is filled from one with another step; write .copy() behind that")
+        ends = [sorted((0, (each.kind.size - 1) * step)) for each, step in zip((target, value), steps, strict=True)]
+        (low, high), (first, last) = (
+            [self.at.ptrtoint(self.shifted(each.llvm[0], WORD(end)), WORD) for end in both]
+            for each, both in zip((target, value), ends, strict=True)
+        )
+        apart = self.at.or_(self.at.icmp_unsigned("<", high, first), self.at.icmp_unsigned("<", last, low))
+        self.demand(apart, SMEARED)
 
     def _slots(self, kind: Kind) -> list[ir.Value]:
         slots = [self.entry.alloca(each) for each in kind.llvm]

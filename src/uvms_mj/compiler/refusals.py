@@ -40,9 +40,9 @@ def field_suggestion(word: str, known: Sequence[str]) -> str:
     return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
 
 
-INDEX, DIVISION, CONVERSION, RAISED, STOPPED, OVERFLOW = range(1, 7)
+INDEX, DIVISION, CONVERSION, RAISED, STOPPED, OVERFLOW, SMEARED = range(1, 8)
 """Why: an index out of bounds, a division of an integer by zero, a float that fits no integer, ``raise``, a signal, an
-integer of more than 64 bits. It is the lowest byte of the number; then the file (a byte) and the line."""
+integer of more than 64 bits, an array that is filled from a part of itself. It is the lowest byte of the number; then the file (a byte) and the line."""
 
 
 def code_of(why: int, file: int, line: int) -> int:

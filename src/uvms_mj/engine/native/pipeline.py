@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...actuation.thrusters import Inflow
-from ...compiler.refusals import CONVERSION, DIVISION, INDEX, OVERFLOW, RAISED, STOPPED, place
+from ...compiler.refusals import CONVERSION, DIVISION, INDEX, OVERFLOW, RAISED, SMEARED, STOPPED, place
 from ...control.base import Controller, Delay
 from ...control.model import (
     UP_TO_ESTIMATES,
@@ -256,6 +256,7 @@ WHY = {
     DIVISION: "an integer is divided by zero",
     CONVERSION: "a number that is not finite, or too large, can't become an integer",
     OVERFLOW: "an integer has more than 64 bits",
+    SMEARED: "an array is filled from a part of itself with another step, which NumPy overwrites as it goes",
     RAISED: "it raises",
     STOPPED: "it was interrupted",
 }
