@@ -44,6 +44,7 @@ def test_an_interrupted_run_ends_soon_and_keeps_what_it_had(tmp_path):
 def test_a_closed_terminal_ends_a_run_whose_log_is_whole(tmp_path):
     pid, terminal = pty.fork()
     if not pid:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests themselves may run under nohup
         os.chdir(tmp_path)
         command = ("-m", "uvms_mj", "run", "simulation.duration=2000", "--engine", "free_body", "--log-rate", "10")
         os.execv(sys.executable, [sys.executable, *command, "--out", "here"])
