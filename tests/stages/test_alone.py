@@ -6,6 +6,7 @@ import multiprocessing
 import pickle
 import random
 import sys
+import threading
 import traceback
 from pathlib import Path
 
@@ -199,6 +200,24 @@ def test_what_a_stage_in_python_keeps_ends_with_its_run(tmp_path, what):
         sim.reset(seed=1)
         sim.step(200)
         assert (sim.signals.p_WB.tolist() == first) == ("generator" not in what)
+
+
+@plainly
+def test_random_numbers_of_runs_in_threads_are_their_own(tmp_path):
+    """NumPy's and Python's generators are one for the process."""
+    source = remembers(tmp_path, "NumPy's generator")
+    alone, found = end(source), dict[int, list[float]]()
+    threads = [threading.Thread(target=lambda i=i: found.update({i: end(source)})) for i in range(3)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert list(found.values()) == [alone] * 3
 
 
 @plainly

@@ -545,3 +545,27 @@ def test_a_law_in_c_that_prints_or_exits(tmp_path):
     ended = done(*common, "controller.k_p=0.02", cwd=tmp_path)
     assert (ended.exit_code, ended.stdout) == (2, "")
     assert "your law pd (pd.c) ended the process by exit()" in ended.stderr
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("instant", [0.0, 0.02, 0.05])
+def test_a_law_in_c_that_copies_or_ends_the_process_at_any_instant(tmp_path, instant):
+    """Also at the last instant, at which no step follows: one process has written the log."""
+    from forked import done
+
+    from uvms_mj import Trace
+
+    when = f"if (signals->t > {instant - 5e-5} && signals->t < {instant + 5e-5})"
+    (tmp_path / "ends").mkdir()
+    copies = written(tmp_path, "pd", "#include <unistd.h>\n" + PD.replace("return 0;", f"{when} fork();\n    return 0;"))
+    ends = written(
+        tmp_path / "ends", "pd", "#include <stdlib.h>\n" + PD.replace("return 0;", f"{when} exit(0);\n    return 0;")
+    )
+    common = ("run", "--engine", "free_body", "-q", "simulation.duration=0.05", "--log-rate", "full")
+    copied = done(*common, "-c", copies, "-o", "out", cwd=tmp_path)
+    assert copied.exit_code == 0
+    assert copied.stderr.count("the copy ends here") == 1
+    assert len(Trace.load(tmp_path / "out" / "run.mcap").t) == 501
+    ended = done(*common, "-c", ends, "-o", "ended", cwd=tmp_path)
+    assert ended.exit_code == 2
+    assert "ended the process by exit()" in ended.stderr

@@ -279,14 +279,22 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
-        if self._foreign:
-            process, who = os.getpid(), " or ".join(called(stage.stage) for stage in self._foreign)
-            with no_exit(who):
-                return self._advance(n, seconds, process)
-        return self._advance(n, seconds)
+        return self._guarded(self._advance, n, seconds)
 
-    def _advance(self, n: int, seconds: float, process: int | None = None) -> int:
-        """Take steps. ``process`` is this process where a stage may copy it."""
+    def _guarded(self, function: Callable, *arguments: Any) -> Any:
+        """Call a function by which stages run: one in foreign machine code neither ends this process without a word,
+        nor goes on in a copy of it."""
+        if not self._foreign:
+            return function(*arguments)
+        process = os.getpid()
+        with no_exit(" or ".join(called(stage.stage) for stage in self._foreign)):
+            try:
+                return function(*arguments)
+            finally:
+                end_copy(process)
+
+    def _advance(self, n: int, seconds: float) -> int:
+        process = os.getpid()
         run, most = self._memory.run, SLICE_STEPS if self._users else self.chunk_steps
         if not run["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
@@ -300,8 +308,8 @@ class Simulation:
                 self._run_stages(len(self._stages.rows))
             before, size = self.steps, max(1, min(size, ahead))
             self._engine.step(size)
-            if process is not None:
-                end_copy(process)
+            if self._foreign:
+                end_copy(process)  # before it goes on
             if run["stop"][0] == STOP_STAGE and self._goes_on_plain():
                 size = self.steps - before
             done, now = done + size, time.perf_counter()
@@ -336,6 +344,9 @@ class Simulation:
 
     def finish(self) -> None:
         """Evaluate the instant in hand without a step, so that its row is complete."""
+        self._guarded(self._finish)
+
+    def _finish(self) -> None:
         if self._plain:
             self._run_stages(len(self._stages.rows))
         self._engine.evaluate()
@@ -349,7 +360,7 @@ class Simulation:
     def _prepare(self) -> None:
         """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
         contract."""
-        self._run_stages(self._stages.control)
+        self._guarded(self._run_stages, self._stages.control)
         self._ready = True
         self.check()
 

@@ -8,6 +8,7 @@ import os
 import random
 import re
 import sys
+import threading
 import traceback
 import types
 from collections.abc import Callable, Iterator
@@ -188,7 +189,11 @@ def _record(name: str) -> type:
 
 class _Generators:
     """A context with states of their own of the random numbers of Python and NumPy, ``random`` and ``np.random``, for a
-    function whose file names them. They begin each run from its key; those of the process stay as they are."""
+    function whose file names them. They begin each run from its key; those of the process stay as they are.
+
+    The process has one of each. So a run in another thread waits until the call in hand has given them back."""
+
+    _alone = threading.RLock()
 
     def __init__(self, function: Callable | None = None, key: int = 0) -> None:
         texts = list(_texts_of(function)) if function is not None else []
@@ -199,6 +204,8 @@ class _Generators:
             self._python = random.Random(key).getstate()  # copying it takes long
 
     def __enter__(self) -> None:
+        if self._numpy is not None or self._python is not None:
+            self._alone.acquire()
         if self._numpy is not None:
             self._outer_numpy = np.random.get_bit_generator()
             np.random.set_bit_generator(self._numpy)
@@ -212,6 +219,8 @@ class _Generators:
         if self._python is not None:
             self._python = random.getstate()
             random.setstate(self._outer_python)
+        if self._numpy is not None or self._python is not None:
+            self._alone.release()
 
 
 _IMPORTS_RANDOM = re.compile(r"^\s*(import|from)\s[^#\n]*\brandom\b", re.MULTILINE)
