@@ -113,6 +113,16 @@ REFUSED = {
     "limits": (edited(MOTOR, MOTOR + ' ctrlrange="5 -5"'), 'ctrlrange="5 -5">: must be two numbers, the lower'),
     "force limits": (edited(MOTOR, MOTOR + ' forcerange="1 1"'), 'forcerange="1 1">: must be two numbers, the lower'),
     "class limits": (edited("<default>", '<default><motor ctrlrange="5 -5"/>'), '<motor ctrlrange="5 -5">'),
+    "limits of zero": (
+        edited(MOTOR, MOTOR + ' ctrlrange="0 0"'),
+        'ctrlrange="0 0">: would be no limit for MuJoCo; write ctrllimited="false" if',
+    ),
+    "degrees as radians": (
+        edited('<site name="surge_left"', '<site name="surge_left" euler="0 0 -45"').replace(
+            'angle="degree"', 'angle="radian"'
+        ),
+        'euler="0 0 -45">: is more than a turn in radians; write <compiler angle="degree"/>',
+    ),
     "joint motor": (edited("<actuator>", '<actuator><motor joint="bluerov1"/>'), "actuator 0: drives the free joint"),
     "lag": (edited("<actuator>", '<actuator><general dyntype="filter"/>'), '<general dyntype="filter">'),
     "servo": (edited("<actuator>", '<actuator><position site="lateral"/>'), "<position>: is not supported"),

@@ -1,6 +1,7 @@
 """A user's code is alone in its run: what another run has loaded, kept or changed is not in it."""
 
 import gc
+import importlib
 import inspect
 import multiprocessing
 import pickle
@@ -121,6 +122,34 @@ def test_a_study_takes_packages_with_relative_imports_and_imports_within_functio
     assert names == {"my_law.py", "utils.py", "late.py", "parts/__init__.py", "parts/whole.py"}
     module = sys.modules[type(Scenario.load("push_wall", SHORT, source).controller).__module__]
     assert {path.name for path in source_files(module)} == {Path(name).name for name in names}
+
+
+def test_a_module_of_another_folder_is_what_its_file_means_or_refused(tmp_path, monkeypatch):
+    """A process loads it once: neither another folder's module of this name nor an older text of it runs unsaid."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = "import os, sys\nsys.path.{}(os.path.join(os.path.dirname(__file__), 'parts_of_h'))\nimport gains_of_h\n"
+    sources = []
+    for name, way in (("a", "append"), ("b", "append"), ("c", "insert")):
+        (tmp_path / name / "parts_of_h").mkdir(parents=True)
+        (tmp_path / name / "parts_of_h" / "gains_of_h.py").write_text(f"GAIN = {ord(name)}.0\n")
+        header = HEADER + path.format(way).replace("insert(", "insert(0, ")
+        law = one_liner("Law", PD.format(gain="gains_of_h.GAIN"))
+        sources.append(f"{law_file(tmp_path / name, law, header=header)}:Law")
+    try:
+        first = end(sources[0])
+        for other in sources[1:]:
+            with pytest.raises(InputError, match=r"gains_of_h would be .*a process loads it once"):
+                end(other)
+        assert end(sources[0]) == first
+        (tmp_path / "a" / "parts_of_h" / "gains_of_h.py").write_text("GAIN = 50.00\n")
+        for _ in range(2):
+            with pytest.raises(InputError, match=r"gains_of_h, .*has changed; a process loads it once"):
+                end(sources[0])
+        sys.path[:] = [place for place in sys.path if not place.startswith(str(tmp_path / "c"))]
+        importlib.reload(sys.modules["gains_of_h"])
+        assert end(sources[0]) != first
+    finally:
+        sys.modules.pop("gains_of_h", None)
 
 
 def test_a_module_of_a_run_goes_with_it(tmp_path):

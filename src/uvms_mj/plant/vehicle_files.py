@@ -8,6 +8,7 @@ MuJoCo reads the file into a spec (MjSpec), with default classes, includes and a
 import contextlib
 import functools
 import itertools
+import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -150,8 +151,9 @@ def check_xml(trees: Mapping[str, Element], main: str) -> None:
     classes = {each.get("class", "main") for tree in trees.values() for each in tree.iter("default")} | {"main"}
     for name, tree in trees.items():
         tops = [tree] if tree.tag == "mujoco" else [*tree]  # MuJoCo drops the root of an included file
+        radians = any(each.get("angle") == "radian" for each in tree.iter("compiler"))
         for element in itertools.chain.from_iterable(each.iter() for each in tops):
-            for attribute, message in (*_of_xml(element), *_of_texts(element, classes)):
+            for attribute, message in (*_of_xml(element), *_of_texts(element, classes), *_of_meaning(element, radians)):
                 place = _place(element, attribute, name if name != main else "")
                 found.setdefault((element.tag, attribute, message), []).append(place)
     _refuse(found, main)
@@ -209,6 +211,31 @@ def _of_texts(element: Element, classes: Collection[str]) -> Iterator[tuple[str,
     for attribute, (accepted, instead) in _OF_A_RUN.items() if tag == "option" else ():
         if attribute in attributes and not {*_words(attributes[attribute])} <= {*_words(accepted)}:
             yield attribute, f"would be ignored: a run has {instead}; leave it out"
+
+
+def _of_meaning(element: Element, radians: bool) -> Iterator[tuple[str, str]]:
+    """Errors of numbers that MuJoCo takes for something that their author can't mean."""
+    for attribute, limited in _LIMITS.get(element.tag, {}).items():
+        numbers = _numbers(element.get(attribute, ""))
+        if numbers and not any(numbers) and element.get(limited) != "false":
+            yield attribute, f'would be no limit for MuJoCo; write {limited}="false" if you mean none, or its limits'
+    if radians and any(abs(number) > 2.0 * math.pi + 1e-2 for number in _numbers(element.get("euler", ""))):
+        yield "euler", 'is more than a turn in radians; write <compiler angle="degree"/> if these are degrees'
+
+
+_LIMITS = {
+    **{tag: {"ctrlrange": "ctrllimited", "forcerange": "forcelimited"} for tag in ("motor", "general")},
+    "joint": {"range": "limited"},
+}
+"""By element: attributes with two limits, and the attribute that says whether they hold."""
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers of an attribute; none if one of its words is no number, which MuJoCo reports."""
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []
 
 
 def _are_numbers(text: str) -> bool:

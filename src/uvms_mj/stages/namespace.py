@@ -18,6 +18,7 @@ import sys
 import sysconfig
 import threading
 import weakref
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -54,6 +55,7 @@ class Namespace:
         self.shared: dict[str, None] = {}
         self.builtins = {**vars(builtins), "__import__": self._import}
         self._known: dict[str, bool] = {}
+        self._before = Counter(sys.path)
         self._lock, self._depth = threading.RLock(), 0
         self._names: list[str] = []
         self._top = self._finder(str(folder))
@@ -152,7 +154,11 @@ class Namespace:
         if level == 0 and not self.has(first):
             found = builtins.__import__(name, globals, locals, fromlist, level)
             if new:
-                self._note(first)
+                try:
+                    self._note(first)
+                except ImportError:
+                    del self._known[first]  # so that it is refused again
+                    raise
             return found
         try:
             with self._present():
@@ -164,10 +170,25 @@ class Namespace:
             raise
 
     def _note(self, name: str) -> None:
-        """Keep the name of a module of the user's that all namespaces share."""
-        file = getattr(sys.modules.get(name), "__file__", None)
-        if file and name != _PACKAGE.name and not is_installed(Path(file).resolve()):
-            self.shared[name] = None
+        """Keep the name of a module of the user's that all namespaces share. Raises ImportError if it is not what the
+        user's file means by this name: another module, or an older text."""
+        module = sys.modules.get(name)
+        file = getattr(module, "__file__", None)
+        if module is None or not file or name == _PACKAGE.name or is_installed(Path(file).resolve()):
+            return
+        self.shared[name] = None
+        remedy = "a process loads it once, since it is not beside the user's file: put it there, or begin a new process"
+        added = list(Counter(sys.path) - self._before)  # by this file
+        meant = importlib.machinery.PathFinder.find_spec(name, added)
+        if meant is not None and meant.has_location and Path(str(meant.origin)).resolve() != Path(file).resolve():
+            raise ImportError(f"{name} would be {file} in place of {meant.origin}; {remedy}")
+        spec = module.__spec__
+        about = os.stat(getattr(module.__loader__, "archive", file))
+        stamp = about.st_mtime_ns, about.st_size
+        if _stamps.setdefault(name, (spec, stamp))[0] is not spec:  # loaded again
+            _stamps[name] = spec, stamp
+        if _stamps[name][1] != stamp:
+            raise ImportError(f"{name}, {file}, has changed; {remedy}")
 
     @contextlib.contextmanager
     def _present(self) -> Iterator[None]:
@@ -237,6 +258,11 @@ class _Source(importlib.machinery.SourceFileLoader):
 
 _extensions: dict[str, tuple[tuple[int, int], ModuleType, Any]] = {}
 """The modules in machine code that this process has loaded, by their path: when, itself, and its spec."""
+
+
+_stamps: dict[str, tuple[Any, tuple[int, int]]] = {}
+"""The shared modules of the user's that this process has loaded, by their name: the spec by which, and when it was
+written."""
 
 
 class _Extension:
