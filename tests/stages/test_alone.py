@@ -345,3 +345,10 @@ def test_a_stage_that_copies_or_ends_the_process_is_named(tmp_path, line, status
     assert ended.exit_code == status
     assert said in ended.stderr
     assert not multiprocessing.active_children()
+
+
+def test_the_note_on_an_import_within_a_law_names_the_users_line(tmp_path):
+    law = one_liner("Law", "tau_cmd[:] = __import__('math').pi")
+    source = f"{law_file(tmp_path, law)}:Law"
+    with pytest.warns(PlainPythonWarning, match="the language has no __import__"):
+        end(source)

@@ -53,7 +53,7 @@ class Namespace:
         self.codes = {} if codes is None else codes
         self.modules: dict[str, ModuleType] = {}
         self.shared: dict[str, None] = {}
-        self.builtins = {**vars(builtins), "__import__": self._import}
+        self.builtins = {**vars(builtins), "__import__": partial(self._import)}  # no function of the user's, to compile
         self._known: dict[str, bool] = {}
         self._before = Counter(sys.path)
         self._lock, self._depth = threading.RLock(), 0
