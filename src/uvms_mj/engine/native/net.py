@@ -83,6 +83,9 @@ class Watch:
         self._memory = np.zeros(1, layout(*stage.kinds))
         self._own = OwnMemory(stage.stage.room, self._memory, stage.settings)
         self._plain = PlainStage(stage.stage, self._own)
+        given, out = stage.given, stage.out
+        own_fields = [each for each in given.dtype.names or () if not np.may_share_memory(given[each], out)]
+        self._only_read = {"settings": stage.settings.dtype.names or (), "given": own_fields}
         self._twin: Any = None
         self._fault: StageFault | None = None
 
@@ -139,7 +142,7 @@ class Watch:
     def _difference(self) -> str:
         """The first number that differs, as a sentence; 0.0 and -0.0 are equal, and all NaNs."""
         stage, own = self.stage, self._own
-        for name in ("state", "state_dot", "out"):  # what it is given may be beside its output
+        for name in ("state", "state_dot", "out"):
             called = own.names[name]
             mine, pythons = np.asarray(getattr(stage, name)), own.arrays[name]
             if mine.tobytes() == pythons.tobytes():
@@ -151,6 +154,10 @@ class Watch:
                     k = int(unequal.argmax())
                     where = f"{called}{'.' if label else ''}{label}[{k}]"
                     return f"{where} is {a[k].item()!r} as machine code, and {b[k].item()!r} as Python"
+        for name, mine in (("settings", stage.own.arrays["settings"]), ("given", stage.given)):
+            for label in self._only_read[name]:  # in Python, a store there raises
+                if mine[label].tobytes() != own.arrays[name][label].tobytes():
+                    return f"{own.names[name]}.{label} is changed by machine code, and not by Python"
         return ""
 
     def give(self) -> None:
@@ -160,6 +167,9 @@ class Watch:
         if self._fault is not None:
             raise self._fault
         self._own.take(stage.state, stage.state_dot, stage.out)
+        stage.own.take_settings(stage.settings)
+        for label in self._only_read["given"]:
+            stage.given[label] = self._own.arrays["given"][label]
         stage.own.take_over(self._own)
 
 
