@@ -17,6 +17,7 @@ import ctypes
 import dis
 import functools
 import math
+import pickle
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -28,6 +29,7 @@ from ...compiler.library import REPLACED
 from ...files import function_tree
 
 _FOREIGN = ("numpy", "scipy", "math", "builtins", "functools")
+_OURS = __name__.partition(".")[0]
 _OPERATORS: dict[type, str] = {ast.MatMult: "product", ast.Pow: "power"}
 _EXACT = ("sqrt", "fabs", "copysign", "fmod")
 _OF_CALLS = ("PUSH_NULL", "PRECALL", "CALL", "EXTENDED_ARG", "NOP")
@@ -71,7 +73,7 @@ def _translated(function: types.FunctionType) -> types.CodeType:
 
 
 def _with_arithmetics(tree: ast.FunctionDef, function: types.FunctionType) -> types.CodeType:
-    code, tree = function.__code__, copy.deepcopy(tree)  # others have it, too
+    code, tree = function.__code__, pickle.loads(pickle.dumps(tree))  # others have it, too; copy takes longer
     tree.decorator_list, tree.returns = [], None
     for argument in ast.walk(tree.args):
         if isinstance(argument, ast.arg):
@@ -79,7 +81,8 @@ def _with_arithmetics(tree: ast.FunctionDef, function: types.FunctionType) -> ty
     tree.args.defaults = [ast.Constant(None) for _ in tree.args.defaults]  # the function has them
     tree.args.kw_defaults = [each and ast.Constant(None) for each in tree.args.kw_defaults]
     ast.increment_lineno(tree, code.co_firstlineno - 1)
-    if [*_operations(_compiled(tree, function))] != [*_operations(code)]:
+    ours = function.__module__.partition(".")[0] == _OURS
+    if not ours and [*_operations(_compiled(tree, function))] != [*_operations(code)]:
         return code
     return _compiled(_Arithmetics().visit(tree), function)
 
