@@ -220,6 +220,8 @@ def _reached(
             longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
             if motion.limited_s > longest:
                 return f"the thrusters are at their limits for more than {longest:g} s on the way"
+            if kept is not None and not isinstance(others[-1], str) and (reason := kept(*motion.unmodelled())):
+                return f"the thrusters come to their limits on the way, and {reason}"
             if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
         if inner is not None:
