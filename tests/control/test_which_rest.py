@@ -108,6 +108,24 @@ def test_a_law_that_winds_up_while_its_thrusters_are_at_their_limits_has_no_clos
     assert slower.analytic.force == pytest.approx(slower.push[-1], rel=1e-4)
 
 
+@pytest.mark.parametrize("law", ["sta", "admittance"])
+def test_a_law_that_winds_up_on_its_way_to_the_only_rest_has_no_closed_form(law):
+    over = {
+        "vehicle.model": "bluerov2_heavy",
+        "wall.position": 1.1,
+        "reference.target": [1.6195, -0.17163, -0.2906],
+        "impedance.K_d": [81.07, 762.23, 1427.6, 77.965, 46.768, 60.538],
+        "current.speed": 0.44392,
+        "current.direction_deg": 106.26,
+        "simulation.duration": 40.0,
+    }
+    lost, slower = (run("push_wall", over | {"reference.bandwidth": rate}, law) for rate in (2.0, 0.5))
+    assert lost.saturation_time[-1] > 20.0
+    assert isinstance(lost.analytic, NoClosedForm)
+    assert "limits" in lost.analytic.reason
+    assert slower.analytic.force == pytest.approx(slower.push[-1], rel=1e-4)
+
+
 @pytest.mark.parametrize("law", ["parallel", "pid"])
 def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     over = {"task.integral": True, "impedance.F_d": [-2.0] + [0.0] * 5, "simulation.duration": 60.0}

@@ -114,7 +114,8 @@ def static_balance(
         return _with_arm(setup, K, thrust_map)
     balance = Balance(setup, K, thrust_map, residual is not None)
     motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept, inner)
+    slope = 0.0 if residual else K
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, slope, kept, inner)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
@@ -123,6 +124,9 @@ def static_balance(
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := thrust_map.infeasible(tau):
         return weak
+    winds_up = thrust_map.limited and scenario.controller.states  # a law without states forgets its way
+    if balance.springs.convex and winds_up and (reason := _kept_at_limits(motion, slope, kept)):
+        return reason
     contacts = None
     if push.any() and not balance.springs.convex:
         seen = balance.error(pose), balance.measurement(pose).tau_c
@@ -217,11 +221,8 @@ def _reached(
             others.append(_followed(motion, start, led=False))
         if saturates:
             others.append(_followed(motion, start, limits=True))
-            longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
-            if motion.limited_s > longest:
-                return f"the thrusters are at their limits for more than {longest:g} s on the way"
-            if kept is not None and not isinstance(others[-1], str) and (reason := kept(*motion.unmodelled())):
-                return f"the thrusters come to their limits on the way, and {reason}"
+            if reason := _lost_at_limits(motion, K, kept):
+                return reason
             if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
         if inner is not None:
@@ -230,6 +231,31 @@ def _reached(
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"
     return rest
+
+
+def _kept_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
+    """The reason why a law with the slope K does not come to the one rest in front of planes, since the thrusters come
+    to their limits on the way; empty if they do not, or it does."""
+    setup, way = motion.balance.setup, way_of(motion.balance.setup)
+    if isinstance(way, str):
+        return ""
+    motion.follow(way)
+    initial = setup.initial
+    start = motion.balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    if isinstance(_followed(motion, start), str) or not motion.saturates:
+        return ""
+    _followed(motion, start, limits=True)
+    return _lost_at_limits(motion, K, kept)
+
+
+def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
+    """The reason why a motion with the thrusters' limits is not that of a law with the slope K; empty if it is."""
+    longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
+    if motion.limited_s > longest:
+        return f"the thrusters are at their limits for more than {longest:g} s on the way"
+    if kept is not None and (reason := kept(*motion.unmodelled())):
+        return f"the thrusters come to their limits on the way, and {reason}"
+    return ""
 
 
 def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way: Any, start: Pose) -> Pose | str:

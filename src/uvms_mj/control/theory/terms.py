@@ -197,6 +197,11 @@ class ThrustMap:
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
         return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
 
+    @property
+    def limited(self) -> bool:
+        """Whether the thrusters have limits."""
+        return bool(np.isfinite(self.setup.scenario.thrusters.command_limits(self.setup)).any())
+
     def missing(self, tau: np.ndarray) -> np.ndarray:
         """What the thrusters at their limits add to tau (6,), zero within them."""
         u, least, most = self.thrusts(tau)
