@@ -67,6 +67,8 @@ if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
 another one [s]."""
+_SLOWLY = 0.3
+"""Velocity below which a vehicle that a wall throws out comes back as it came from elsewhere [m/s, rad/s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
 _SAME, _SAME_TOOL = 1e-6, 1e-4
@@ -199,8 +201,9 @@ def _reached(
     motion.follow(way)
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
-    if balance.contacts(start.position, start.R_WB)[1].max() > START_FORCE:
-        return "the vehicle starts inside a wall, which throws it out"
+    thrown = _thrown(balance, start)
+    if isinstance(thrown, str):
+        return thrown
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest
@@ -219,6 +222,8 @@ def _reached(
         others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
         if K == 0.0:
             others.append(_followed(motion, start, led=False))
+        if thrown.any():
+            others.append(_followed(motion, start, thrown=thrown))
         if saturates:
             others.append(_followed(motion, start, limits=True))
             if reason := _lost_at_limits(motion, K, kept):
@@ -271,12 +276,35 @@ def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way
     return found
 
 
-def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
-    """The rest of one motion that begins at a pose or beside it (3,) [m, W]."""
+def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
+    """The velocity (6,) with which walls throw out a rigid vehicle that starts inside them, with all their energy; zero
+    if they hardly press. The reason why its motion is not known if that is fast."""
+    push = balance.contacts(start.position, start.R_WB)[1]
+    if push.max() <= START_FORCE:
+        return np.zeros(6)
+    if not balance.setup.not_rigid:
+        wall, (_, forces, depths) = balance.setup.scenario.wall, balance.springs.wrenches(start.position, start.R_WB)
+        energy = 0.5 * float(forces @ depths + push[0] ** 2 / wall.stiffness)
+        acceleration = np.linalg.solve(balance.setup.design.M, start.tau_c)
+        velocity: np.ndarray = acceleration * np.sqrt(2.0 * energy / (acceleration @ start.tau_c))
+        if np.abs(velocity).max() < _SLOWLY:
+            return velocity
+    return "the vehicle starts inside a wall, which throws it out"
+
+
+def _followed(
+    motion: TaskMotion,
+    start: Pose,
+    beside: np.ndarray | None = None,
+    thrown: float | np.ndarray = 0.0,
+    **how: bool,
+) -> Pose | str:
+    """The rest of one motion that begins at a pose or beside it (3,) [m, W], with its own velocity and another one (6,)
+    that a wall gives it."""
     beside = np.zeros(3) if beside is None else beside
     motion.begin(beside, **how)
     moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
-    found: Pose | str = approach(motion, moved, motion.velocity())
+    found: Pose | str = approach(motion, moved, motion.velocity() + thrown)
     return found
 
 
