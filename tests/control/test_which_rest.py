@@ -80,6 +80,52 @@ def test_a_law_that_loses_the_task_on_the_way_has_no_closed_form():
     assert kept.analytic.force == pytest.approx(kept.push[-1], rel=1e-4)
 
 
+def test_a_law_that_winds_up_while_its_thrusters_are_at_their_limits_has_no_closed_form():
+    """The thrusters lack moments, too, where they are at their limits: s grows, and the vehicle tumbles for ever."""
+    over = {
+        "vehicle.model": "bluerov2_heavy",
+        "wall.present": False,
+        "walls": [
+            {
+                "shape": "box",
+                "stiffness": 14389.0,
+                "damping": 132.27,
+                "position": [1.5973, -0.072254, -0.24392],
+                "edges": [0.57435, 0.23955, 0.77872],
+            }
+        ],
+        "reference.target": [1.6195, -0.17163, -0.2906],
+        "impedance.K_d": [81.07, 762.23, 1427.6, 77.965, 46.768, 60.538],
+        "current.speed": 0.44392,
+        "current.direction_deg": 106.26,
+        "simulation.duration": 30.0,
+    }
+    lost, slower = run("push_wall", over, "sta"), run("push_wall", over | {"reference.bandwidth": 0.5}, "sta")
+    assert lost.saturation_time[-1] > 20.0
+    assert lost.push[-1] == 0.0
+    assert isinstance(lost.analytic, NoClosedForm)
+    assert "come to their limits on the way, and super-twisting does not follow" in lost.analytic.reason
+    assert slower.analytic.force == pytest.approx(slower.push[-1], rel=1e-4)
+
+
+@pytest.mark.parametrize("law", ["sta", "admittance"])
+def test_a_law_that_winds_up_on_its_way_to_the_only_rest_has_no_closed_form(law):
+    over = {
+        "vehicle.model": "bluerov2_heavy",
+        "wall.position": 1.1,
+        "reference.target": [1.6195, -0.17163, -0.2906],
+        "impedance.K_d": [81.07, 762.23, 1427.6, 77.965, 46.768, 60.538],
+        "current.speed": 0.44392,
+        "current.direction_deg": 106.26,
+        "simulation.duration": 40.0,
+    }
+    lost, slower = (run("push_wall", over | {"reference.bandwidth": rate}, law) for rate in (2.0, 0.5))
+    assert lost.saturation_time[-1] > 20.0
+    assert isinstance(lost.analytic, NoClosedForm)
+    assert "limits" in lost.analytic.reason
+    assert slower.analytic.force == pytest.approx(slower.push[-1], rel=1e-4)
+
+
 @pytest.mark.parametrize("law", ["parallel", "pid"])
 def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     over = {"task.integral": True, "impedance.F_d": [-2.0] + [0.0] * 5, "simulation.duration": 60.0}
@@ -190,6 +236,11 @@ def test_a_start_inside_a_wall_has_no_closed_form():
         found = steady_state(set_up(Scenario.load(name, over)))
         assert isinstance(found, NoClosedForm)
         assert "starts inside a wall" in found.reason
+
+
+def test_a_heavy_vehicle_that_a_wall_hardly_throws_rests_at_its_closed_form():
+    """It begins 20 mm inside a cylinder, with 1 kN: the energy is that of 0.08 m/s."""
+    assert sweep_rests.tried((1, 111, False)).kind == "announced"
 
 
 @pytest.mark.slow

@@ -266,6 +266,7 @@ class TaskMotion:
         reference's velocity in the law; or with the limits of the thrusters."""
         self.beside, self.led, self.limits = np.zeros(3) if beside is None else beside, led, limits
         self.track, self._law, self._lacking, self.limited_s = Track(), None, np.zeros(6), 0.0
+        self._lacked: list[np.ndarray] = []
         if self.integral is not None:
             self.integral.begin()
 
@@ -275,6 +276,7 @@ class TaskMotion:
             self.integral.advance()
         self.track.times.append(t)
         self.track.poses.append(pose)
+        self._lacked.append(self._lacking)
         if self.limits and self.thrust_map is not None and len(self.track.times) > 2:
             design = self.balance.setup.design
             tau = self._thrust(-1) - design.M @ design.M_d_inv @ self._lacking
@@ -289,10 +291,12 @@ class TaskMotion:
         return self.thrust_map is not None and any(self.thrust_map.missing(tau).any() for tau in found)
 
     def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it."""
+        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it, with that of the
+        thrust that its thrusters at their limits lack."""
         steps = range(1, len(self.track.times))
         found = [self.balance.unmodelled_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
-        return np.array(self.track.times[1:]), np.array(found)
+        lacked = np.array(self._lacked[1:]) @ self.balance.M_d_inv.T
+        return np.array(self.track.times[1:]), np.array(found) + lacked
 
     def _velocity(self, k: int) -> np.ndarray:
         """nu (6,) in step k of the track."""

@@ -67,6 +67,8 @@ if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
 another one [s]."""
+_SLOWLY = 0.3
+"""Velocity below which a vehicle that a wall throws out comes back as it came from elsewhere [m/s, rad/s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
 _SAME, _SAME_TOOL = 1e-6, 1e-4
@@ -114,7 +116,8 @@ def static_balance(
         return _with_arm(setup, K, thrust_map)
     balance = Balance(setup, K, thrust_map, residual is not None)
     motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept, inner)
+    slope = 0.0 if residual else K
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, slope, kept, inner)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
@@ -123,6 +126,9 @@ def static_balance(
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := thrust_map.infeasible(tau):
         return weak
+    winds_up = thrust_map.limited and scenario.controller.states  # a law without states forgets its way
+    if balance.springs.convex and winds_up and (reason := _kept_at_limits(motion, slope, kept)):
+        return reason
     contacts = None
     if push.any() and not balance.springs.convex:
         seen = balance.error(pose), balance.measurement(pose).tau_c
@@ -195,8 +201,9 @@ def _reached(
     motion.follow(way)
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
-    if balance.contacts(start.position, start.R_WB)[1].max() > START_FORCE:
-        return "the vehicle starts inside a wall, which throws it out"
+    thrown = _thrown(balance, start)
+    if isinstance(thrown, str):
+        return thrown
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest
@@ -215,11 +222,12 @@ def _reached(
         others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
         if K == 0.0:
             others.append(_followed(motion, start, led=False))
+        if thrown.any():
+            others.append(_followed(motion, start, thrown=thrown))
         if saturates:
             others.append(_followed(motion, start, limits=True))
-            longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
-            if motion.limited_s > longest:
-                return f"the thrusters are at their limits for more than {longest:g} s on the way"
+            if reason := _lost_at_limits(motion, K, kept):
+                return reason
             if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
         if inner is not None:
@@ -228,6 +236,31 @@ def _reached(
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"
     return rest
+
+
+def _kept_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
+    """The reason why a law with the slope K does not come to the one rest in front of planes, since the thrusters come
+    to their limits on the way; empty if they do not, or it does."""
+    setup, way = motion.balance.setup, way_of(motion.balance.setup)
+    if isinstance(way, str):
+        return ""
+    motion.follow(way)
+    initial = setup.initial
+    start = motion.balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    if isinstance(_followed(motion, start), str) or not motion.saturates:
+        return ""
+    _followed(motion, start, limits=True)
+    return _lost_at_limits(motion, K, kept)
+
+
+def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
+    """The reason why a motion with the thrusters' limits is not that of a law with the slope K; empty if it is."""
+    longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
+    if motion.limited_s > longest:
+        return f"the thrusters are at their limits for more than {longest:g} s on the way"
+    if kept is not None and (reason := kept(*motion.unmodelled())):
+        return f"the thrusters come to their limits on the way, and {reason}"
+    return ""
 
 
 def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way: Any, start: Pose) -> Pose | str:
@@ -243,12 +276,35 @@ def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way
     return found
 
 
-def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
-    """The rest of one motion that begins at a pose or beside it (3,) [m, W]."""
+def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
+    """The velocity (6,) with which walls throw out a rigid vehicle that starts inside them, with all their energy; zero
+    if they hardly press. The reason why its motion is not known if that is fast."""
+    push = balance.contacts(start.position, start.R_WB)[1]
+    if push.max() <= START_FORCE:
+        return np.zeros(6)
+    if not balance.setup.not_rigid:
+        wall, (_, forces, depths) = balance.setup.scenario.wall, balance.springs.wrenches(start.position, start.R_WB)
+        energy = 0.5 * float(forces @ depths + push[0] ** 2 / wall.stiffness)
+        acceleration = np.linalg.solve(balance.setup.design.M, start.tau_c)
+        velocity: np.ndarray = acceleration * np.sqrt(2.0 * energy / (acceleration @ start.tau_c))
+        if np.abs(velocity).max() < _SLOWLY:
+            return velocity
+    return "the vehicle starts inside a wall, which throws it out"
+
+
+def _followed(
+    motion: TaskMotion,
+    start: Pose,
+    beside: np.ndarray | None = None,
+    thrown: float | np.ndarray = 0.0,
+    **how: bool,
+) -> Pose | str:
+    """The rest of one motion that begins at a pose or beside it (3,) [m, W], with its own velocity and another one (6,)
+    that a wall gives it."""
     beside = np.zeros(3) if beside is None else beside
     motion.begin(beside, **how)
     moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
-    found: Pose | str = approach(motion, moved, motion.velocity())
+    found: Pose | str = approach(motion, moved, motion.velocity() + thrown)
     return found
 
 

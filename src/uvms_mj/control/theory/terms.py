@@ -197,6 +197,11 @@ class ThrustMap:
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
         return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
 
+    @property
+    def limited(self) -> bool:
+        """Whether the thrusters have limits."""
+        return bool(np.isfinite(self.setup.scenario.thrusters.command_limits(self.setup)).any())
+
     def missing(self, tau: np.ndarray) -> np.ndarray:
         """What the thrusters at their limits add to tau (6,), zero within them."""
         u, least, most = self.thrusts(tau)
@@ -237,6 +242,7 @@ class Balance:
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(thrust_map.T)
+        self._delivered = not self.undelivered.any()
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
         self.uses_truth, self.own = scenario.controller.uses_truth, own
@@ -345,7 +351,11 @@ class Balance:
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(measured.quat))
         unmodelled = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - measured.tau_c)
-        return self.M_hat_inv @ (d + unmodelled + self.resistance(measured.nu) + self.undelivered @ self.thrust(x))
+        if self._delivered:
+            return self.M_hat_inv @ (d + unmodelled + self.resistance(measured.nu))
+        return self.M_hat_inv @ (
+            d + unmodelled + self.resistance(measured.nu) + self.undelivered @ (g_eta - d - x.tau_c)
+        )
 
     def unmodelled_on_the_way(self, x: Pose, nu: np.ndarray) -> np.ndarray:
         """The acceleration (6,) of eq. (11) that current, disturbance and wrong estimates give a rigid vehicle with a
