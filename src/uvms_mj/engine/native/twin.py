@@ -17,7 +17,6 @@ import ctypes
 import dis
 import functools
 import math
-import pickle
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -73,7 +72,7 @@ def _translated(function: types.FunctionType) -> types.CodeType:
 
 
 def _with_arithmetics(tree: ast.FunctionDef, function: types.FunctionType) -> types.CodeType:
-    code, tree = function.__code__, pickle.loads(pickle.dumps(tree))  # others have it, too; copy takes longer
+    code = function.__code__
     tree.decorator_list, tree.returns = [], None
     for argument in ast.walk(tree.args):
         if isinstance(argument, ast.arg):
@@ -98,7 +97,8 @@ def _compiled(tree: ast.FunctionDef, function: types.FunctionType) -> types.Code
         within: Any = ast.parse(f"class {name}:\n    pass")
         within.body[0].body = body
         body = within.body
-    outer.body[0].body = body
+    of_file = [name for name in names[1:2] if name not in code.co_freevars]
+    outer.body[0].body = [ast.Global(of_file), *body] if of_file else body
     found: Any = compile(ast.fix_missing_locations(outer), code.co_filename, "exec", dont_inherit=True)
     for name in names:
         found = next(each for each in found.co_consts if isinstance(each, types.CodeType) and each.co_name == name)
