@@ -24,6 +24,7 @@ from .values import (
     Value,
     bundle,
     contiguous,
+    is_dense,
     items_of,
     scalar,
     shown,
@@ -103,7 +104,7 @@ class Arrays(Scalars):
         for part, shape in zip(parts, shapes, strict=True):
             self.fill(self.span(out, axis, at, shape[axis]), part)
             at += shape[axis]
-        return out
+        return self.laid(out, np.concatenate([*map(self.like, parts)], axis)) if ndim > 1 else out
 
     def span(self, array: Value, axis: int, first: int, n: int) -> Value:
         """n entries of an array along an axis: a view."""
@@ -150,16 +151,48 @@ class Arrays(Scalars):
             return function(*values)
         if not np.prod(shape, dtype=int):
             return self.temporary(FLOAT, shape)
-        out: list[Value] = []
+        out, axes = list[Value](), self.axes_in_memory(values, shape)
 
         def body(indices: list[ir.Value]) -> None:
             result = function(*(self.element(value, indices) for value in values))
             if not out:
-                out.append(self.made(result.kind.base, shape))
+                out.append(self.made(result.kind.base, shape, axes))
             self.put(result.llvm[0], out[0], indices)
 
         self.each(shape, body)
         return out[0]
+
+    def axes_in_memory(self, values: Sequence[Value], shape: tuple[int, ...]) -> tuple[int, ...]:
+        """The order of the axes, in memory, of a new array that NumPy makes entry by entry: as those of the values have
+        (its order K). It decides which reshape is a view. Empty if it is the usual one."""
+        values = [value for value in values if value.kind.is_array]
+        if not self.unit.checked or len(shape) < 2 or all(_is_usual(value.kind) for value in values):
+            return ()
+        if any(0 in value.kind.strides for value in values):
+            self.lack("NumPy's result of a repeated array is in an order of its own; write .copy()")
+        flags = [*[["readonly"]] * len(values), ["writeonly", "allocate"]]
+        strides = np.nditer([*map(self.like, values), None], ["zerosize_ok"], flags, order="K").operands[-1].strides
+        return tuple(sorted(range(len(shape)), key=lambda axis: -strides[axis]))
+
+    def laid(self, value: Value, result: np.ndarray) -> Value:
+        """A new array with its axes in the order of memory that NumPy's result has, of arrays like those here."""
+        scale = value.kind.base.itemsize / result.dtype.itemsize
+        kind = Kind(value.kind.base, result.shape, tuple(int(scale * stride) for stride in result.strides))
+        if not self.unit.checked or (_is_usual(kind) and _is_usual(value.kind)) or value.kind.strides == kind.strides:
+            return value
+        if not is_dense(kind):
+            self.lack("NumPy's result is in an order of its own; write .copy() behind it")
+        out = Value(kind, (self.reserve(kind.size * kind.base.itemsize),), fresh=True)
+        self.fill(out, value)
+        return out
+
+    def like(self, value: Value) -> np.ndarray:
+        """An array of NumPy's with the shape, the type and the strides of one here: NumPy itself says with it what it
+        makes a view of, and in which order it has a result."""
+        kind, shape = value.kind, self.shape_of(value)
+        ends = [(n - 1) * stride for n, stride in zip(shape, kind.strides, strict=True)] if kind.size else []
+        low, high = sum(min(0, each) for each in ends), sum(max(0, each) for each in ends)
+        return np.ndarray(shape, kind.base, np.zeros(high - low + kind.base.itemsize, np.uint8), -low, kind.strides)
 
     def binary(self, name: str, left: Value, right: Value) -> Value:
         """``left + right`` and so on, of numbers or arrays."""
@@ -205,9 +238,10 @@ class Arrays(Scalars):
         self.unit.cells.writes_memory(memory.kind.readonly)
         return memory
 
-    def copied(self, value: Value) -> Value:
-        """A new array with the entries of another one."""
-        out = self.made(value.kind.base, self.shape_of(value))
+    def copied(self, value: Value, keeps_order: bool = False) -> Value:
+        """A new array with the entries of another one, in the usual order of memory, or in its."""
+        shape = self.shape_of(value)
+        out = self.made(value.kind.base, shape, self.axes_in_memory([value], shape) if keeps_order else ())
         self.each(out.kind.sizes, lambda indices: self.put(self.element(value, indices).llvm[0], out, indices))
         return out
 
@@ -225,17 +259,14 @@ class Arrays(Scalars):
         array like it. Of several arrays, a tuple."""
         if not value.kind.is_array:
             self.lack("a number has no shape")
-        kind, shape = value.kind, self.shape_of(value)
-        ends = [(n - 1) * stride for n, stride in zip(shape, kind.strides, strict=True)] if kind.size else []
-        low, high = sum(min(0, each) for each in ends), sum(max(0, each) for each in ends)
-        like = np.ndarray(shape, kind.base, np.zeros(high - low + kind.base.itemsize, np.uint8), -low, kind.strides)
+        kind, shape, like = value.kind, self.shape_of(value), self.like(value)
         numbers = np.arange(1, kind.size + 1).reshape(shape)
         with self.refused_by_numpy():
             result, order = arrange(like), arrange(numbers)
 
         def part(result: np.ndarray, order: np.ndarray, alone: bool) -> Value:
             if not np.may_share_memory(like, result) or (value.fresh and not alone):
-                return self.gathered([value], order)
+                return self.laid(self.gathered([value], order), result)
             first = result.__array_interface__["data"][0] - like.__array_interface__["data"][0] if result.size else 0
             words = (self.shifted(value.llvm[0], WORD(first)),) if first else value.llvm
             readonly = kind.readonly if result.flags.writeable else f"lacks: {_ONLY_READ}"
@@ -435,6 +466,8 @@ class Arrays(Scalars):
                 out.append(self.made(result.kind.base, rest))
             self.put(result.llvm[0], out[0], indices)
 
+        if len(rest) > 1 and self.unit.checked and not _is_usual(value.kind):
+            self.lack("the order of memory of its result is NumPy's own; write it for x.copy()")
         self.each(rest, body)
         return out[0]
 
@@ -702,3 +735,9 @@ def _is_all(node: ast.Slice) -> bool:
 
 def _is_dots(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and node.value is ...
+
+
+def _is_usual(kind: Kind) -> bool:
+    """Whether the axes of an array are in memory as of one that NumPy makes from nothing."""
+    strides = [abs(stride) for n, stride in zip(kind.sizes, kind.strides, strict=True) if n > 1]
+    return 0 not in strides and strides == sorted(strides, reverse=True)

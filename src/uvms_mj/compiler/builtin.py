@@ -9,7 +9,7 @@ from __future__ import annotations  # the binding of arguments reads the names o
 
 import ast
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from typing import Any
 
@@ -370,7 +370,8 @@ def _round_array(at: Arrays, a: Value, decimals: Whole = 0, out: Node | None = N
             return _kept("rint")(at, value)
         return at.operation(back, at.c_function("rint", [at.operation(there, value, scale)]), scale)
 
-    return stored(at, out, at.elementwise(rounded, a))
+    result = at.elementwise(rounded, a)
+    return stored(at, out, at.laid(result, np.round(at.like(a), decimals)) if a.kind.is_array else result)
 
 
 def _best(sign: str, name: str) -> Callable:
@@ -405,8 +406,8 @@ def _len(at: Arrays, x: Value) -> Value:
 # arrays from nothing
 
 
-def _filled(at: Arrays, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
-    out = at.temporary(base, shape)
+def _filled(at: Arrays, shape: tuple[int, ...], base: np.dtype, number: Value, axes: Sequence[int] = ()) -> Value:
+    out = at.temporary(base, shape, axes)
     at.fill(out, at.as_integer(number) if base == INT else scalar(at.converted(number, base), base))
     return out
 
@@ -418,7 +419,8 @@ def _of_number(number: int) -> tuple[Callable, Callable]:
         return _filled(at, shape, dtype, at.constant(number))
 
     def like(at: Arrays, a: Array, dtype: Type | None = None) -> Value:
-        return _filled(at, at.shape_of(a), a.kind.base if dtype is None else dtype, at.constant(number))
+        shape, base = at.shape_of(a), a.kind.base if dtype is None else dtype
+        return _filled(at, shape, base, at.constant(number), at.axes_in_memory([a], shape))
 
     return new, like
 
@@ -442,7 +444,8 @@ def _full(at: Arrays, shape: Sizes, fill_value: Array, dtype: Type | None = None
 
 @entry(np.full_like)
 def _full_like(at: Arrays, a: Array, fill_value: Value) -> Value:
-    return _filled(at, at.shape_of(a), a.kind.base, fill_value)
+    shape = at.shape_of(a)
+    return _filled(at, shape, a.kind.base, fill_value, at.axes_in_memory([a], shape))
 
 
 def _eye_of(at: Arrays, n: int, m: int, k: int, dtype: np.dtype) -> Value:
@@ -542,7 +545,7 @@ def _as_type(at: Arrays, value: Value, base: np.dtype | None) -> Value:
     """A new array with these numbers, of another type if one is given."""
     kind = value.kind.base if base is None else base
     if kind == value.kind.base:
-        return at.copied(value) if not value.fresh else value
+        return at.copied(value, keeps_order=True) if not value.fresh else value
 
     def typed(number: Value) -> Value:
         return at.as_integer(number) if kind == INT else scalar(at.converted(number, kind), kind)
@@ -577,8 +580,13 @@ def _astype(at: Arrays, x: Value, dtype: Type) -> Value:
     return _as_type(at, x, dtype)
 
 
-@entry(np.copy, method="copy")
+@entry(np.copy)
 def _copy(at: Arrays, a: Array) -> Value:
+    return at.copied(a, keeps_order=True)
+
+
+@entry("copy", method="copy")
+def _copy_as_usual(at: Arrays, a: Array) -> Value:
     return at.copied(a)
 
 
@@ -675,7 +683,7 @@ def _nan_to_num(
     if any(not each.kind.is_number for each in instead):
         at.lack("nan, posinf and neginf are numbers here")
     if x.kind.base != FLOAT:
-        return at.copied(x) if x.kind.is_array else x
+        return at.copied(x, keeps_order=True) if x.kind.is_array else x
 
     def finite(number: Value) -> Value:
         found = at.chosen(at.is_nan(number), instead[0], number)

@@ -10,7 +10,7 @@ import numpy as np
 from llvmlite import ir
 
 from .refusals import STOPPED, Lacking, Mistake, code_of
-from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Place, Value, contiguous, scalar, whole
+from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Place, Value, dense, scalar, whole
 
 Intrinsic = Callable[["Emission", Sequence[ir.Value]], "Value | None"]
 
@@ -127,17 +127,17 @@ class Emission:
         memory.type = POINTER  # whatever is stored there
         return memory
 
-    def temporary(self, base: np.dtype, shape: Sequence[int]) -> Value:
-        """A new array."""
-        kind = contiguous(base, tuple(shape))
+    def temporary(self, base: np.dtype, shape: Sequence[int], axes: Sequence[int] = ()) -> Value:
+        """A new array; its axes in the order of memory are the usual ones, or ``axes``."""
+        kind = dense(base, tuple(shape), axes)
         return Value(kind, (self.reserve(kind.size * base.itemsize),), fresh=True)
 
-    def made(self, base: np.dtype, shape: Sequence[int]) -> Value:
+    def made(self, base: np.dtype, shape: Sequence[int], axes: Sequence[int] = ()) -> Value:
         """A new array whose entries are :meth:`put`, one after the other on the way that the code takes. A small one
-        needs no memory if only its entries are asked for."""
-        kind = contiguous(base, tuple(shape))
+        needs no memory if only its entries are asked for. ``axes`` as of :meth:`temporary`."""
+        kind = dense(base, tuple(shape), axes)
         if kind.size > self.unit.unrolled:
-            return self.temporary(base, shape)
+            return self.temporary(base, shape, axes)
         return Value(kind, Entries(kind.size, lambda entries: self._written(entries, base)), fresh=True)
 
     def _written(self, entries: Entries, base: np.dtype) -> ir.Value:

@@ -29,6 +29,7 @@ from .values import (
     Place,
     Value,
     bundle,
+    is_dense,
     items_of,
     known_object,
     leaves_of,
@@ -163,7 +164,7 @@ class Expressions(Forms):
         if value.kind.base == BOOL and not (value.kind.is_array and isinstance(node.op, ast.Invert)):
             self.lack("a truth value of Python's has other signs and bits than NumPy's; write not x, or int(x)")
         if isinstance(node.op, ast.UAdd):
-            return self.copied(value) if value.kind.is_array else value
+            return self.copied(value, keeps_order=True) if value.kind.is_array else value
         function = self.negative if isinstance(node.op, ast.USub) else self.inverted
         return self.elementwise(function, value)
 
@@ -266,7 +267,9 @@ class Expressions(Forms):
 
     def _merged_copies(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block, kind: Kind) -> Value:
         """One new array of several, of which nobody holds any."""
-        out = self.temporary(kind.base, kind.sizes)
+        if not is_dense(kind):
+            self.lack("it is a part of a new array; write .copy() behind it")
+        out = replace(self.temporary(kind.base, kind.sizes), kind=replace(kind, readonly=""))
         for value, block in found:
             self.at.position_at_end(block)
             self.fill(out, value)

@@ -15,7 +15,7 @@ from llvmlite import ir
 
 from .expressions import Expressions, Variable
 from .refusals import SMEARED
-from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, contiguous, items_of, leaves_of
+from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, is_dense, items_of, leaves_of
 
 
 def bindings(statements: Iterable[ast.stmt], lists: Collection[str] = ()) -> Iterator[str]:
@@ -257,7 +257,9 @@ class Lifetimes(Expressions):
         self.at.branch(choice)
         self.at.position_at_end(onward)
         self.turning.kept.append((choice, onward, slot, size))
-        kind = contiguous(value.kind.base, value.kind.sizes)
+        if not is_dense(value.kind):
+            self.lack("it is a part of a new array; write .copy() behind it")
+        kind = replace(value.kind, readonly="")
         kept = Value(kind, (self.at.load(slot, typ=POINTER),), steady=False)
         self.fill(kept, value)
         return replace(kept, kind=replace(kind, readonly=value.kind.readonly))

@@ -20,8 +20,13 @@ from .values import FLOAT, WORD, Kind, Value, bundle, items_of, scalar, shown, w
 @entry(np.inner)
 def _inner(at: Arrays, a: Array, b: Array) -> Value:
     if len(at.shape_of(a)) == 0 or len(at.shape_of(b)) == 0:
-        return at.elementwise(partial(at.operation, "Mult"), a, b)
+        return _times(at, a, b)
     return at.product(a, at.transposed(b))
+
+
+def _times(at: Arrays, a: Value, b: Value) -> Value:
+    """The product with a number, whose order of memory is that of a product of arrays."""
+    return at.laid(at.elementwise(partial(at.operation, "Mult"), a, b), np.dot(at.like(a), at.like(b)))
 
 
 @entry(np.vdot)
@@ -33,8 +38,8 @@ def _vdot(at: Arrays, a: Array, b: Array) -> Value:
 
 @entry(np.dot, np.matmul, method="dot")
 def _dot(at: Arrays, a: Array, b: Array, out: Node | None = None) -> Value:
-    name = "Mult" if not at.shape_of(a) or not at.shape_of(b) else "MatMult"
-    return stored(at, out, at.binary(name, a, b))
+    of_numbers = not at.shape_of(a) or not at.shape_of(b)
+    return stored(at, out, _times(at, a, b) if of_numbers else at.binary("MatMult", a, b))
 
 
 @entry(np.outer)
@@ -122,6 +127,8 @@ def _matrix_power(at: Arrays, a: Array, n: Whole) -> Value:
         at.mistake(f"a square matrix is needed here, not shape {shown(shape)}")
     if n == 0:
         return at.literal(np.eye(shape[0], dtype=a.kind.base))
+    if n == 1:
+        return a
     if n < 0:
         a = at.written(library.inv, [at.elementwise(lambda each: scalar(at.float_of(each), FLOAT), a)])
     return library.power_of_matrix(a, abs(n), at.product, at.copied)
@@ -175,7 +182,7 @@ def _einsum(at: Arrays, subscripts: Known, *operands: Array) -> Value:
         return body([])
     result = at.made(base, [sizes[each] for each in out])
     at.each(result.kind.sizes, lambda indices: at.put(body(indices).llvm[0], result, indices))
-    return result
+    return at.laid(result, np.einsum(subscripts, *map(at.like, operands)))
 
 
 @entry(np.linalg.solve)

@@ -174,7 +174,7 @@ def _accumulated(at: Arrays, a: Value, axis: Any, step: Callable[..., Value]) ->
         at.mistake(f"an array of shape {shown(shape)} has no axis {axis}")
     axis %= len(shape)
     n, rest = shape[axis], (*shape[:axis], *shape[axis + 1 :])
-    out = at.made(FLOAT if a.kind.base == FLOAT else INT, shape)
+    out = at.made(FLOAT if a.kind.base == FLOAT else INT, shape, at.axes_in_memory([a], shape))
 
     def body(indices: list[ir.Value]) -> None:
         def place(i: ir.Value) -> list[ir.Value]:

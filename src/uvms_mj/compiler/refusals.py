@@ -42,7 +42,8 @@ def field_suggestion(word: str, known: Sequence[str]) -> str:
 
 INDEX, DIVISION, CONVERSION, RAISED, STOPPED, OVERFLOW, SMEARED = range(1, 8)
 """Why: an index out of bounds, a division of an integer by zero, a float that fits no integer, ``raise``, a signal, an
-integer of more than 64 bits, an array that is filled from a part of itself. It is the lowest byte of the number; then the file (a byte) and the line."""
+integer of more than 64 bits, an array that is filled from a part of itself. It is the lowest byte of the number; then
+the file (a byte) and the line."""
 
 
 def code_of(why: int, file: int, line: int) -> int:

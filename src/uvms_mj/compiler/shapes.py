@@ -121,7 +121,7 @@ def _concatenate(at: Arrays, arrays: Parts, axis: Known = 0) -> Value:
 
 @entry(np.stack)
 def _stack(at: Arrays, arrays: Parts, axis: Known = 0) -> Value:
-    return at.stacked(arrays, axis)
+    return at.laid(at.stacked(arrays, axis), np.stack([*map(at.like, arrays)], axis))
 
 
 def _with_axes(at: Arrays, parts: Sequence[Value], arrange: Callable) -> list[Value]:
@@ -182,12 +182,12 @@ def _block(at: Arrays, arrays: Node) -> Value:
     places = nested(at.value(arrays))
     numbers = at.numbered(found)
 
-    def numbered(place: Any) -> Any:
-        return [numbered(each) for each in place] if isinstance(place, list) else numbers[place]
+    def filled(place: Any, of: Sequence[np.ndarray]) -> Any:
+        return [filled(each, of) for each in place] if isinstance(place, list) else of[place]
 
     with at.refused_by_numpy():
-        order = np.block(numbered(places))
-    return at.gathered(found, order)
+        order = np.block(filled(places, numbers))
+    return at.laid(at.gathered(found, order), np.block(filled(places, [*map(at.like, found)])))
 
 
 @entry(np.meshgrid)
@@ -202,7 +202,7 @@ def _kron(at: Arrays, a: Array, b: Array) -> Value:
     left, right = (np.ones(at.shape_of(each), INT) for each in (a, b))
     numbers = (np.kron(at.numbered([a])[0], right), np.kron(left, at.numbered([b])[0]))
     factors = [at.gathered([each], order) for each, order in zip((a, b), numbers, strict=True)]
-    return at.elementwise(partial(at.operation, "Mult"), *factors)
+    return at.laid(at.elementwise(partial(at.operation, "Mult"), *factors), np.kron(at.like(a), at.like(b)))
 
 
 # as Python's own

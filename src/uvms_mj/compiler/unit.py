@@ -3,7 +3,7 @@
 import ast
 import types
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from llvmlite import ir
@@ -28,7 +28,7 @@ from .values import (
     Value,
     argument_kind,
     bundled,
-    contiguous,
+    is_dense,
     kind_of,
     leaves_of,
     words_of,
@@ -155,7 +155,7 @@ class _Done:
             at += leaf.size
             if kind.is_array and _is_own(body, part):
                 numbers = body.shifted(place, WORD(8)) if leaf.given else place
-                body.fill(Value(contiguous(kind.base, kind.sizes), (numbers,)), part)
+                body.fill(Value(replace(kind, readonly=""), (numbers,)), part)
                 if leaf.given:
                     body.store(numbers, place)
                 continue
@@ -197,8 +197,8 @@ class _Leaf:
     def of(cls, body: Function, kind: Kind, parts: Sequence[Value]) -> "_Leaf":
         """From the same part of all results."""
         own = [kind.is_array and _is_own(body, part) for part in parts]
-        if any(own) and kind.strides != contiguous(kind.base, kind.sizes).strides:
-            body.lack("the new array that it returns has its numbers in another order than a copy; write .copy()")
+        if any(own) and not is_dense(kind):
+            body.lack("it returns a part of a new array; write .copy() behind it")
         if kind.is_number:
             return cls(kind)
         reached = {each for part, its in zip(parts, own, strict=True) if not its for each in body.origins(part)}
@@ -221,7 +221,7 @@ class _Leaf:
         if kind.is_number:
             return at.load(place, kind.base)
         if not self.given:
-            return Value(contiguous(kind.base, kind.sizes), (place,), fresh=True)
+            return Value(replace(kind, readonly=""), (place,), fresh=True)
         words = [at.at.load(at.shifted(place, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
         of = [arguments[k] for k in self.arguments]
         made = self.own or any(map(_is_made, of))

@@ -157,6 +157,20 @@ def contiguous(base: np.dtype, shape: tuple[int | None, ...], readonly: str = ""
     return Kind(base, shape, tuple(reversed(strides)), readonly=readonly)
 
 
+def dense(base: np.dtype, shape: tuple[int, ...], axes: Sequence[int] = ()) -> Kind:
+    """The kind of an array without gaps whose axes are in this order in memory, the last one with neighbours."""
+    axes = axes or range(len(shape))
+    strides = contiguous(base, tuple(shape[axis] for axis in axes)).strides
+    return Kind(base, shape, tuple(strides[[*axes].index(axis)] for axis in range(len(shape))))
+
+
+def is_dense(kind: Kind) -> bool:
+    """Whether an array of known shape has no gaps in memory, in whichever order its axes are, and none backwards."""
+    axes = sorted(range(len(kind.sizes)), key=lambda axis: -kind.strides[axis])
+    strides = dense(kind.base, kind.sizes, axes).strides
+    return kind.size == 0 or all(n == 1 or a == b for n, a, b in zip(kind.sizes, kind.strides, strides, strict=True))
+
+
 @dataclass(frozen=True)
 class Place:
     """A pointer into a record with cells (:mod:`.cells`): the distance from its start, known when compiling [bytes]."""
