@@ -36,26 +36,24 @@ def used(g, o):
 PLACES = {"vectors": (VECTORS, "z[0] = 7.0"), "matrices": (MATRICES, "z[0, 2] = 7.0"), "parts": (PARTS, "z[1] = 7.0")}
 
 
-def same_or_lacking(source):
+def same_or_lacking(source, kinds=(GIVEN, OUT)):
     """Whether there is machine code; then it must do as plain Python does."""
     try:
-        compare(
-            defined(source, dict(NAMES)), [GIVEN, OUT], runs=4, exact=False
-        )  # NumPy's sums have orders of their own
+        compare(defined(source, dict(NAMES)), kinds, runs=4, exact=False)  # NumPy's sums have orders of their own
     except Lacking:
         return False
     return True
 
 
 def programs(template, forms, took, stored):
-    for first, second in itertools.product(forms, forms):
+    for first, second in itertools.combinations_with_replacement(forms, 2):
         yield SAME + template.format(first, second) + USE.format(took=took, stored=stored)
 
 
 @pytest.mark.parametrize("template", [RETURNS, CHOOSES, BINDS], ids=["returns", "chooses", "binds"])
 @pytest.mark.parametrize("kind", PLACES)
 def test_one_of_two_arrays_is_the_array_that_python_takes(kind, template):
-    """Every pair, stored into if both may be; constants are only read."""
+    """Every pair in one order, stored into if both may be; constants are only read."""
     forms, stored = PLACES[kind]
     compiled = [
         same_or_lacking(each)
@@ -179,3 +177,41 @@ def test_an_array_filled_from_itself_is_what_numpy_makes_of_it_or_the_call_ends(
             np.testing.assert_array_equal(mine["x"], theirs["x"])
     assert any(ended)
     assert not all(ended)
+
+
+MADE = """
+-{}; +{}; {} * 2.0; {} + o.A[:3, :2]; np.exp({}); np.clip({}, -1.0, 1.0); np.where({0} > 0.0, {0}, 0.0); {}.copy()
+np.copy({}); np.array({}); {}.astype(float); np.zeros_like({}); np.full_like({}, 2.0); np.round({}, 1)
+np.nan_to_num({}); np.cumsum({}, axis=0); np.diff({}, axis=0); np.roll({}, 1); np.tile({}, (1, 1))
+np.repeat({}, 2, axis=0); np.triu({}); np.flip({}); np.concatenate([{0}, {0}]); np.stack([{0}[0], {0}[1]])
+np.vstack([{0}, {0}]); np.column_stack([{0}, {0}]); np.block([[{0}], [{0}]]); np.kron({}, 2.0); np.outer({0}, {0})
+{0} @ o.A[:2, :3]; np.dot({}, 2.0); np.inner({}, 2.0); np.einsum('ij,ij->ji', {0}, {0}); twice({})
+np.maximum({}, o.A[:3, :2]); ({} if o.x[0] > 0.0 else np.ones((3, 2))) * 2.0; np.linalg.matrix_power({}[:2], 1)
+np.linalg.inv({}[:2])
+"""
+TWICE = "def twice(z):\n    return 2.0 * z\n\n"
+"""A new matrix of another one."""
+
+
+@pytest.mark.parametrize("given", ["o.A[:2, :3].T", "(o.A[:2, :3] * 1.0).T", "(1.0 * o.A[:3]).T[:3, :2][:, ::-1]"])
+def test_a_new_array_has_the_axes_of_numpys_in_memory(given):
+    """They decide whether a reshaped one is a view: a store into it then changes the array."""
+    store = "    r = C.reshape(-1)\n    r[1] = 7.0\n    q = C.T.ravel()\n    q[2] = 9.0\n"
+    compiled = [
+        same_or_lacking(
+            f"{TWICE}def used(o):\n    z = {given}\n    C = {each.format('z')}\n{store}"
+            "    o.seen[:4] = [C[0, 0], C[0, 1], C[1, 0], C[1, 1]]\n",
+            [OUT],
+        )
+        for each in MADE.strip().replace("\n", "; ").split("; ")
+    ]
+    assert sum(compiled) >= len(compiled) - 3
+
+
+@pytest.mark.parametrize("statement", ["for i in range(3):", "while o.seen[0] < 1.0:"])
+def test_a_part_of_a_new_array_in_a_loop_is_the_part(statement):
+    """A row of gaps is no view when it is flattened."""
+    body = "c = (o.A * 2.0)[:, 0]\n        r = c.ravel()\n        r[0] = 5.0\n        o.seen[1] = c[0]\n"
+    same_or_lacking(
+        f"def used(o):\n    o.seen[0] = 0.0\n    {statement}\n        {body}        o.seen[0] += 1.0\n", [OUT]
+    )

@@ -170,7 +170,7 @@ class Arrays(Scalars):
             return ()
         if any(0 in value.kind.strides for value in values):
             self.lack("NumPy's result of a repeated array is in an order of its own; write .copy()")
-        flags = [*[["readonly"]] * len(values), ["writeonly", "allocate"]]
+        flags: list[Any] = [*[["readonly"]] * len(values), ["writeonly", "allocate"]]
         strides = np.nditer([*map(self.like, values), None], ["zerosize_ok"], flags, order="K").operands[-1].strides
         return tuple(sorted(range(len(shape)), key=lambda axis: -strides[axis]))
 

@@ -8,11 +8,12 @@ for each statement. Otherwise there is one more of them than there are names, an
 """
 
 import ast
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
+from .cells import CELLS
 from .expressions import Expressions, Variable
 from .refusals import SMEARED
 from .values import BYTE, POINTER, WORD, Kind, Memory, Value, argument_kind, bundle, is_dense, items_of, leaves_of
@@ -182,15 +183,24 @@ class Lifetimes(Expressions):
         steps = target.kind.strides[0], value.kind.strides[-1]
         if steps[0] == steps[1] or steps[0] * steps[1] < 0 or target.kind.size < 2 or value.kind.size < 2:
             return
-        if target.place is not None or value.place is not None:
-            self.lack("in a fleet, an array is filled from one with another step; write .copy() behind that")
         ends = [sorted((0, (each.kind.size - 1) * step)) for each, step in zip((target, value), steps, strict=True)]
+        if target.place is not None or value.place is not None:
+            if self._may_meet_in_cells(target, value, ends):
+                self.lack("in a fleet, an array is filled from a part of itself with another step; write .copy()")
+            return
         (low, high), (first, last) = (
             [self.at.ptrtoint(self.shifted(each.llvm[0], WORD(end)), WORD) for end in both]
             for each, both in zip((target, value), ends, strict=True)
         )
         apart = self.at.or_(self.at.icmp_unsigned("<", high, first), self.at.icmp_unsigned("<", last, low))
         self.demand(apart, SMEARED)
+
+    @staticmethod
+    def _may_meet_in_cells(target: Value, value: Value, ends: Sequence[Sequence[int]]) -> bool:
+        if target.place is None or value.place is None:
+            return CELLS in (target.kind.readonly[: len(CELLS)], value.kind.readonly[: len(CELLS)])
+        first, second = target.place.offset, value.place.offset
+        return first + ends[0][0] <= second + ends[1][1] and second + ends[1][0] <= first + ends[0][1]
 
     def _slots(self, kind: Kind) -> list[ir.Value]:
         slots = [self.entry.alloca(each) for each in kind.llvm]
