@@ -114,6 +114,29 @@ def test_a_law_beyond_the_language_runs_and_says_why(tmp_path):
     assert np.allclose(trace.p_WB, ours.p_WB, atol=1e-12)
 
 
+def test_all_that_a_law_has_beyond_the_language_is_said_at_once(tmp_path):
+    """Also of a function that it calls. What follows from one of them is none: y and z depend on x."""
+    body = (
+        "x = eval('1.0')\ny = x + 1.0\nif y > 0.0:\n    z = y\n"
+        "for i in range(2):\n    with np.errstate(all='ignore'):\n        pass\n"
+        "q = odd(signals.t)\nr = q + z\ntau_cmd[:] = signals.tau_nom + 0.0 * np.nonzero(signals.s)[0].sum()"
+    )
+    header = f"{HEADER}import numpy as np\n\n\ndef odd(t):\n    d = {{t: 1.0}}\n    return [1.0, t][::-1].pop()\n\n\n"
+    path = law_file(tmp_path, one_liner("Odd", body), header=header)
+    with pytest.warns(PlainPythonWarning) as caught:
+        simulate(Scenario.load("push_wall", {"simulation.duration": 0.001}, f"{path}:Odd"))
+    (said,) = (str(each.message) for each in caught if each.category is PlainPythonWarning)
+    lines = [int(each) for each in re.findall(r"line (\d+): ", said)]
+    source = path.read_text().splitlines()
+    assert [source[each - 1].split(" #")[0].strip() for each in lines] == [
+        "x = eval('1.0')",
+        "with np.errstate(all='ignore'):",
+        "d = {t: 1.0}",
+        "return [1.0, t][::-1].pop()",
+        "tau_cmd[:] = signals.tau_nom + 0.0 * np.nonzero(signals.s)[0].sum()",
+    ]
+
+
 @pytest.mark.parametrize(
     ("body", "line", "words"),
     [

@@ -38,6 +38,7 @@ class Module:
         library: prefix of the target's names for the functions of the C library.
         cells: the record whose numbers are known, or in cells (:mod:`.cells`); otherwise None.
         unrolled: up to so many elements are written out one by one; more are a loop.
+        left_out: files and lines of statements that are not translated, in search of what else a function lacks.
         frame: bytes of local arrays so far.
         files: the sources' files, by their number in the codes.
     """
@@ -52,6 +53,7 @@ class Module:
     unrolled: int = UNROLLED
     instead: Mapping[Any, Any] = field(default_factory=dict)
     own: Mapping[str, Any] = field(default_factory=dict)
+    left_out: Collection[tuple[str, int]] = ()
 
     def __post_init__(self) -> None:
         self.module = ir.Module(self.name)

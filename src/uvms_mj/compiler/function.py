@@ -80,7 +80,7 @@ class Function(Lifetimes):
         self.loops: list[Loop] = []
         self.held_lists: dict[str, str] = {}
         self.exits: dict[int, tuple[ast.AST, ir.Block, list[set[str]]]] = {}
-        self.blocks = 0
+        self.blocks, self.without_value = 0, set[str]()
         self.returns: list[tuple[ir.Block, Value]] = []
         self.lists = _lists_of(tree)
         stored = Counter(self.bindings(tree.body))
@@ -149,8 +149,24 @@ class Function(Lifetimes):
             if self.at.block.is_terminated:
                 break
             self.line = statement.lineno
-            self.visit(statement)
+            if not self.unit.left_out or not self._leaves_out(statement):
+                self.visit(statement)
         self.block = before
+
+    def place_of_line(self) -> tuple[str, int]:
+        """File and line of the statement."""
+        code = self.function.__code__
+        return code.co_filename, code.co_firstlineno + self.line - 1
+
+    def _leaves_out(self, statement: ast.stmt) -> bool:
+        """Whether a statement is not translated: it is one of those, or reads what one of them would have bound."""
+        within = {id(each) for part in ("body", "orelse") for each in getattr(statement, part, ())}
+        parts = [each for each in ast.iter_child_nodes(statement) if id(each) not in within]
+        names = {each.id for part in parts for each in ast.walk(part) if isinstance(each, ast.Name)}
+        if self.place_of_line() not in self.unit.left_out and not names & self.without_value:
+            return False
+        self.without_value |= set(self.bindings([statement]))
+        return True
 
     def demand_lasting(self, name: str, node: ast.expr | ast.FunctionDef) -> None:
         if name in self.unbound or id(node) in self.handed:

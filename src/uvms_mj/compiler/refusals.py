@@ -14,7 +14,10 @@ class Untranslatable(TypeError):
         file, line: where, in the source.
         words: the line of the source.
         reason: why, and what to write instead.
+        outermost: file and line of the statement in the outermost function.
     """
+
+    outermost: tuple[str, int] = "", 0
 
     def __init__(self, function: types.FunctionType, line: int, words: str, reason: str) -> None:
         code = function.__code__

@@ -13,7 +13,7 @@ from . import libm, library
 from .emission import Emission, Module
 from .function import Function
 from .lifetimes import Again, Plan
-from .refusals import Lacking
+from .refusals import Lacking, Untranslatable
 from .scalars import OWN
 from .values import (
     BOOL,
@@ -95,6 +95,9 @@ class Unit(Module):
                     done = _Done.of(body, code)
                     done.inlined = self.cells is not None
                     return done
+                except Untranslatable as error:
+                    error.outermost = body.place_of_line()
+                    raise
                 except Again:  # take the draft back, with its calls
                     del self.module.globals[code.name]
                     for done in self._done.values():

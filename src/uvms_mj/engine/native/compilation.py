@@ -30,6 +30,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import platformdirs
 
+from ...compiler.refusals import Untranslatable
 from ...compiler.targets import optimize
 from .memory import at_address
 
@@ -40,6 +41,8 @@ _ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", 
 _KEPT_OBJECTS = 400  # of a user's stage two: its machine code, and the name of its translation
 _MIN_AGE_S = 7 * 24 * 3600.0
 _VARIABLE = "UVMS_MJ_CACHE_DIR"
+_MOST_GAPS = 8
+"""So many reasons why a function is not compiled are said."""
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
 
 
@@ -325,12 +328,38 @@ def _translated(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> t
     try:
         return stage_module(function, records, _STAGE)
     except Lacking as lacking:
-        where = f" ({Path(lacking.file).name}, line {lacking.line}: {lacking.words})" if lacking.words else ""
-        raise NotCompiled(f"{lacking.reason}{where}") from lacking
+        found = _gaps(functools.partial(stage_module, function, records, _STAGE), lacking)
+        raise NotCompiled("; ".join(found)) from lacking
     except Mistake:
         raise
     except Exception as error:
         raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
+
+
+def _gaps(translate: Callable[..., Any], lacking: Untranslatable) -> list[str]:
+    """All that a function has and the language lacks, each with its line: the statement that met it is left out, with
+    what depends on it, and the function is translated again."""
+    from ...compiler.refusals import Lacking
+
+    found, left_out, error = list[str](), set[tuple[str, int]](), lacking
+    while len(found) <= _MOST_GAPS:
+        where = f" ({Path(error.file).name}, line {error.line}: {error.words})" if error.words else ""
+        if isinstance(error, Lacking) and (said := f"{error.reason}{where}") not in found:
+            found.append(said)
+        place = error.file, error.line
+        if place in left_out or not isinstance(error, Lacking) or error.file.startswith(str(_PACKAGE)):
+            place = error.outermost  # what follows from it
+        if place in left_out:
+            break
+        left_out.add(place)
+        try:
+            translate(left_out=left_out)
+            break
+        except Untranslatable as further:
+            error = further
+        except Exception:  # a function without some of its statements may be none
+            break
+    return found if len(found) <= _MOST_GAPS else [*found[:_MOST_GAPS], "and more"]
 
 
 @functools.cache

@@ -2,7 +2,7 @@
 
 import platform
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -178,9 +178,10 @@ def stage_module(
     name: str,
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = signalled,
     library: str = "",
+    left_out: Collection[tuple[str, int]] = (),
 ) -> tuple[str, list[str]]:
-    """The module of a user's stage, which is checked, as LLVM's text, and its source files. ``interrupted`` as in
-    :class:`uvms_mj.compiler.unit.Unit`."""
-    unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, library)
+    """The module of a user's stage, which is checked, as LLVM's text, and its source files. ``interrupted`` and
+    ``left_out`` as in :class:`uvms_mj.compiler.unit.Unit`."""
+    unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, library, left_out=left_out)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files
