@@ -158,7 +158,7 @@ def test_a_store_into_what_is_only_read_is_caught(tmp_path, monkeypatch):
     """Machine code stores into the run's signals where Python stores into a copy."""
     law = file_of(tmp_path, "c = signals.eta_e.copy()\nc[3] = 0.5\nstate.seen[0] = c[0]")
     expected = plain_law(law, monkeypatch)
-    monkeypatch.setitem(builtin.FUNCTIONS, np.copy, lambda at, nodes, keywords: at.value(nodes[0]))
+    monkeypatch.setitem(builtin.FUNCTIONS, "copy", lambda at, nodes, keywords: at.value(nodes[0]))
     monkeypatch.setattr(function.Function, "_refuse_readonly", lambda self, place: None)
     with pytest.warns(NetWarning, match="signals.eta_e is changed by machine code, and not by Python"):
         trace = run(law)

@@ -163,8 +163,8 @@ class Arrays(Scalars):
         return out[0]
 
     def axes_in_memory(self, values: Sequence[Value], shape: tuple[int, ...]) -> tuple[int, ...]:
-        """The order of the axes, in memory, of a new array that NumPy makes entry by entry: as those of the values have
-        (its order K). It decides which reshape is a view. Empty if it is the usual one."""
+        """The order in memory of the axes of a new array that NumPy makes entry by entry: it follows the values (order
+        K), and decides which reshape is a view. Empty if it is the usual order."""
         values = [value for value in values if value.kind.is_array]
         if not self.unit.checked or len(shape) < 2 or all(_is_usual(value.kind) for value in values):
             return ()
@@ -187,8 +187,8 @@ class Arrays(Scalars):
         return out
 
     def like(self, value: Value) -> np.ndarray:
-        """An array of NumPy's with the shape, the type and the strides of one here: NumPy itself says with it what it
-        makes a view of, and in which order it has a result."""
+        """An array of NumPy's with the shape, the type and the strides of a value. NumPy itself says with it whether it
+        makes a view, and in which order a result is."""
         kind, shape = value.kind, self.shape_of(value)
         ends = [(n - 1) * stride for n, stride in zip(shape, kind.strides, strict=True)] if kind.size else []
         low, high = sum(min(0, each) for each in ends), sum(max(0, each) for each in ends)
@@ -738,6 +738,6 @@ def _is_dots(node: ast.expr) -> bool:
 
 
 def _is_usual(kind: Kind) -> bool:
-    """Whether the axes of an array are in memory as of one that NumPy makes from nothing."""
+    """Whether the axes of an array follow each other in memory as in an array from np.zeros."""
     strides = [abs(stride) for n, stride in zip(kind.sizes, kind.strides, strict=True) if n > 1]
     return 0 not in strides and strides == sorted(strides, reverse=True)

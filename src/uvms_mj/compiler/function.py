@@ -159,7 +159,7 @@ class Function(Lifetimes):
         return code.co_filename, code.co_firstlineno + self.line - 1
 
     def _leaves_out(self, statement: ast.stmt) -> bool:
-        """Whether a statement is not translated: it is one of those, or reads what one of them would have bound."""
+        """Whether a statement is not translated: it is left out, or it reads a name that such a statement binds."""
         within = {id(each) for part in ("body", "orelse") for each in getattr(statement, part, ())}
         parts = [each for each in ast.iter_child_nodes(statement) if id(each) not in within]
         names = {each.id for part in parts for each in ast.walk(part) if isinstance(each, ast.Name)}

@@ -25,7 +25,7 @@ def _inner(at: Arrays, a: Array, b: Array) -> Value:
 
 
 def _times(at: Arrays, a: Value, b: Value) -> Value:
-    """The product with a number, whose order of memory is that of a product of arrays."""
+    """The product with a number: a new array in the order of memory that np.dot gives it."""
     return at.laid(at.elementwise(partial(at.operation, "Mult"), a, b), np.dot(at.like(a), at.like(b)))
 
 
