@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from compiler_faults import FAULTS, MET
-from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.compiler import builtin, function, unit
 from uvms_mj.engine.batch import Batch
 from uvms_mj.engine.native import compilation, net, pipeline, twin
 from uvms_mj.engine.native.net import NetWarning
+from uvms_mj.engine.plant_fmu import write_fmu
 
 LAW = """
 from dataclasses import dataclass
@@ -103,6 +104,15 @@ def test_a_further_run_knows_a_fault_from_the_start(tmp_path, monkeypatch):
         first = run(law)
     with pytest.warns(UserWarning, match="runs as plain Python"):
         assert bits(run(law)) == bits(first)
+
+
+def test_a_fault_is_found_before_an_fmu_is_written(tmp_path, monkeypatch):
+    put, body = FAULTS["A2: a list times a number is a product"]
+    scenario = Scenario.load("push_wall", controller=file_of(tmp_path, body))
+    put(monkeypatch)
+    with pytest.warns(NetWarning), pytest.raises(InputError, match=r"can't be in an FMU, .* as machine code"):
+        write_fmu(scenario, tmp_path / "law.fmu", with_law=True)
+    assert not (tmp_path / "law.fmu").exists()
 
 
 EDITED = {

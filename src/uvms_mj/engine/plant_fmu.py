@@ -25,6 +25,7 @@ from ..scenario import Scenario
 from ..setup.checks import directions
 from ..stages.signals import MEASURED
 from .native.callback import advance
+from .native.net import FIRST
 from .native.other_targets import loop_for
 from .native.record import STOP_COMMAND, STOP_STATE, STOP_THRUST
 from .native.shared_library import compiler
@@ -81,15 +82,20 @@ def write_fmu(scenario: Scenario, path: Path, with_law: bool = False) -> list[st
     or nothing with the law inside. Returns the names of its parameters.
 
     Raises:
-        InputError: the engine free_body can't run the scenario, or there is no C compiler.
+        InputError: the engine free_body can't run the scenario, a stage is not compiled or differs from Python in its
+            first instants, or there is no C compiler.
     """
     if not with_law and not (scenario.controller.external or scenario.actuation.external):
         scenario = scenario.updated({"controller.name": "external"})
     with Simulation(scenario, engine="free_body", looks=False) as sim:
+        if sim.compares:  # an FMU has no net: a stage that is not as Python is known here, and refused below
+            sim.step(FIRST)
+    with Simulation(scenario, engine="free_body", looks=False) as sim:
         stages = sim._stages
         for stage in stages.running:
             if stage.library is not None or stage.code is None:
-                wrong = f"{stage.stage.label()} can't be in the FMU: what is inside is Python that the compiler takes"
+                why = f" ({stage.not_compiled})" if stage.not_compiled else ""
+                wrong = f"{stage.stage.label()} can't be in an FMU, which takes compiled Python only{why}"
                 raise InputError([Fault(f"{stage.stage.room.table}.name", wrong)])
         parts = _Parts(sim, scenario)
         guid = str(uuid.uuid5(uuid.NAMESPACE_OID, repr(scenario.to_dict())))
