@@ -465,8 +465,6 @@ class TaskMotion:
     def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
         balance = self.balance
         if self.memory is not None:
-            if self.memory.moves and step != self._step:
-                self._law = None
             self.memory.step = step if step <= LAST else math.inf
             if self.limits:  # what winds up does not hold the vehicle
                 self.memory.step = min(step, _WINDS_UP) if step <= LAST else _KEEPS
