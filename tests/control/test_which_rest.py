@@ -225,10 +225,34 @@ OVER = {  # the inner loop of admittance pushes the body over the cylinder, wher
 
 def test_an_admittance_goes_where_its_inner_loop_takes_it():
     pushed, held = run("push_wall", OVER, "admittance"), run("push_wall", OVER, "gsta")
-    assert pushed.push[-1] == 0.0
-    assert isinstance(pushed.analytic, NoClosedForm)
-    assert "different rests" in pushed.analytic.reason
+    assert pushed.push[-1] == pushed.analytic.force == 0.0
     assert held.analytic.force == pytest.approx(held.push[-1], rel=1e-4)
+
+
+DEEP = {  # 0.2 m behind the face of a box: more than the thrusters have
+    "vehicle.model": "bluerov2_heavy",
+    "wall.present": False,
+    "walls": [{"shape": "box", "edges": [0.5, 2.0, 2.0], "stiffness": 5e3, "damping": 50.0, "position": [1.45, 0, 0]}],
+    "reference.target": [1.4, 0.0, 0.0],
+    "impedance.K_d": [800.0, 800.0, 800.0, 60.0, 60.0, 60.0],
+    "current.speed": 0.2,
+    "current.direction_deg": 70.0,
+    "simulation.duration": 80.0,
+}
+
+
+@pytest.mark.parametrize("law", ["impedance", "pid"])
+def test_a_vehicle_whose_thrusters_are_too_weak_rests_with_thrusters_at_their_limits(law):
+    trace = run("push_wall", DEEP, law)
+    assert trace.saturation_time[-1] > 70.0
+    assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
+    np.testing.assert_allclose(trace.analytic.position, trace.p_WB[-1], atol=1e-6)
+
+
+def test_weak_thrusters_are_named_where_an_allocation_shares_what_they_lack():
+    found = steady_state(set_up(Scenario.load("push_wall", DEEP | {"actuation.name": "constrained"}, "impedance")))
+    assert isinstance(found, NoClosedForm)
+    assert found.reason.startswith("the thrusters are too weak")
 
 
 def test_a_start_inside_a_wall_has_no_closed_form():

@@ -68,25 +68,36 @@ class Admittance(Controller):
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
         from ..theory.balance import static_balance
         from ..theory.stability import Stability
+        from ..theory.terms import Memory
 
         design = setup.design
+        states = Memory((np.zeros(6), np.zeros(6), np.zeros(6)))
+        M_hat_inv, half = np.linalg.inv(design.M_hat), np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
         def residual(balance: Any, x: Any) -> np.ndarray:
-            nu = balance.measurement(x).nu
+            nu, needed = balance.measurement(x).nu, M_hat_inv @ balance.control_wrench(x)
             demanded = balance.demanded(x) - design.D_d @ nu  # nu_a = 0
-            if self.k_i:
-                return demanded
-            return (
-                demanded
-                + design.K_d @ (np.linalg.solve(design.M_hat, balance.control_wrench(x)) + self.k_v * nu) / self.k_p
-            )
+            if np.isinf(states.step):
+                return demanded if self.k_i else demanded + design.K_d @ (needed + self.k_v * nu) / self.k_p
+            eta_e, nu_e = balance.error(x), states.nu_e(x)
+            a = acceleration(eta_e, design.K_d @ eta_e - demanded, nu_e + nu) - needed
+            return -design.M_d @ a - design.D_d @ nu_e  # the motion has the damping of eq. (7)
 
-        def inner(balance: Any, x: Any) -> np.ndarray:  # the pose controller, while its reference has not moved yet
-            error, twice = balance.error(x), np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-            held: np.ndarray = design.M_d @ (self.k_p * twice * error - np.linalg.solve(design.M_hat, x.tau_c))
-            return held
+        def acceleration(eta_e: np.ndarray, force: np.ndarray, nu_e: np.ndarray) -> np.ndarray:
+            (eta_a, nu_a, xi_a), nu_a_dot, h = states.value, np.zeros(6), states.step
+            if h:
+                before, stiff = nu_a, h * half * design.K_d
+                pushed = force - design.K_d @ eta_a + design.M_d @ nu_a / h
+                nu_a = np.linalg.solve(design.M_d / h + design.D_d + stiff, pushed)
+                eta_a, nu_a_dot = eta_a + h * half * nu_a, (nu_a - before) / h
+                xi_a = xi_a + h * self.k_i * (eta_e - eta_a)
+            states.next = eta_a, nu_a, xi_a
+            a: np.ndarray = nu_a_dot - self.k_v * (nu_e - nu_a) - self.k_p * (eta_e - eta_a) - xi_a
+            return a
 
-        return Stability(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual, inner=inner))
+        wrench = design.M_hat @ design.M_d_inv
+        rest = static_balance(setup, np.inf if self.k_i else 0.0, residual, states, wrench=wrench)
+        return Stability(setup).checked(rest)
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

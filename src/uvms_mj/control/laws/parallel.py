@@ -73,7 +73,7 @@ class Parallel(Controller):
             left = float(n @ (state.contacts.tau_c - F_d))
             return (("xi", (2.0 * np.sign(left) * self.limit if abs(left) > _LEFT else 0.0,)),)
 
-        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral))
+        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral, wrench=np.eye(6)))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""

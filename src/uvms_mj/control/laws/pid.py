@@ -66,7 +66,7 @@ class Pid(Controller):
             spring = K_d @ state.contacts.eta_e
             return (("xi", tuple(np.where(np.abs(spring) > _PULLS, 2.0 * np.sign(spring) * limit, 0.0))),)
 
-        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral))
+        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral, wrench=np.eye(6)))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

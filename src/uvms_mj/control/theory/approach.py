@@ -26,7 +26,7 @@ import numpy as np
 
 from ...physics.frames import quat_error, quat_turned, rotation_matrix
 from ..task import Schedule
-from .terms import Balance, Integral, Pose, ThrustMap
+from .terms import Balance, Memory, Pose, ThrustMap
 
 _STEPS = 2000
 _FIRST, _SHORTEST, LAST = 0.02, 1e-7, 1e3
@@ -177,6 +177,11 @@ _NEAR = 1e-3
 """A frame that is nearer to its end may go there in one step [m, rad]."""
 _TURNED = 2.0
 """Rotation vector of a reference beside its way over its displacement [rad/m]."""
+_WINDS_UP, _KEEPS = 100.0, 2.0
+"""Longest step of a law's states with thrusters at their limits, and that at the rest [s]: what does not wind up has
+come to its rest by then, and a long step would amplify rounding."""
+_DRIFT = 1e-6
+"""Largest change of the force in this step, relative to the contact wrench, or to 1 N and 1 N m."""
 _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 _MOST_SAMPLES = 1200
@@ -233,19 +238,23 @@ class TaskMotion:
     Args:
         balance: the terms of the static balance.
         residual: of the law, from the balance and a pose (6,) [N, N m].
-        integral: in the residual.
+        memory: the law's states in the residual.
         thrust_map: of a rigid vehicle, with the limits of its thrusters.
+        wrench: the net wrench (6, 6) that a residual of one takes from the vehicle, if its law has no other
+            memory. Default: M M_d^-1, which a law that keeps eq. (7) has.
     """
 
     def __init__(
         self,
         balance: Balance,
         residual: Callable[[Balance, Pose], np.ndarray],
-        integral: Integral | None = None,
+        memory: Memory | None = None,
         thrust_map: ThrustMap | None = None,
+        wrench: np.ndarray | None = None,
     ) -> None:
-        self.balance, self.residual, self.integral, self.thrust_map = balance, residual, integral, thrust_map
+        self.balance, self.residual, self.memory, self.thrust_map = balance, residual, memory, thrust_map
         design = balance.setup.design
+        self.wrench = design.M @ design.M_d_inv if wrench is None else wrench
         self.inertia, self.damping = design.M_d, design.D_d
         self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
         self.sharp, self.ends = 1e-7, 0.0
@@ -256,7 +265,36 @@ class TaskMotion:
         self.begin()
 
     def __call__(self, pose: Pose, /) -> np.ndarray:
-        return self._lacking - self.residual(self.balance, pose)
+        force = self._free(pose)
+        return force + self._missing(pose, force, self._nu(pose)) if self.limits else force
+
+    def _free(self, pose: Pose) -> np.ndarray:
+        """The force of the law without limits; that of the latest pose is known."""
+        if pose is not self._latest[0]:
+            self._latest = pose, -self.residual(self.balance, pose)
+        return self._latest[1]
+
+    def _nu(self, pose: Pose) -> np.ndarray:
+        """nu (6,) of the step that ends at a pose, zero at rest."""
+        return between(self._from, pose) / self._step if self._step <= LAST else self._at_rest
+
+    def _missing(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
+        """What the thrusters at their limits add to the force of a law at a pose with a velocity nu (6,)."""
+        assert self.thrust_map is not None
+        missing = self.thrust_map.missing(self._commanded(pose, force, nu))
+        return np.linalg.solve(self.wrench, missing) if missing.any() else missing
+
+    def _commanded(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
+        """The wrench (6,) that a law with a force commands: that of the motion without limits."""
+        net = self.wrench @ (force - self.damping @ (nu - self._nu_d[1])) + self.balance.setup.design.M @ self._led
+        commanded: np.ndarray = self.balance.thrust(pose, nu) + net
+        return commanded
+
+    def answering(self, pose: Pose) -> np.ndarray:
+        """Which thrusters (n,) are not at their limits at a rest of a motion with limits."""
+        assert self.thrust_map is not None
+        u, least, most = self.thrust_map.thrusts(self._commanded(pose, self._free(pose), self._nu(pose)))
+        return (least <= u) & (u <= most)
 
     def moved(self, pose: Pose, change: np.ndarray) -> Pose:
         return self.balance.moved(pose, change)
@@ -265,23 +303,28 @@ class TaskMotion:
         """Begin a motion: with the reference beside its way (3,) [m, W] and turned, back on it at its end; without the
         reference's velocity in the law; or with the limits of the thrusters."""
         self.beside, self.led, self.limits = np.zeros(3) if beside is None else beside, led, limits
-        self.track, self._law, self._lacking, self.limited_s = Track(), None, np.zeros(6), 0.0
+        self.track, self._law, self.limited_s = Track(), None, 0.0
         self._lacked: list[np.ndarray] = []
-        if self.integral is not None:
-            self.integral.begin()
+        self._latest: Any = (None, None)
+        self._at_rest = np.zeros(6)
+        self._before: np.ndarray | None = None
+        self._by_water: np.ndarray | None = None
+        self._nu_d, self._led, self._step = (np.zeros(6), np.zeros(6)), np.zeros(6), math.inf
+        if self.memory is not None:
+            self.memory.begin()
+            self.memory.nu_e = lambda pose: self._nu(pose) - self._nu_d[1]
 
     def passed(self, t: float, pose: Pose) -> str:
-        if self.integral is not None:
+        if self.memory is not None:
+            self._latest = None, None
             self(pose)
-            self.integral.advance()
+            self.memory.advance()
+            self._latest = None, None
         self.track.times.append(t)
         self.track.poses.append(pose)
-        self._lacked.append(self._lacking)
-        if self.limits and self.thrust_map is not None and len(self.track.times) > 2:
-            design = self.balance.setup.design
-            tau = self._thrust(-1) - design.M @ design.M_d_inv @ self._lacking
-            self.limited_s += self._lacking.any() * (t - self.track.times[-2])
-            self._lacking = design.M_d @ np.linalg.solve(design.M, self.thrust_map.missing(tau))
+        self._lacked.append(self(pose) - self._free(pose) if self.limits else np.zeros(6))
+        self.limited_s += bool(self._lacked[-1].any()) * self._step
+        self._nu_d = self._nu_d[1], self._nu_d[1]
         return ""
 
     @property
@@ -310,31 +353,78 @@ class TaskMotion:
         return self.balance.thrust(self.track.poses[k], nu) + self.balance.setup.design.M @ acceleration
 
     def stable(self, pose: Pose) -> bool:
-        """Whether the motion stays at a root, also while the integral keeps its value."""
+        """Whether the motion stays at a root, also while the law's states keep their values."""
         stays = decays(self.jacobian(pose), self.inertia + self.damping)
-        if self.integral is not None:
-            self.integral.step, self._law = 0.0, None
+        if self.memory is not None:
+            self.memory.step, self._law, self._latest = 0.0, None, (None, None)
+            if self.limits and np.abs(self(pose)).max() > _DRIFT * max(1.0, np.abs(pose.tau_c).max()):
+                return False
             stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
-        return stays
+        return stays and (not self.limits or self._decays_at_limits(pose))
+
+    def _decays_at_limits(self, pose: Pose) -> bool:
+        """Whether all small motions about a root decay, with no answer of the thrusters at their limits and the drag of
+        the water in place of the law's damping."""
+        J, M, force = self.jacobian(pose), self.balance.setup.design.M, self._free(pose)
+        at_rest, by_nu = force + self._missing(pose, force, np.zeros(6)), np.empty((6, 6))
+        for k, self._at_rest in enumerate(_SMALL * np.eye(6)):
+            moving = -self.residual(self.balance, pose)
+            by_nu[:, k] = (moving + self._missing(pose, moving, self._at_rest) - at_rest) / _SMALL
+        self._at_rest = np.zeros(6)
+        assert self._law is not None
+        by_nu = by_nu - self.damping - self._law[2] @ self.balance.contact_damping(pose)
+        rates = np.linalg.solve(M, self.wrench @ np.hstack([J, by_nu]))
+        return bool(np.linalg.eigvals(np.vstack([np.eye(6, 12, 6), rates])).real.max() < -_GROWS)
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed
         again where they do not predict the force any more."""
-        force = self(pose)
+        force = self._free(pose)
         if self._law is not None:
             there, by_pose, by_wrench = self._law
-            before = self(there)  # with the reference of now
+            if self._before is None:
+                self._before = -self.residual(self.balance, there)
             predicted = by_pose @ between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
-            if np.abs(force - before - predicted).max() > _WRONG * np.abs(force - before).max() + _ROUNDING:
+            changed = force - self._before
+            if np.abs(changed - predicted).max() > _WRONG * np.abs(changed).max() + _ROUNDING:
                 self._law = None
         if self._law is None:
-            self._law = pose, *self._derivatives(pose, force)
-        return self._law[1] + self._law[2] @ self.stiffness(pose)
+            self._law, self._before = (pose, *self._derivatives(pose, force)), force
+        stiffness = self.stiffness(pose)
+        J: np.ndarray = self._law[1] + self._law[2] @ stiffness
+        return self._at_limits(pose, force, J, stiffness) if self.limits else J
+
+    def _at_limits(self, pose: Pose, force: np.ndarray, J: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+        """The derivatives J of a force without limits with those of what the thrusters at their limits add to it."""
+        answering = self.answering(pose)
+        if answering.all():
+            return J
+        assert self.thrust_map is not None
+        nu, moves = self._nu(pose), self._step <= LAST
+        by_command = -self.thrust_map.lost(~answering)
+        if self._by_water is None:
+            self._by_water = self._water(pose, nu, 1.0 / self._step if moves else 0.0)
+        damping = self.wrench @ self.damping / self._step if moves else 0.0
+        by_pose = self._by_water - stiffness + self.wrench @ J - damping
+        return J + np.linalg.solve(self.wrench, by_command @ by_pose)
+
+    def _water(self, pose: Pose, nu: np.ndarray, rate: float) -> np.ndarray:
+        """The derivative (6, 6) of the wrench that the vehicle needs in the water at a pose with a velocity nu (6,),
+        which changes with the pose by a rate [1/s]."""
+        at, changes = self.balance.thrust(pose, nu), _SMALL * np.eye(6)
+        moved = [
+            Pose(pose.position + pose.R_WB @ e[:3], quat, rotation_matrix(quat), pose.tau_c)
+            for e, quat in ((e, quat_turned(pose.quat, e[3:])) for e in changes)
+        ]
+        return np.array(
+            [(self.balance.thrust(x, nu + rate * e) - at) / _SMALL for x, e in zip(moved, changes, strict=True)]
+        ).T
 
     def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         def at(y: np.ndarray) -> np.ndarray:
             quat = quat_turned(pose.quat, y[3:6])
-            return self(Pose(pose.position + pose.R_WB @ y[:3], quat, rotation_matrix(quat), pose.tau_c + y[6:]))
+            turned = Pose(pose.position + pose.R_WB @ y[:3], quat, rotation_matrix(quat), pose.tau_c + y[6:])
+            return -self.residual(self.balance, turned)
 
         small = np.concatenate([np.full(6, _SMALL), np.full(6, 1e-3)])
         J = np.array([(at(e) - force) / e.max() for e in np.diag(small)]).T
@@ -342,6 +432,8 @@ class TaskMotion:
 
     def stiffness(self, pose: Pose) -> np.ndarray:
         """The derivative (6, 6) of the contact wrench by the coordinates from a pose."""
+        if not pose.tau_c.any():
+            return np.zeros((6, 6))
         changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
         R = pose.R_WB @ rotation_matrix(_turns())
         wrenches, _ = self.balance.contacts(pose.position + changes[:, :3] @ pose.R_WB.T, R)
@@ -372,10 +464,13 @@ class TaskMotion:
 
     def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
         balance = self.balance
-        if self.integral is not None and self.integral.step != step:
-            self.integral.step, self._law = step if step <= LAST else math.inf, None
+        if self.memory is not None:
+            self.memory.step = step if step <= LAST else math.inf
+            if self.limits:  # what winds up does not hold the vehicle
+                self.memory.step = min(step, _WINDS_UP) if step <= LAST else _KEEPS
         if step > LAST:  # the root needs the derivatives where it is
             self._law = None
+        self._latest, self._before, self._by_water = (None, None), None, None
         p_d, quat_d = self.reference(t)
         balance.p_d, balance.quat_d = self.reference(t + step)
         if self._schedule is not None:
@@ -383,7 +478,10 @@ class TaskMotion:
         moved, quat_e = pose.R_WB.T @ (balance.p_d - p_d), np.empty(4)
         quat_error(quat_d, balance.quat_d, quat_e)
         turned = rotation_matrix(quat_d) @ (2.0 * quat_e[1:])
-        return np.concatenate([moved, pose.R_WB.T @ turned]) if self.led else np.zeros(6)
+        lead = np.concatenate([moved, pose.R_WB.T @ turned]) if self.led else np.zeros(6)
+        self._from, self._step, self._nu_d = pose, step, (self._nu_d[0], lead / step)
+        self._led = (self._nu_d[1] - self._nu_d[0]) / step
+        return lead
 
     def reference(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and attitude (4,) of the reference."""

@@ -59,7 +59,7 @@ from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
 from .free_motion import tool_rest
 from .loop import ContactsAtRest
-from .terms import START_FORCE, Balance, Integral, Pose, ThrustMap
+from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
 """How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
@@ -67,6 +67,8 @@ if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
 another one [s]."""
+_STEPS_LIMITED = 800
+"""Most steps of a motion with the thrusters' limits: one that tumbles comes to no rest."""
 _SLOWLY = 0.3
 """Velocity below which a vehicle that a wall throws out comes back as it came from elsewhere [m/s, rad/s]."""
 _AT_ONCE = 1e9
@@ -79,9 +81,9 @@ def static_balance(
     setup: Any,
     K: float,
     residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
-    integral: Integral | None = None,
+    memory: Memory | None = None,
     kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
-    inner: Callable[[Balance, Pose], np.ndarray] | None = None,
+    wrench: np.ndarray | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -91,11 +93,11 @@ def static_balance(
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
         residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
             minus the wrench that moves the vehicle. They need a constant disturbance.
-        integral: in the residual, which is slow on the way to the rest.
+        memory: the law's states in the residual on the way to the rest.
         kept: the reason why the law does not keep eq. (7) under unknown accelerations (n, 6) at times (n,) [s], empty
             if it does. By default it does.
-        inner: the residual of the law's inner loop, which decides at first where the vehicle goes. By default the law
-            has none.
+        wrench: the net wrench (6, 6) that a residual of one takes from the vehicle. It is given for a law with a
+            residual and without any other memory, whose rest with thrusters at their limits is known.
 
     Returns:
         The state, or the reason why there is none.
@@ -115,27 +117,45 @@ def static_balance(
     if setup.not_rigid:
         return _with_arm(setup, K, thrust_map)
     balance = Balance(setup, K, thrust_map, residual is not None)
-    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
-    slope = 0.0 if residual else K
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion, slope, kept, inner)
+    if residual is None and scenario.controller.uses_truth:
+        wrench = setup.design.M @ setup.design.M_d_inv
+    elif residual is None and K == 0.0:
+        wrench = setup.design.M_hat @ setup.design.M_d_inv
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, memory, thrust_map, wrench)
+    slope, clipped = 0.0 if residual else K, wrench is not None and _clipped(setup, thrust_map)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, slope, kept, clipped)
+    if balance.springs.convex and clipped and isinstance(pose, Pose) and thrust_map.infeasible(balance.thrust(pose)):
+        pose = _reached(motion, slope, clipped=True)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
         if sensor.runs and (reason := sensor.out_of_range(balance.measurement(pose))):
             return reason
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
-    if weak := thrust_map.infeasible(tau):
+    answering = motion.answering(pose) if motion.limits else np.ones(len(thrust_map.inverse), bool)
+    if answering.all() and (weak := thrust_map.infeasible(tau)):
         return weak
     winds_up = thrust_map.limited and scenario.controller.states  # a law without states forgets its way
-    if balance.springs.convex and winds_up and (reason := _kept_at_limits(motion, slope, kept)):
+    if balance.springs.convex and winds_up and not motion.limits and (reason := _kept_at_limits(motion, slope, kept)):
         return reason
     contacts = None
-    if push.any() and not balance.springs.convex:
+    if not answering.all() or (push.any() and not balance.springs.convex):
         seen = balance.error(pose), balance.measurement(pose).tau_c
-        contacts = ContactsAtRest(-motion.stiffness(pose), balance.contact_damping(pose), *seen)
+        acts = None if answering.all() else setup.vehicle.B @ (answering[:, None] * thrust_map.inverse)
+        contacts = ContactsAtRest(-motion.stiffness(pose), balance.contact_damping(pose), *seen, acts)
+    s = balance.sliding(pose, not answering.all())
     return _rubbed(balance, push) or SteadyState(
-        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True, contacts=contacts
+        float(push.sum()), pose.position, pose.quat, s, tau, reached=True, contacts=contacts
     )
+
+
+def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
+    """Whether the thrusts of a run are those of the allocation, each within its limits, and the law's measurements do
+    not take what is missing for a contact."""
+    static, actuation = thrust_map.static, setup.scenario.actuation.name
+    exact = static.gain is not None and bool((static.gain == 1.0).all()) and not static.error and not any(static.start)
+    same = np.array_equal(setup.vehicle.B, setup.nominal.B) and actuation in ("pseudo_inverse", "weighted")
+    return exact and same and thrust_map.limited and not setup.scenario.observer.runs
 
 
 _KNOWN = frozenset(
@@ -190,10 +210,10 @@ def _reached(
     motion: TaskMotion,
     K: float,
     kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
-    inner: Callable[[Balance, Pose], np.ndarray] | None = None,
+    clipped: bool = False,
 ) -> Pose | str:
     """The rest that the frame of the task reaches from its start under a law with the slope K, or the reason why it is
-    not known."""
+    not known. Of a law whose command is known where the thrusters' limits clip it, the motion has these limits."""
     balance, setup = motion.balance, motion.balance.setup
     way = way_of(setup)
     if isinstance(way, str):
@@ -207,31 +227,38 @@ def _reached(
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest
-    if motion.thrust_map is not None and (weak := motion.thrust_map.infeasible(balance.thrust(rest))):
+    weak, saturates = "", motion.saturates
+    if motion.thrust_map is not None:
+        weak = motion.thrust_map.infeasible(balance.thrust(rest))
+    clipped = clipped and (saturates or bool(weak))
+    if clipped:
+        rest = _followed(motion, start, limits=True)
+        if isinstance(rest, str):
+            return weak or rest
+    elif weak:
         return weak
     if kept is not None and (reason := kept(*motion.unmodelled())):
         return reason
     motion.passed(motion.track.times[-1] + 1.0, rest)
-    if not balance.springs.convex:
-        track, saturates = motion.track, motion.saturates
+    if clipped or not balance.springs.convex:
+        track = motion.track
         passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
         alone = len(balance.springs) + (setup.contacts.paper is not None) == 1
         beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
-        others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
-        if K == 0.0:
-            others.append(_followed(motion, start, led=False))
+        across = _across(way[1][-1] - start.position)
+        others = [_followed(motion, start, beside * e, limits=clipped) for e in across]
+        if K == 0.0 and not (motion.memory and motion.memory.moves):
+            others.append(_followed(motion, start, led=False, limits=clipped))
         if thrown.any():
-            others.append(_followed(motion, start, thrown=thrown))
-        if saturates:
+            others.append(_followed(motion, start, thrown=thrown, limits=clipped))
+        if saturates and not clipped:
             others.append(_followed(motion, start, limits=True))
             if reason := _lost_at_limits(motion, K, kept):
                 return reason
             if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
-        if inner is not None:
-            others.append(_after(inner, motion, way, start))
         motion.track = track
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"
@@ -263,19 +290,6 @@ def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np
     return ""
 
 
-def _after(inner: Callable[[Balance, Pose], np.ndarray], motion: TaskMotion, way: Any, start: Pose) -> Pose | str:
-    """The rest that the whole law reaches from where its inner loop alone has taken the vehicle."""
-    first = TaskMotion(motion.balance, inner)
-    first.follow(way)
-    pushed = _followed(first, start)
-    if isinstance(pushed, str):
-        return pushed
-    motion.begin()
-    motion.stay()
-    found: Pose | str = approach(motion, pushed, np.zeros(6))
-    return found
-
-
 def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
     """The velocity (6,) with which walls throw out a rigid vehicle that starts inside them, with all their energy; zero
     if they hardly press. The reason why its motion is not known if that is fast."""
@@ -304,7 +318,8 @@ def _followed(
     beside = np.zeros(3) if beside is None else beside
     motion.begin(beside, **how)
     moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
-    found: Pose | str = approach(motion, moved, motion.velocity() + thrown)
+    most = {"steps": _STEPS_LIMITED} if motion.limits else {}
+    found: Pose | str = approach(motion, moved, motion.velocity() + thrown, **most)
     return found
 
 

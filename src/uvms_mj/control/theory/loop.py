@@ -195,12 +195,14 @@ class ContactsAtRest:
             vector, and nu.
         eta_e: (6,) pose error as the law measures it. Its position turns with the vehicle.
         tau_c: (6,) contact wrench as the law measures it [N, N m].
+        acts: (6, 6) change of the wrench per change of the command, if thrusters are at their limits. Default: I.
     """
 
     stiffness: np.ndarray
     damping: np.ndarray
     eta_e: np.ndarray
     tau_c: np.ndarray
+    acts: np.ndarray | None = None
 
 
 class Line:
@@ -321,10 +323,11 @@ class Loop:
         """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
         force and the states."""
         law = _Law(self.setup, about, bool(amplitudes), np.zeros(3) if rest is None else rest.eta_e[:3])
-        axes, rest = divmod(law.n, 6) if self.m == 1 else (0, law.n)
-        inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(rest) for each in (left, right))
+        acts = np.eye(6) if rest is None or rest.acts is None else rest.acts
+        axes, states = divmod(law.n, 6) if self.m == 1 else (0, law.n)
+        inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(states) for each in (left, right))
         self.n = len(inner)
-        out = _diagonal(left @ M_inv, inner, inner, left)
+        out = _diagonal(left @ M_inv @ acts, inner, inner, left)
         found: np.ndarray = out @ law.by(_EPS * _diagonal(right, right, pushed, outer)) / _EPS
         if not amplitudes:
             return found[None]

@@ -16,7 +16,9 @@ which :func:`at_limit` gives as a residual.
 """
 
 import dataclasses
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -192,10 +194,18 @@ class ThrustMap:
         gain, thrust = self.static.gain, self.static.thrust
         low, high = self.setup.scenario.thrusters.command_limits(self.setup)
         if gain is None:
-            return pseudoinverse(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+            return self._shares @ tau, thrust(low), thrust(high)
         working = gain > 0.0
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
-        return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
+        return self._shares @ tau, least, most
+
+    @functools.cached_property
+    def _shares(self) -> np.ndarray:
+        """The thrusts (n, 6) per wrench."""
+        if self.static.gain is None:
+            return pseudoinverse(self.setup.vehicle.B)
+        shares: np.ndarray = self.static.gain[:, None] * (self.inverse @ np.linalg.inv(self.T))
+        return shares
 
     @property
     def limited(self) -> bool:
@@ -207,6 +217,11 @@ class ThrustMap:
         u, least, most = self.thrusts(tau)
         missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
         return missing
+
+    def lost(self, limited: np.ndarray) -> np.ndarray:
+        """The part (6, 6) of a change of tau that thrusters (n,) at their limits do not give."""
+        found: np.ndarray = self.setup.vehicle.B @ (limited[:, None] * self._shares)
+        return found
 
     def infeasible(self, tau: np.ndarray) -> str:
         """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
@@ -247,6 +262,7 @@ class Balance:
         self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
         self.uses_truth, self.own = scenario.controller.uses_truth, own
         self.errors = scenario.navigation.rest_errors(setup)
+        self._seen: tuple[Pose | None, Any] = (None, None)
 
     def pose(self, position: np.ndarray, quat: np.ndarray) -> Pose:
         """A pose with its contacts."""
@@ -290,7 +306,8 @@ class Balance:
         """eta_e (6,) as the law measures it."""
         measured, quat_e = self.measurement(x), np.empty(4)
         quat_error(self.quat_d, measured.quat, quat_e)
-        return np.concatenate([rotation_matrix(measured.quat).T @ (measured.position - self.p_d), quat_e[1:]])
+        R_WB = x.R_WB if measured.quat is x.quat else rotation_matrix(measured.quat)
+        return np.concatenate([R_WB.T @ (measured.position - self.p_d), quat_e[1:]])
 
     def demanded(self, x: Pose) -> np.ndarray:
         """K_d eta_e + D_d nu_e - K_f (tau_c - F_d) as the law measures them, zero where the desired impedance, eq. (7),
@@ -304,12 +321,15 @@ class Balance:
         return self.M_d_inv @ self.demanded(x)
 
     def measurement(self, x: Pose) -> Any:
-        """The measurements, :class:`uvms_mj.navigation.base.Measurement`."""
-        measured = self.errors(x.position, x.quat, x.tau_c)
-        if not self.setup.scenario.observer.runs:
-            return measured
-        explained = dataclasses.replace(measured, tau_c=x.tau_c)
-        return dataclasses.replace(measured, tau_c=x.tau_c + self.setup.design.M_hat @ self.unmodelled(x, explained))
+        """The measurements, :class:`uvms_mj.navigation.base.Measurement`; those at the latest pose are known."""
+        if x is not self._seen[0]:
+            measured = self.errors(x.position, x.quat, x.tau_c)
+            if self.setup.scenario.observer.runs:
+                explained = dataclasses.replace(measured, tau_c=x.tau_c)
+                tau_c = x.tau_c + self.setup.design.M_hat @ self.unmodelled(x, explained)
+                measured = dataclasses.replace(measured, tau_c=tau_c)
+            self._seen = x, measured
+        return self._seen[1]
 
     def drift(self, x: Pose) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
@@ -321,12 +341,12 @@ class Balance:
         turning = 0.5 * (quat_e[0] * omega + cross(quat_e[1:], omega))
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
-    def sliding(self, x: Pose) -> np.ndarray | None:
+    def sliding(self, x: Pose, limited: bool = False) -> np.ndarray | None:
         """s (6,) at rest: A s = F_1 eta_e_dot - w. None if s grows, as zeta integrates what the law does not answer to,
-        or there is no task."""
+        or there is no task. With thrusters at their limits w is not what the law balances."""
         if not self.setup.scenario.controller.uses_task:
             return None
-        if not (self.uses_truth or self.own) and (self.K > 0.0 or 0.0 not in self.A):
+        if not (self.uses_truth or self.own or limited) and (self.K > 0.0 or 0.0 not in self.A):
             return (self.unmodelled(x) - self.drift(x)) / (self.K - self.A) + 0.0  # zero has no sign
         left = self.drift(x) - self.desired_acceleration(x)
         if np.abs(left).max() < 1e-12:
@@ -349,7 +369,10 @@ class Balance:
         measured = self.measurement(x) if measured is None else measured
         estimates = self.setup.scenario.estimates
         vehicle = self.setup.nominal
-        nominal = self.restoring(vehicle, rotation_matrix(measured.quat))
+        same = measured.quat is x.quat
+        nominal = g_eta
+        if not (same and vehicle is self.setup.vehicle):
+            nominal = self.restoring(vehicle, x.R_WB if same else rotation_matrix(measured.quat))
         unmodelled = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - measured.tau_c)
         if self._delivered:
             return self.M_hat_inv @ (d + unmodelled + self.resistance(measured.nu))
@@ -415,29 +438,48 @@ def at_limit(xi: Any, rate: Any, limit: Any) -> Any:
     return xi - np.clip(xi + rate, -limit, limit)
 
 
-class Integral:
-    """A limited integral on the way to a rest, for a residual of :mod:`.balance`.
+class Memory:
+    """States of a law on the way to a rest, for a residual of :mod:`.balance`.
+
+    Attributes:
+        step: of implicit Euler on the way [s]; infinite at rest, zero where the states keep their values.
+        value: the states at the end of the latest step.
+        next: the states that the latest residual has found.
+        nu_e: the velocity error (6,) of the step that ends at a pose; the motion sets it.
+        moves: whether the residual has the law's answer to the velocity, too.
+    """
+
+    moves = True
+
+    def __init__(self, start: Any) -> None:
+        self._start, self.step, self.value, self.next = start, math.inf, start, start
+        self.nu_e: Callable[[Pose], np.ndarray] = lambda pose: np.zeros(6)
+
+    def advance(self) -> None:
+        """Keep the states that the latest residual has found."""
+        self.value = self.next
+
+    def begin(self) -> None:
+        """Start again."""
+        self.value = self._start
+
+
+class Integral(Memory):
+    """A limited integral as the only state.
 
     Attributes:
         limit: a number or an array.
-        step: of implicit Euler on the way [s]; infinite at rest.
-        value: at the end of the latest step.
     """
 
+    moves = False
+
     def __init__(self, limit: Any) -> None:
-        self.limit, self.step, self.value, self._next = limit, math.inf, 0.0 * limit, 0.0 * limit
+        super().__init__(0.0 * limit)
+        self.limit = limit
 
     def left(self, needed: Any, rate: Any) -> Any:
         """What is left of the value that holds the vehicle at a pose, at rest :func:`at_limit`, for the rate there."""
         if math.isinf(self.step):
             return at_limit(needed, rate, self.limit)
-        self._next = np.clip(self.value + self.step * rate, -self.limit, self.limit)
-        return needed - self._next
-
-    def advance(self) -> None:
-        """Keep the value that the latest residual has found."""
-        self.value = self._next
-
-    def begin(self) -> None:
-        """Start at zero."""
-        self.value = 0.0 * self.limit
+        self.next = np.clip(self.value + self.step * rate, -self.limit, self.limit)
+        return needed - self.next
