@@ -67,7 +67,7 @@ if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
 another one [s]."""
-_STEPS_LIMITED = 800
+_STEPS_LIMITED = 450
 """Most steps of a motion with the thrusters' limits: one that tumbles comes to no rest."""
 _SLOWLY = 0.3
 """Velocity below which a vehicle that a wall throws out comes back as it came from elsewhere [m/s, rad/s]."""
