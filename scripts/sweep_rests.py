@@ -5,7 +5,7 @@ python scripts/sweep_rests.py --tools --cases 200     tools of arms
 python scripts/sweep_rests.py --seed 3 --case 17      one case with its command
 
 A run counts as settled if the mean force of each of its last ten seconds is the same, also extrapolated. The share
-with a closed form is that of the settled runs: a vehicle that chatters, tumbles or follows a circle has no rest. A
+with a closed form counts the settled runs only: a vehicle that chatters, tumbles or follows a circle has no rest. A
 closed form is wrong if a settled run rests at another force, or if a run does not settle in 27 times its duration.
 Exit status 1 if one is wrong.
 """

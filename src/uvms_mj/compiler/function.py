@@ -822,7 +822,7 @@ def _is_changed(statements: Sequence[ast.stmt], name: str) -> bool:
 
 
 def _calls_at_once(call: ast.Call) -> bool:
-    """Whether what is called is a function by its name, which calls a function that it is given, or none."""
+    """Whether a call is of a function by its name, which calls a function that it is given, or none."""
     keep = ("list", "tuple", "dict", "set", "zip", "enumerate", "partial")
     return isinstance(call.func, ast.Name) and call.func.id not in keep
 

@@ -175,8 +175,8 @@ class Lifetimes(Expressions):
     def demand_apart(self, target: Value, value: Value) -> None:
         """End early where NumPy fills an array of one axis from memory of its own that it goes through at another step.
 
-        NumPy copies it forward then, with nothing in between: ``x[::2] = x[:3]`` reads what it has just written. It
-        copies rightly where the steps are equal or opposite, and where the target has more axes."""
+        NumPy copies it forward then, with nothing in between: ``x[::2] = x[:3]`` reads numbers that it has just
+        written. It copies rightly where the steps are equal or opposite, and where the target has more axes."""
         shapes = self.shape_of(target), self.shape_of(value)
         if value.fresh or not self.unit.checked or len(shapes[0]) != 1 or not shapes[1]:
             return

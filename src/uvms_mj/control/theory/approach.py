@@ -269,7 +269,7 @@ class TaskMotion:
         return force + self._missing(pose, force, self._nu(pose)) if self.limits else force
 
     def _free(self, pose: Pose) -> np.ndarray:
-        """The force of the law without limits; that of the latest pose is known."""
+        """The force of the law without limits; at the latest pose it is known."""
         if pose is not self._latest[0]:
             self._latest = pose, -self.residual(self.balance, pose)
         return self._latest[1]
@@ -285,7 +285,7 @@ class TaskMotion:
         return np.linalg.solve(self.wrench, missing) if missing.any() else missing
 
     def _commanded(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """The wrench (6,) that a law with a force commands: that of the motion without limits."""
+        """The wrench (6,) that a law with a force commands, as in the motion without limits."""
         net = self.wrench @ (force - self.damping @ (nu - self._nu_d[1])) + self.balance.setup.design.M @ self._led
         commanded: np.ndarray = self.balance.thrust(pose, nu) + net
         return commanded

@@ -281,7 +281,7 @@ def _kept_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np
 
 
 def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
-    """The reason why a motion with the thrusters' limits is not that of a law with the slope K; empty if it is."""
+    """The reason why a law with the slope K does not take the motion with the thrusters' limits; empty if it does."""
     longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
     if motion.limited_s > longest:
         return f"the thrusters are at their limits for more than {longest:g} s on the way"

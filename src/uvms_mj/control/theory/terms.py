@@ -343,7 +343,7 @@ class Balance:
 
     def sliding(self, x: Pose, limited: bool = False) -> np.ndarray | None:
         """s (6,) at rest: A s = F_1 eta_e_dot - w. None if s grows, as zeta integrates what the law does not answer to,
-        or there is no task. With thrusters at their limits w is not what the law balances."""
+        or there is no task. With thrusters at their limits the law does not balance w."""
         if not self.setup.scenario.controller.uses_task:
             return None
         if not (self.uses_truth or self.own or limited) and (self.K > 0.0 or 0.0 not in self.A):
