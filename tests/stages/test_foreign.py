@@ -549,14 +549,23 @@ def test_a_law_in_c_that_prints_or_exits(tmp_path):
 
 @pytest.mark.processes
 @pytest.mark.parametrize("instant", [0.0, 0.02, 0.05])
-def test_a_law_in_c_that_ends_the_process_at_any_instant_is_named(tmp_path, instant):
-    """Also at the last instant, at which no step follows."""
+@pytest.mark.parametrize(
+    ("call", "status", "said"),
+    [
+        ("exit(0)", 2, "ended the process by exit()"),
+        ("_exit(0)", 2, "ended the process by exit()"),
+        ("fork()", 0, "a stage has copied the process by fork: the copy ends here"),
+    ],
+)
+def test_a_law_in_c_that_ends_or_copies_the_process_at_any_instant_is_named(tmp_path, instant, call, status, said):
+    """Also at the first and at the last instant, which Python steps."""
     from forked import done
 
     when = f"if (signals->t > {instant - 5e-5} && signals->t < {instant + 5e-5})"
-    ends = written(tmp_path, "pd", "#include <stdlib.h>\n" + PD.replace("return 0;", f"{when} exit(0);\n    return 0;"))
+    headers = "#include <stdlib.h>\n#include <unistd.h>\n"
+    ends = written(tmp_path, "pd", headers + PD.replace("return 0;", f"{when} {call};\n    return 0;"))
     ended = done(
         "run", "--engine", "free_body", "-q", "simulation.duration=0.05", "-c", ends, "-o", "ended", cwd=tmp_path
     )
-    assert ended.exit_code == 2
-    assert "ended the process by exit()" in ended.stderr
+    assert ended.exit_code == status
+    assert ended.stderr.count(said) == 1

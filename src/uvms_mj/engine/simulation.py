@@ -287,7 +287,8 @@ class Simulation:
         if not self._foreign:
             return function(*arguments)
         process = os.getpid()
-        with no_exit(" or ".join(called(stage.stage) for stage in self._foreign)):
+        who = " or ".join(called(stage.stage) for stage in self._foreign)
+        with no_exit(who, no_copy=any(stage.library for stage in self._foreign)):
             try:
                 return function(*arguments)
             finally:

@@ -3,7 +3,7 @@
 The loader of Linux shares more between two copies of a library than their users expect: the symbols that g++ marks as
 unique in the process, among them static data of templates and of inline functions, and the libraries that it finds by
 their names. In a copy these symbols are weak ones, as ``-fno-gnu-unique`` makes them, and the libraries beside it are
-copies as well, under names of their own.
+copies as well, under names of their own. Where a library calls ``_exit``, its copy calls ``exit``, which can be named.
 """
 
 import secrets
@@ -100,12 +100,14 @@ class Elf:
         return (self.name(at) for tag, at in self.names if tag == _NEEDED)
 
     def make_own(self) -> None:
-        """Make the symbols weak that are unique in a process."""
+        """Make the symbols weak that are unique in a process, and let it end the process by ``exit`` alone."""
         at, count = self._symbols
-        for k in range(count):
-            place = at + 24 * k + 4
-            if self.data[place] >> 4 == _UNIQUE:
-                self.data[place] = _WEAK << 4 | self.data[place] & 15
+        for place in range(at, at + 24 * count, 24):
+            name, kind, _, section = struct.unpack_from("<IBBH", self.data, place)
+            if kind >> 4 == _UNIQUE:
+                self.data[place + 4] = _WEAK << 4 | kind & 15
+            if not section and self.name(self._strings + name) == "_exit":
+                struct.pack_into("<I", self.data, place, name + 1)  # what follows the first letter
 
     def rename(self, names: dict[str, str]) -> None:
         """Replace the beginnings of names, of the library itself and of those that it needs. Raises OSError for a name
