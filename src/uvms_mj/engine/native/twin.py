@@ -76,9 +76,9 @@ def _with_arithmetics(tree: ast.FunctionDef, function: types.FunctionType) -> ty
     for argument in ast.walk(tree.args):
         if isinstance(argument, ast.arg):
             argument.annotation = None
-    tree.args.defaults = [ast.Constant(None) for _ in tree.args.defaults]  # the function has them
-    tree.args.kw_defaults = [each and ast.Constant(None) for each in tree.args.kw_defaults]
-    ast.increment_lineno(tree, code.co_firstlineno - 1)
+    nothing = ast.copy_location(ast.Constant(None), tree)
+    tree.args.defaults = [nothing for _ in tree.args.defaults]  # the function has them
+    tree.args.kw_defaults = [each and nothing for each in tree.args.kw_defaults]
     ours = function.__module__.partition(".")[0] == _OURS
     if not ours and [*_operations(_compiled(tree, function))] != [*_operations(code)]:
         return code
@@ -97,11 +97,17 @@ def _compiled(tree: ast.FunctionDef, function: types.FunctionType) -> types.Code
         within.body[0].body = body
         body = within.body
     of_file = [name for name in names[1:2] if name not in code.co_freevars]
-    outer.body[0].body = [ast.Global(of_file), *body] if of_file else body
-    found: Any = compile(ast.fix_missing_locations(outer), code.co_filename, "exec", dont_inherit=True)
+    outer.body[0].body = [ast.copy_location(ast.Global(of_file), outer.body[0]), *body] if of_file else body
+    found: Any = compile(outer, code.co_filename, "exec", dont_inherit=True)
     for name in names:
         found = next(each for each in found.co_consts if isinstance(each, types.CodeType) and each.co_name == name)
-    return found
+    return _lower(found, code.co_firstlineno - 1)
+
+
+def _lower(code: types.CodeType, lines: int) -> types.CodeType:
+    """A code so many lines further down in its file."""
+    within = tuple(_lower(each, lines) if isinstance(each, types.CodeType) else each for each in code.co_consts)
+    return code.replace(co_firstlineno=code.co_firstlineno + lines, co_consts=within)
 
 
 def _operations(code: types.CodeType) -> Iterator[Any]:
@@ -122,8 +128,9 @@ class _Arithmetics(ast.NodeTransformer):
     """Let operators and calls be calls of :class:`_Arithmetic`."""
 
     def _call(self, name: str, node: ast.expr, *arguments: ast.expr, keywords: Any = ()) -> ast.expr:
-        function = ast.Attribute(ast.Name(_MARK, ast.Load()), name, ast.Load())
-        return ast.copy_location(ast.Call(function, [*arguments], [*keywords]), node)
+        place = {each: getattr(node, each) for each in node._attributes}  # which compile() asks for
+        function = ast.Attribute(ast.Name(_MARK, ast.Load(), **place), name, ast.Load(), **place)
+        return ast.Call(function, [*arguments], [*keywords], **place)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         self.generic_visit(node)
@@ -137,7 +144,8 @@ class _Arithmetics(ast.NodeTransformer):
             return node
         before: Any = copy.deepcopy(node.target)
         before.ctx = ast.Load()
-        value = self._call("in_place", node.value, ast.Constant(name), before, node.value)
+        called = ast.copy_location(ast.Constant(name), node)
+        value = self._call("in_place", node.value, called, before, node.value)
         return ast.copy_location(ast.Assign([node.target], value), node)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
@@ -216,7 +224,7 @@ def _others() -> dict[Any, Callable]:
     found: dict[Any, Callable] = {print: _nothing}
     for function, (name, n) in OF_C.items():
         if name not in _EXACT and (isinstance(function, np.ufunc) or function is math.hypot):
-            found[function] = functools.partial(_of_library, function, _of_c(name, n))
+            found[function] = functools.partial(_of_library, function, name, n)
     for function in (np.sum, np.mean, np.prod, np.std, np.var, np.average):
         found[function] = functools.partial(_in_order, function)
     found |= dict.fromkeys((np.matmul, np.dot), _product)
@@ -235,9 +243,9 @@ def _if_near(mine: Any, theirs: Any, share: float) -> Any:
     return mine if near else theirs
 
 
-def _of_library(function: Callable, of_c: Callable, *arguments: Any, out: Any = None) -> Any:
+def _of_library(function: Callable, name: str, n: int, *arguments: Any, out: Any = None) -> Any:
     """A function of the C library in place of NumPy's."""
-    result = _if_near(of_c(*arguments), function(*arguments), _OF_C)
+    result = _if_near(_of_c(name, n)(*arguments), function(*arguments), _OF_C)
     return result if out is None else _put(result, out)
 
 
