@@ -5,11 +5,13 @@ Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults a
 
 import dataclasses
 import os
+import re
 import warnings
 from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -23,9 +25,9 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
+from .physics.effects import EFFECTS
 from .plant.settings import (
     OF_VEHICLE,
-    OF_WALLS,
     Bumper,
     Initial,
     Stepping,
@@ -33,9 +35,8 @@ from .plant.settings import (
     VehicleChoice,
     Wall,
     overridden_in_vain,
-    override_walls,
 )
-from .plant.water import Current, Disturbance, Tether
+from .plant.water import Current, Disturbance, Fin, Tether, effect_records
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -71,6 +72,7 @@ class Scenario:
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
     tether: Tether = Tether()
+    fins: tuple[Fin, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
     bumper: Bumper = Bumper()
@@ -96,6 +98,11 @@ class Scenario:
         behind = (self.joints, self.thrusters)
         stages = (*before, *task, self.controller, self.actuation, *behind)
         return tuple(stage for stage in stages if stage.runs)
+
+    @property
+    def effects(self) -> np.ndarray:
+        """The records (1,) of the effects of the water that are there: their tables are not the defaults."""
+        return effect_records({name: getattr(self, name) for name in EFFECTS})
 
     @property
     def steps(self) -> int:
@@ -250,7 +257,7 @@ class Scenario:
             if name in STAGES and name != "controller":
                 values.append((f"{name}.name", Path(table.source()).name, kind.source()))
             values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
-        values.append(("walls", self.walls, ()))
+        values += [(name, getattr(self, name), ()) for name in LISTS]
         own = {f"controller.{f.name}": unit_of(f) for f in dataclasses.fields(self.controller)}
 
         def text(key: str, value: Any) -> str:
@@ -278,7 +285,9 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, "walls": Surface}
+LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin}
+"""The tables of each list of tables."""
+_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 _UNITS = {
@@ -321,9 +330,29 @@ def _load_task(tables: dict[str, Any], faults: list[Fault]) -> None:
         faults += error.faults
 
 
+OF_LIST = re.compile(r"(\w+)(?:\[(\d{1,9})\]\.(\w+))?")
+"""The keys ``walls`` and ``walls[0].stiffness`` of an override."""
+
+
+def _override_list(tables: dict[str, Any], key: str, found: re.Match, value: Any) -> list[Fault]:
+    """Replace a list of tables of a scenario, or a key of one of them; ``found`` is the match of :data:`OF_LIST` with
+    the key."""
+    name, index, word = found.groups()
+    if index is None:
+        tables[name] = value
+        return []
+    each = tables.get(name, [])
+    if not isinstance(each, list | tuple) or int(index) >= len(each):
+        return [Fault(key, f"the scenario has {len(each) if isinstance(each, list | tuple) else 0} [[{name}]]")]
+    tables[name] = [dict(table) if isinstance(table, Mapping) else table for table in each]
+    if isinstance(tables[name][int(index)], dict):  # otherwise the validator reports it
+        tables[name][int(index)][word] = value
+    return []
+
+
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
-    if found := OF_WALLS.fullmatch(key):
-        return override_walls(tables, key, found, value)
+    if (found := OF_LIST.fullmatch(key)) and found[1] in LISTS:
+        return _override_list(tables, key, found, value)
     table, _, word = key.partition(".")
     if not word:
         if table in ("name", "description"):
@@ -355,4 +384,5 @@ def keys() -> Iterable[tuple[str, Any, str]]:
         for field in dataclasses.fields(Controller if name == "controller" else table):
             unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
             yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit
-    yield "walls", (), f"further walls: tables of {', '.join(field.name for field in dataclasses.fields(Surface))}"
+    for name, table in LISTS.items():
+        yield name, (), f"list of tables of {', '.join(field.name for field in dataclasses.fields(table))}"

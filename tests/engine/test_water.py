@@ -1,5 +1,6 @@
 """Water that moves and accelerates: the vehicle's equation, closed forms, both engines, seeds, resets, refusals."""
 
+import math
 from dataclasses import replace
 
 import mujoco
@@ -8,10 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from twin import C_A, C_RB, M_RB, D, TwinParameters, rotation
-from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach, simulate
+from uvms_mj import Current, Disturbance, Fin, InputError, Scenario, Simulation, Tether, attach, simulate
 from uvms_mj.control.base import SteadyState
+from uvms_mj.physics.effects import FIN, fin_coefficients
+from uvms_mj.physics.kernels import record_of
 from vehicles import load, place, random_parameters, state
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))
@@ -269,6 +273,82 @@ def test_the_wrench_of_a_tether_acts_at_its_attachment_against_its_velocity_in_t
     assert np.allclose(wrenches[1] - wrenches[0], np.r_[force, np.cross(r_t, force)], rtol=1e-9, atol=1e-9)
 
 
+def fin_force(fin, v_F):
+    """(3,) force of the water on a fin in its frame, from its velocity there, by the coefficients of its docstring."""
+    v, s = np.array([v_F[0], v_F[1], 0.0]), math.radians(fin.stall_deg)
+    alpha = math.atan(v[1] / v[0])  # a plate has no front
+    if abs(alpha) <= s:
+        C_L, C_D = fin.lift_slope * alpha, fin.drag_coefficient + fin.induced_drag * (fin.lift_slope * alpha) ** 2
+    else:
+        C_s = fin.drag_coefficient + fin.induced_drag * (fin.lift_slope * s) ** 2
+        C_L = fin.lift_slope * s * math.sin(2 * alpha) / math.sin(2 * s)
+        C_D = C_s + (fin.drag_across - C_s) * (math.sin(alpha) ** 2 - math.sin(s) ** 2) / math.cos(s) ** 2
+    speed = float(np.linalg.norm(v))
+    across = np.cross([0.0, 0.0, 1.0], v / speed)
+    return -500.0 * fin.area * speed**2 * (C_L * across + C_D * v / speed)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_the_wrench_of_fins_is_that_of_plates_and_takes_energy_out(seed):
+    parameters, rng = random_parameters(seed), np.random.default_rng(seed)
+    nu, wrenches = rng.normal(size=6), []
+    fins = [
+        Fin(
+            area=float(rng.uniform(0.01, 0.1)),
+            position=tuple(rng.normal(size=3).tolist()),
+            attitude_deg=tuple(rng.uniform(-180.0, 180.0, 3).tolist()),
+            deflection_deg=float(rng.uniform(-30.0, 30.0)),
+            stall_deg=float(rng.uniform(5.0, 60.0)),
+        )
+        for _ in range(2)
+    ]
+    for each in ((), fins):
+        model, data = load(parameters)
+        place(model, data, nu=nu)
+        with attach(model, data, current_W=parameters.v_c_W, fins=each) as attachment:
+            mujoco.mj_forward(model, data)
+            wrenches.append(attachment.wrench)
+    expected = np.zeros(6)
+    for fin in fins:
+        R = Rotation.from_euler("ZYX", fin.attitude_deg[::-1], degrees=True)
+        R *= Rotation.from_euler("Z", fin.deflection_deg, degrees=True)
+        v = nu[:3] - np.asarray(parameters.v_c_W) + np.cross(nu[3:], fin.position)
+        force = R.apply(fin_force(fin, R.inv().apply(v)))
+        assert force @ v <= 0.0
+        expected += np.r_[force, np.cross(fin.position, force)]
+    assert np.allclose(wrenches[1] - wrenches[0], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_coefficients_of_a_fin_have_no_jump_and_no_front():
+    fin = np.zeros(1, FIN)
+    numbers = {"lift_slope": 3.0, "stall": 0.3, "drag": 0.01, "induced": 0.1, "across": 1.2}
+    for name, number in numbers.items():
+        fin[name] = number
+    record, near = record_of(fin), 1e-9
+    for alpha in (0.3, -0.3, math.pi / 2, math.pi - 0.3):
+        below, above = (np.array(fin_coefficients(record, alpha + d)) for d in (-near, near))
+        assert np.allclose(below, above, rtol=0.0, atol=1e-7), alpha
+    for alpha in np.linspace(-3.0, 0.1, 40):
+        assert np.allclose(fin_coefficients(record, alpha), fin_coefficients(record, alpha + math.pi), atol=1e-12)
+
+
+def test_a_reset_changes_or_removes_an_effect_and_adds_none():
+    fin = {"area": 0.05, "position": [-0.3, 0.0, 0.0], "deflection_deg": 10.0}
+    moving = {"simulation.duration": 0.2, "fins": [fin], "initial.velocity": [1.0] + [0.0] * 5}
+    scenario = Scenario.load("push_wall", moving)
+    with Simulation(scenario, engine="free_body") as sim:
+        for changes in ({"fins[0].area": 0.1}, {"fins": []}, {"fins[0].area": 0.05}):
+            sim.reset(changes)
+            sim.step(500)
+            fresh = simulate(scenario.updated({"simulation.duration": 0.05} | changes), engine="free_body")
+            assert np.array_equal(sim.signals.p_WB, fresh.p_WB[-1]), changes
+        with pytest.raises(InputError, match="can't add an effect of the water"):
+            sim.reset({"tether.length": 3.0})
+        with pytest.raises(InputError, match="can't add an effect of the water"):
+            sim.reset({"fins": [fin, fin]})
+
+
 AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "wall.damping": 500.0}
 
 
@@ -278,9 +358,10 @@ AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "
         {"current.vertical": -0.2},
         {"current.shear": [[0.0, 1.0], [1.0, 0.4]]},
         {"tether.length": 30.0, "tether.position": [-0.2, 0.0, 0.0]},
+        {"fins": [{"area": 0.05, "position": [-0.3, 0.0, 0.1], "attitude_deg": [0.0, 0.0, 20.0]}]},
         {"disturbance.table": [[0.0, 2.0, 1.0, -1.0, 0.0, 0.1, 0.0]], "disturbance.bias": [1.0] + [0.0] * 5},
     ],
-    ids=["vertical", "shear", "tether", "one row"],
+    ids=["vertical", "shear", "tether", "fins", "one row"],
 )
 def test_a_vehicle_rests_where_the_static_balance_says(water):
     """Under impedance control, which does not reject the current: it depends on depth and on the tether."""

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError
+from ..physics.effects import EFFECTS
 from ..physics.frames import BODY
 from ..plant.build import put_at, set_wall
 from ..plant.contacts import face_of, surfaces_of
@@ -105,7 +106,19 @@ _KNOWN = {
     "bumper": ("stiffness", "damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
-_SHARED = ("vehicle", "current", "disturbance", "tether", "impedance", "estimates", "task", *STAGES)
+_SHARED = (
+    "name",
+    "description",
+    "vehicle",
+    "current",
+    "disturbance",
+    *EFFECTS,
+    "walls",
+    "impedance",
+    "estimates",
+    "task",
+    *STAGES,
+)
 """The tables that both engines read from the same records."""
 
 
@@ -125,11 +138,15 @@ def refusals(setup: Setup) -> list[str]:
     if scenario.simulation.integrator != "euler":
         unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):
-        value = getattr(scenario, table.name)
-        if table.name not in _SHARED and dataclasses.is_dataclass(value):
-            fields = [field for field in dataclasses.fields(value) if getattr(value, field.name) != field.default]
-            known = _KNOWN.get(table.name, ())
-            unknown += [f"{table.name}.{field.name}" for field in fields if field.name not in known]
+        value: Any = getattr(scenario, table.name)
+        if table.name in _SHARED or value == table.default:
+            continue
+        if not dataclasses.is_dataclass(value):
+            unknown.append(table.name)
+            continue
+        fields = [field for field in dataclasses.fields(value) if getattr(value, field.name) != field.default]
+        known = _KNOWN.get(table.name, ())
+        unknown += [f"{table.name}.{field.name}" for field in fields if field.name not in known]
     return [f"{key} is not computed by the engine free_body; use the engine mujoco" for key in unknown]
 
 

@@ -1,5 +1,5 @@
-r"""The motion of the water at a vehicle and the disturbance: vectors that vary with time, the shear of a current with
-depth, and the drag of a tether.
+r"""The motion of the water at a vehicle and the disturbance: vectors that vary with time, and the shear of a current
+with depth.
 
 A vector is the sum of a mean, sines, a table and a Gauss-Markov process, each with its rate of change.
 
@@ -20,23 +20,13 @@ The nodes are drawn in blocks of 2048. The recursion of a block starts one block
 own. What it has forgotten by then is :math:`e^{-32}` or less, so that neighbouring blocks agree to 1e-14. A block
 depends on the key and its number alone: the process has no end, needs a fixed memory, and may be evaluated at times in
 any order.
-
-**Tether.** Its drag is a lumped quadratic one at the point of attachment. With the velocity :math:`w` of the water
-relative to the vehicle at the point :math:`r_t`, the force of a cable of the length L and the diameter d is
-
-.. math::
-
-    f = \tfrac12 \rho\, C_d\, d\, L\, |w|\, w, \qquad w = -(v_r + \omega \times r_t),
-
-the cross-flow drag of a cylinder (Fossen 2021, sec. 6.4.3, Morison's equation without inertia). The cable's own motion,
-weight, tension and inertia are neglected. L is the length whose drag the vehicle bears: half of a straight cable across
-the current that is held at its other end. Its power in the water is never positive.
 """
 
 import math
 
 import numpy as np
 
+from .effects import add_effects
 from .hydrodynamics import relative_velocity
 from .kernels import kernel
 from .random import standard_normal
@@ -164,32 +154,6 @@ def draw_block(series, numbers, n):
                     numbers[series.nodes + (j - NODES) * n + i] = x
 
 
-RHO = 1000.0
-"""Density of the water for the drag of the tether [kg/m^3]. Sea water has 2.5 % more, which is far less than the drag
-coefficient is uncertain."""
-
-
-def drag_factor(length: float, diameter: float, drag_coefficient: float) -> float:
-    """f / (abs(w) w) of a cable [N s^2/m^2]."""
-    return 0.5 * RHO * drag_coefficient * diameter * length
-
-
-@kernel
-def add_tether(factor, r_t, nu_r, tau):
-    """Add the wrench of a tether at r_t (3,) [m, B] to tau (6,) [N, N m, B]; nu_r (6,) is the velocity relative to the
-    water [m/s, rad/s, B], ``factor`` that of :func:`drag_factor`."""
-    x = -(nu_r[0] + nu_r[4] * r_t[2] - nu_r[5] * r_t[1])
-    y = -(nu_r[1] + nu_r[5] * r_t[0] - nu_r[3] * r_t[2])
-    z = -(nu_r[2] + nu_r[3] * r_t[1] - nu_r[4] * r_t[0])
-    drag = factor * math.sqrt(x * x + y * y + z * z)
-    tau[0] += drag * x
-    tau[1] += drag * y
-    tau[2] += drag * z
-    tau[3] += drag * (r_t[1] * z - r_t[2] * y)
-    tau[4] += drag * (r_t[2] * x - r_t[0] * z)
-    tau[5] += drag * (r_t[0] * y - r_t[1] * x)
-
-
 @kernel
 def flow(plant, numbers, t, p_WB, R_WB, nu):
     """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record: at time t [s], for a vehicle at p_WB (3,)
@@ -199,9 +163,9 @@ def flow(plant, numbers, t, p_WB, R_WB, nu):
         current_at(plant, numbers, t, p_WB, R_WB, nu)
     add_sines(plant.disturbance, t, water.tau_dist)
     add_table_and_noise(plant.disturbance, numbers, t, water.tau_dist, np.zeros(6))  # its rate is not used
-    if water.tether > 0.0:
+    if plant.affected.shape[0] != 0:
         relative_velocity(water, R_WB, nu, plant.nu_r)
-        add_tether(water.tether, water.r_t, plant.nu_r, water.tau_dist)
+        add_effects(plant.effects, plant.nu_r, water.tau_dist)
 
 
 @kernel

@@ -55,15 +55,13 @@ from .tree import damping_wrench, gather_wrenches, momenta, move_links
 
 WATER = np.dtype(
     [
-        ("tether", "f8"),  # factor of the tether's drag [N s^2/m^2], or 0
-        ("r_t", "f8", (3,)),  # its point of attachment in B [m]
         ("unsteady", "i8"),  # whether the current is not constant
         # at the vehicle, at one instant
         ("fresh", "i8"),  # whether it is the instant in hand of a closed loop
         ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]
         ("v_c_dot_W", "f8", (3,)),  # its time derivative along the vehicle's path [m/s^2]; zero if it is constant
         ("a_c_W", "f8", (3,)),  # acceleration of the water [m/s^2]; zero if the current is constant
-        ("tau_dist", "f8", (6,)),  # disturbance in B, with the tether [N, N m]
+        ("tau_dist", "f8", (6,)),  # disturbance in B, with the effects [N, N m]
     ],
     align=True,
 )

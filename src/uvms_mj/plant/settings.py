@@ -4,8 +4,7 @@
 import dataclasses
 import itertools
 import math
-import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -152,26 +151,6 @@ class Bumper:
     def in_front_of(self, stiffness: float, damping: float) -> tuple[float, float]:
         """:func:`in_series` of a wall and this bumper."""
         return in_series(stiffness, damping, self.stiffness or 0.0, self.damping)
-
-
-OF_WALLS = re.compile(r"walls(?:\[(\d{1,9})\]\.(\w+))?")
-"""The keys ``walls`` and ``walls[0].stiffness`` of an override."""
-
-
-def override_walls(tables: dict[str, Any], key: str, found: re.Match, value: Any) -> list[Fault]:
-    """Replace the list of walls in the tables of a scenario, or a key of one of them; ``found`` is the match of
-    :data:`OF_WALLS` with the key."""
-    index, word = found.groups()
-    if index is None:
-        tables["walls"] = value
-        return []
-    walls = tables.get("walls", [])
-    if not isinstance(walls, list | tuple) or int(index) >= len(walls):
-        return [Fault(key, f"the scenario has {len(walls) if isinstance(walls, list | tuple) else 0} [[walls]]")]
-    tables["walls"] = [dict(wall) if isinstance(wall, Mapping) else wall for wall in walls]
-    if isinstance(tables["walls"][int(index)], dict):  # otherwise the validator reports it
-        tables["walls"][int(index)][word] = value
-    return []
 
 
 _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]

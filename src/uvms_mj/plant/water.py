@@ -1,15 +1,18 @@
-"""Settings of the water: the ocean current, the disturbance of eq. (10), and the tether."""
+"""Settings of the water: the ocean current, the disturbance of eq. (10), and its further effects."""
 
 import itertools
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
-from ..physics.flow import FINEST, drag_factor
-from ..quantities import STRICT, Angle, Frequencies, Number, Position, Time, Wrench, doc, within
+from ..physics.effects import RHO, effects_dtype
+from ..physics.flow import FINEST
+from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
+from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, within
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -150,6 +153,61 @@ class Tether:
     position: Position = doc("point of attachment in B [m]", (0.0, 0.0, 0.0))
 
     @property
-    def factor(self) -> float:
-        """Its drag over the square of its velocity in the water [N s^2/m^2]."""
-        return drag_factor(self.length, self.diameter, self.drag_coefficient)
+    def record(self) -> tuple:
+        """The numbers of :data:`uvms_mj.physics.effects.TETHER`."""
+        return 0.5 * RHO * self.drag_coefficient * self.diameter * self.length, self.position
+
+
+_Area = Annotated[Number, within(1e-6, 1e4, "m^2")]
+_Coefficient = Annotated[Number, within(0.0, 100.0, "")]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Fin:
+    """One table of ``[[fins]]``: a thin plate with lift and drag. At zero attitude its chord is along x, and its span
+    along z: it stands."""
+
+    area: _Area
+    position: Position
+    """Centre of pressure in B [m]."""
+    attitude_deg: Angles = doc("roll, pitch, yaw of the fin in B; rolled by 90 it lies [deg]", (0.0,) * 3)
+    deflection_deg: Angle = doc("turn about its span, by the right hand [deg]", 0.0)
+    lift_slope: _Coefficient = doc("C_alpha, lift coefficient over the angle of attack below the stall [1/rad]", 3.0)
+    stall_deg: Annotated[Number, within(1.0, 89.0, "deg")] = doc("angle of attack at the stall [deg]", 17.0)
+    drag_coefficient: _Coefficient = doc("C_D0, of the drag along the chord [1]", 0.01)
+    induced_drag: _Coefficient = doc("k, induced drag over the square of the lift coefficient [1]", 0.1)
+    drag_across: _Coefficient = doc("C_90, drag coefficient across the flow, beyond the stall [1]", 1.2)
+
+    @property
+    def record(self) -> tuple:
+        """The numbers of :data:`uvms_mj.physics.effects.FIN`."""
+        turned = quat_product(
+            quat_from_euler_deg(*self.attitude_deg), quat_from_euler_deg(0.0, 0.0, self.deflection_deg)
+        )
+        slope, stall = self.lift_slope, math.radians(self.stall_deg)
+        drag = self.drag_coefficient, self.induced_drag, self.drag_across
+        return 0.5 * RHO * self.area, self.position, rotation_matrix(turned), slope, stall, *drag
+
+
+EFFECT_TABLES: dict[str, Any] = {"tether": Tether, "fins": Fin}
+"""The table of each effect, or of each one of a list."""
+
+
+def effect_records(tables: Mapping[str, Any]) -> np.ndarray:
+    """The records (1,) of the effects whose tables, by their names, are not the defaults: tables, or lists of them."""
+    found = dict[str, list[tuple]]()
+    for name, table in tables.items():
+        if isinstance(table, tuple):
+            found[name] = [each.record for each in table]
+        elif table != type(table)():
+            found[name] = [table.record]
+    records = np.zeros(1, effects_dtype({name: len(rows) for name, rows in found.items()}))
+    for name, rows in found.items():
+        if rows:
+            records[name] = rows
+    return records
+
+
+def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
+    """How many there are of each effect in :func:`effect_records` that there is."""
+    return tuple((name, records[name].size) for name in records.dtype.names or () if records[name].size)

@@ -34,7 +34,7 @@ from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, notes_on_damping
-from ..plant.water import Current, Disturbance
+from ..plant.water import Current, Disturbance, counted
 from ..quantities import leaves, radians_notes
 from ..scenario import STAGES, Scenario
 from ..stages.base import is_shipped
@@ -298,6 +298,15 @@ def _refuse_other_code(base: Scenario, scenario: Scenario, place: str) -> None:
         faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
+    there = dict(counted(base.effects))
+    faults += [
+        Fault(
+            name,
+            f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
+        )
+        for name, n in counted(scenario.effects)
+        if n > there.get(name, 0)
+    ]
     if scenario.task.frame != base.task.frame:
         faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
     faults += [

@@ -17,7 +17,7 @@ eq. (10) is then
 For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
-the drag of a tether in it.
+the wrench of the effects in it.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
 force of its springs with its moment (:class:`.terms.ContactSprings`). For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
@@ -51,6 +51,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.effects import EFFECTS
 from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
@@ -160,7 +161,7 @@ def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
 
 _KNOWN = frozenset(
     (
-        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", "tether", "wall"),
+        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", *EFFECTS, "wall"),
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )

@@ -42,8 +42,9 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.flow import add_tether
+from ...physics.effects import add_effects
 from ...physics.frames import attitude, cross, quat_error, quat_turned, rotation_matrix
+from ...physics.kernels import record_of
 from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
 from ..base import SteadyState
@@ -63,14 +64,15 @@ _SMALL = 1e-6
 
 
 def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
-    """The generalised force (6 + n,) of current, weight, buoyancy, disturbance and tether on a tree at rest."""
+    """The generalised force (6 + n,) of current, weight, buoyancy, disturbance and effects on a tree at rest."""
     scenario = setup.scenario
     v_c_W = scenario.current.steady_at(-p_WB[2])
     total: np.ndarray = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W)
     total[:6] += scenario.disturbance.at_last
-    if scenario.tether.factor:
+    effects = scenario.effects
+    if effects.itemsize:
         nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
-        add_tether(scenario.tether.factor, scenario.tether.position, nu_r, total[:6])
+        add_effects(record_of(effects), nu_r, total[:6])
     return total
 
 

@@ -24,9 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.flow import add_tether
+from ...physics.effects import add_effects
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
+from ...physics.kernels import record_of
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import BOX, CYLINDER, PLANE
 
@@ -252,7 +253,8 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist = scenario.disturbance.at_last
+        self.tau_dist, effects = scenario.disturbance.at_last, scenario.effects
+        self.effects = record_of(effects) if effects.itemsize else None
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
@@ -417,8 +419,8 @@ class Balance:
         nu_r, term = np.zeros(6) if nu is None else nu.copy(), np.empty(6)
         nu_r[:3] -= R_WB.T @ scenario.current.steady_at(-position[2])
         d = self.tau_dist.copy()
-        if scenario.tether.factor:
-            add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)
+        if self.effects is not None:
+            add_effects(self.effects, nu_r, d)
         coriolis_added_mass(vehicle.M_A, nu_r, term)
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)

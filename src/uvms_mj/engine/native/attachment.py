@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import Current, Disturbance, Tether
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, Fin, Tether, counted, effect_records
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control
@@ -130,6 +130,7 @@ def attach(
     current: Current | None = None,
     disturbance: Disturbance | None = None,
     tether: Tether | None = None,
+    fins: Sequence[Fin] = (),
     seed: int = 0,
 ) -> Attachment:
     """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
@@ -153,8 +154,8 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
-        current, disturbance, tether: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. The
-            first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
+        current, disturbance, tether, fins: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``.
+            The first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
         seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
 
     Returns:
@@ -175,24 +176,30 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    motion = Motion.checked(vectors, current, disturbance, tether, seed, model.opt.timestep)
-    attachment = immerse(model, data, vehicle)
+    effects = {"tether": Tether() if tether is None else tether, "fins": fins}
+    motion = Motion.checked(vectors, current, disturbance, effects, seed, model.opt.timestep)
+    attachment = immerse(model, data, vehicle, effects=counted(motion.effects))
     motion.apply(attachment.water)
     return attachment
 
 
 def immerse(
-    model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle, image: Image | None = None, code: int = 0
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    vehicle: Vehicle,
+    image: Image | None = None,
+    code: int = 0,
+    effects: tuple[tuple[str, int], ...] = (),
 ) -> Attachment:
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop.
+    default, those of a vehicle without a closed loop and with so many effects of the water.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
     if image is None:
-        image, code = Image({"run": alone_dtype(n)}, water_rooms()), evaluation(n)
+        image, code = Image({"run": alone_dtype(n, effects)}, water_rooms()), evaluation(n, effects)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
     _fill_border(plant[0], model, data, body_id, vehicle)
@@ -286,12 +293,12 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Valid arguments of :func:`attach`. ``vectors`` has current_W, bias, amplitude and frequency_hz, which
-    act where ``current`` or ``disturbance`` is None."""
+    act where ``current`` or ``disturbance`` is None, and ``effects`` are the records (1,) of effects."""
 
     vectors: Mapping[str, np.ndarray]
     current: Current | None
     disturbance: Disturbance | None
-    tether: Tether | None
+    effects: np.ndarray
     seed: int
 
     @classmethod
@@ -300,17 +307,21 @@ class Motion:
         vectors: Mapping[str, Any],
         current: Current | None,
         disturbance: Disturbance | None,
-        tether: Tether | None,
+        effects: Mapping[str, Any],
         seed: int,
         h: float,
     ) -> "Motion":
         """Raises InputError if an argument is of another kind, if one of them is given in two ways, or if a time step h
         [s] does not resolve the motion of the water."""
-        kinds = {"current": (current, Current), "disturbance": (disturbance, Disturbance), "tether": (tether, Tether)}
+        kinds: list[tuple[str, Any, Any]] = [("current", current, Current), ("disturbance", disturbance, Disturbance)]
+        effects = {name: tuple(each) if isinstance(each, list) else each for name, each in effects.items()}
+        for name, table in effects.items():
+            each = table if isinstance(table, tuple) else (table,)
+            kinds += [(name, value, EFFECT_TABLES[name]) for value in each]
         faults = [
             Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}")
-            for name, (value, kind) in kinds.items()
-            if not isinstance(value, kind | None)
+            for name, value, kind in kinds
+            if not isinstance(value, kind if name in effects else kind | None)
         ]
         if not isinstance(seed, int) or not 0 <= seed < 2**63:
             faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
@@ -324,13 +335,13 @@ class Motion:
                 faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
         if faults:
             raise InputError(faults, "attach")
-        return cls(numbers, current, disturbance, tether, seed)
+        return cls(numbers, current, disturbance, effect_records(effects), seed)
 
     def apply(self, water: Water) -> None:
         """Set the motion of the water of a vehicle."""
         water.flow(self.current or Current(speed=0.0))
         water.push(self.disturbance or Disturbance())
-        water.pull(self.tether or Tether())
+        water.affect(self.effects)
         water.seed(self.seed)
         if self.current is None:
             water.mean_W = self.vectors["current_W"]

@@ -16,7 +16,7 @@ from ...physics.tree import FRAME, LINK
 from ...plant.arm import Link
 from ...plant.contacts import Contacts
 from ...plant.vehicle import Vehicle
-from ...plant.water import Current, Disturbance, Tether
+from ...plant.water import Current, Disturbance
 from ...setup.base import Setup
 from ...stages.signals import Signal, contact_signals
 from .record import Image
@@ -184,8 +184,8 @@ Numbers = Sequence[float] | np.ndarray
 
 
 class Water:
-    """The links of a vehicle, the current, the disturbance and the tether in the record ``plant`` (1,) of an image, and
-    their tables in its rooms."""
+    """The links of a vehicle, the current, the disturbance and the effects in the record ``plant`` (1,) of an image,
+    and their tables in its rooms."""
 
     def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
         self._image, self._plant, self._water = image, plant, plant["water"]
@@ -208,10 +208,13 @@ class Water:
         self._vary("disturbance", disturbance)
         self._water["fresh"] = False
 
-    def pull(self, tether: Tether) -> None:
-        """Set the tether."""
-        water = self._water
-        water["tether"], water["r_t"], water["fresh"] = tether.factor, tether.position, False
+    def affect(self, effects: np.ndarray) -> None:
+        """Set the records (1,) of the effects, at most as many of each as there is room for."""
+        for name in effects.dtype.names or ():
+            room = self._plant["effects"][name][0]
+            room[:] = np.zeros((), room.dtype)
+            room[: effects[name].size] = effects[name][0]
+        self._water["fresh"] = False
 
     def disturb(self, bias: Numbers, amplitude: Numbers, frequency_hz: Numbers) -> None:
         """Set the constant and the sinusoidal part of the disturbance, (6,) each, in B [N, N m, Hz]."""

@@ -252,9 +252,11 @@ def mjcb_control() -> Any:
 
 
 @functools.cache
-def evaluation(joints: int) -> int:
-    """The address of the code of a forward evaluation of a vehicle with so many joints, without a closed loop."""
-    return native_function(evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"], joints > 0).address
+def evaluation(joints: int, effects: tuple[tuple[str, int], ...] = ()) -> int:
+    """The address of the code of a forward evaluation of a vehicle with so many joints and effects of the water,
+    without a closed loop."""
+    kind = with_numbers(alone_dtype(joints, effects))
+    return native_function(evaluate_alone, [kind, "i8", "i8"], joints > 0).address
 
 
 _clock = ctypes.c_void_p.in_dll(mujoco_library, "mjcb_time")

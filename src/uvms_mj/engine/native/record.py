@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
+from ...physics.effects import effects_dtype
 from ...physics.flow import ROWS, varying
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL, work_dtype
@@ -110,6 +111,7 @@ class Shape:
         carried: whether one of them may be not B.
         surfaces, pairs: room for so many walls and contacts.
         resolves: whether the law's command is resolved, at a tool or with joints.
+        effects: how many there are of each effect of the water that there is.
     """
 
     joints: int = 0
@@ -119,6 +121,7 @@ class Shape:
     surfaces: int = 0
     pairs: int = 0
     resolves: bool = False
+    effects: tuple[tuple[str, int], ...] = ()
 
 
 def room_for(n: int) -> int:
@@ -127,8 +130,8 @@ def room_for(n: int) -> int:
 
 
 @functools.cache
-def plant_dtype(n: int) -> np.dtype:
-    """The vehicle in the water, with n joints."""
+def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = ()) -> np.dtype:
+    """The vehicle in the water, with n joints and so many effects of each kind."""
     return np.dtype(
         [
             ("mujoco", MUJOCO),
@@ -143,6 +146,8 @@ def plant_dtype(n: int) -> np.dtype:
             ("solved", "f8", (4,)),  # whether the probe touched [wall] in the last step, and the normal force in W
             # the water
             ("water", WATER),
+            ("effects", effects_dtype(dict(effects))),
+            ("affected", "i8", (int(bool(effects)),)),  # empty without any effect
             ("current", varying(3)),  # in W [m/s]
             ("disturbance", varying(6)),  # in B [N, N m]
             *_whole("shear", "shear_rows"),  # rows of [depth, factor]
@@ -223,7 +228,7 @@ def run_dtype(shape: Shape) -> np.dtype:
     """A run: the plant, and the closed loop around it."""
     n, m, pairs = shape.joints, shape.thrusters, shape.pairs
     fields = [
-        ("plant", plant_dtype(n)),
+        ("plant", plant_dtype(n, shape.effects)),
         ("body", BODY),
         ("address", "i8"),  # of this record, for the machine code of stages
         # settings
@@ -307,9 +312,9 @@ def run_dtype(shape: Shape) -> np.dtype:
 
 
 @functools.cache
-def alone_dtype(joints: int) -> np.dtype:
+def alone_dtype(joints: int, effects: tuple[tuple[str, int], ...] = ()) -> np.dtype:
     """A vehicle in the water without a closed loop."""
-    return np.dtype([("plant", plant_dtype(joints))], align=True)
+    return np.dtype([("plant", plant_dtype(joints, effects))], align=True)
 
 
 @functools.cache

@@ -14,6 +14,7 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
 from ...physics.spanned_axes import pseudoinverse
+from ...plant.water import counted
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...stages.base import Stage
@@ -197,6 +198,7 @@ def shape_of(setup: Setup) -> Shape:
         surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
         pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
+        effects=counted(setup.scenario.effects),
     )
 
 
@@ -341,8 +343,8 @@ class RunMemory:
     def begin(self, setup: Setup) -> None:
         """As :meth:`restart`, also with another vehicle, in an engine that has it in the record. Raises InputError also
         for a setup whose record has another shape."""
-        if shape_of(setup) != self.shape:
-            raise InputError([Fault("vehicle", "the runs have other numbers of thrusters, walls or contacts")])
+        if not self._takes(shape_of(setup)):
+            raise InputError([Fault("vehicle", "the runs have other numbers of thrusters, walls, contacts or effects")])
         constants = self._fitting(setup)
         self.image.fixed[:] = self._start
         self._fill(setup)
@@ -358,6 +360,13 @@ class RunMemory:
         self.stages.check_unchanged(setup.scenario)
         self.engine.write_wall(setup)
         self._write(setup, constants)
+
+    def _takes(self, shape: Shape) -> bool:
+        """Whether a run of a shape fits into this memory: it may have fewer effects."""
+        there = dict(self.shape.effects)
+        return replace(shape, effects=self.shape.effects) == self.shape and all(
+            n <= there.get(name, 0) for name, n in shape.effects
+        )
 
     def _fitting(self, setup: Setup) -> dict[str, dict[str, Any]]:
         """The constants of all stages. Raises InputError if they or a table do not fit into this memory."""
@@ -453,7 +462,7 @@ def write_water(memory: RunMemory, setup: Setup) -> None:
     water, scenario = memory.engine.water, setup.scenario
     water.flow(scenario.current)
     water.push(scenario.disturbance)
-    water.pull(scenario.tether)
+    water.affect(scenario.effects)
     water.seed(scenario.simulation.seed)
 
 

@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from ...errors import suggestion
-from ...plant.settings import Surface
 from ...quantities import refusing
-from ...scenario import Scenario
+from ...scenario import LISTS, Scenario
 from ...stages.signals import OWN_UNIT
 
-_PLACE = re.compile(r"((?:walls\[\d+\]|[\w-]+)\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
-_WALL = re.compile(r"walls\[(\d+)\]")
+_LIST = rf"({'|'.join(LISTS)})\[(\d+)\]"
+_PLACE = re.compile(rf"((?:{_LIST.replace('(', '(?:')}|[\w-]+)\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
+_LISTED = re.compile(_LIST)
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
 
 
@@ -44,10 +44,10 @@ def overlap(one: str, other: str) -> bool:
 
 def _table(name: str, tables: Mapping[str, Any]) -> Any:
     """The table of a key's first word, also of one wall, ``walls[0]``; None if there is none."""
-    if (found := _WALL.fullmatch(name)) is None:
+    if (found := _LISTED.fullmatch(name)) is None:
         return tables.get(name)
-    walls = tables.get("walls", [])
-    return walls[int(found[1])] if int(found[1]) < len(walls) else None
+    listed = tables.get(found[1], [])
+    return listed[int(found[2])] if int(found[2]) < len(listed) else None
 
 
 def value_at(place: str, tables: Mapping[str, Any]) -> Any:
@@ -77,8 +77,8 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
     key, parts = parsed(place)
     table, _, word = key.partition(".")
     own = _table(table, tables)
-    if own is None and _WALL.fullmatch(table):
-        return f"the scenario has {len(tables.get('walls', []))} [[walls]]"
+    if own is None and (found := _LISTED.fullmatch(table)):
+        return f"the scenario has {len(tables.get(found[1], []))} [[{found[1]}]]"
     if not parts:
         return ""
     if own is None:
@@ -105,7 +105,8 @@ def unit_of(place: str, scenario: Scenario) -> str:
     components of six."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")
-    own = Surface if _WALL.fullmatch(table) else getattr(scenario, table, None)
+    found = _LISTED.fullmatch(table)
+    own = LISTS[found[1]] if found else getattr(scenario, table, None)
     field = getattr(own, "__dataclass_fields__", {}).get(word)
     if field is None:
         return ""

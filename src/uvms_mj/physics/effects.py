@@ -1,0 +1,128 @@
+r"""Effects: forces of the water on the base beside added mass, damping and buoyancy. Each has a record and a kernel.
+
+A kernel adds its wrench (6,) about B's origin in B to tau, from its record and from the velocity nu_r (6,) of the base
+relative to the water in B. Engines and closed forms call the same kernels. A vehicle has an array of records of each
+effect; of an empty array no machine code is left, so that an absent effect costs nothing.
+
+**Tether.** Its drag is a lumped quadratic one at the point of attachment. With the velocity :math:`w` of the water
+relative to the vehicle at the point :math:`r_t`, the force of a cable of the length L and the diameter d is
+
+.. math::
+
+    f = \tfrac12 \rho\, C_d\, d\, L\, |w|\, w, \qquad w = -(v_r + \omega \times r_t),
+
+the cross-flow drag of a cylinder (Fossen 2021, sec. 6.4.3, Morison's equation without inertia). The cable's own motion,
+weight, tension and inertia are neglected. L is the length whose drag the vehicle bears: half of a straight cable across
+the current that is held at its other end. Its power in the water is never positive.
+
+**Fins.** A fin is a thin plate of the area A with the frame F at its centre of pressure r: x along its chord, z along
+its span, y its normal. A deflection turns chord and normal about the span. With the fin's velocity v in the water,
+without its part along the span, and the angle of attack :math:`\alpha = \mathrm{atan2}(v_y, v_x)`,
+
+.. math::
+
+    f = -\tfrac12 \rho A |v| \left( C_L(\alpha)\, (e_z \times v) + C_D(\alpha)\, v \right).
+
+Below the stall angle :math:`\alpha_s` the flow is attached (Hoerner and Borst, "Fluid-dynamic lift", 1985; Fossen 2021,
+sec. 9.7), and beyond it the fin is a plate across the flow with the drag coefficient :math:`C_{90}`; both meet at the
+stall angle without a jump:
+
+.. math::
+
+    C_L = \begin{cases} C_\alpha\, \alpha \\
+        C_\alpha\, \alpha_s \sin 2\alpha / \sin 2\alpha_s \end{cases} \qquad
+    C_D = \begin{cases} C_{D0} + k\, C_L^2 & |\alpha| \le \alpha_s \\
+        C_s + (C_{90} - C_s) \dfrac{\sin^2\alpha - \sin^2\alpha_s}{\cos^2\alpha_s} & \text{beyond} \end{cases}
+
+A plate has no front: the coefficients are those of :math:`\alpha` up to half a turn. The lift does no work, and the
+drag takes energy out at every angle.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from .kernels import kernel
+
+RHO = 1000.0
+"""Density of the water for these forces [kg/m^3]. Sea water has 2.5 % more, which is far less than their coefficients
+are uncertain."""
+
+TETHER = np.dtype([("factor", "f8"), ("r", "f8", (3,))], align=True)
+"""f / (abs(w) w) [N s^2/m^2], and the point of attachment in B [m]."""
+
+FIN = np.dtype(
+    [
+        ("factor", "f8"),  # rho A / 2 [kg/m]
+        ("r", "f8", (3,)),  # centre of pressure in B [m]
+        ("R_BF", "f8", (3, 3)),  # with the deflection
+        ("lift_slope", "f8"),  # C_alpha [1/rad]
+        ("stall", "f8"),  # alpha_s [rad]
+        ("drag", "f8"),  # C_D0 [1]
+        ("induced", "f8"),  # k [1]
+        ("across", "f8"),  # C_90 [1]
+    ],
+    align=True,
+)
+"""One fin."""
+
+EFFECTS = {"tether": TETHER, "fins": FIN}
+"""The records of the effects, by the names of their tables."""
+
+
+def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
+    """Arrays of records, by how many there are of each effect."""
+    return np.dtype([(name, kind, (counts.get(name, 0),)) for name, kind in EFFECTS.items()], align=True)
+
+
+@kernel
+def add_effects(effects, nu_r, tau):
+    """Add the wrenches of all effects to tau (6,) [N, N m, B], at the velocity nu_r (6,) relative to the water [m/s,
+    rad/s, B]."""
+    for k in range(effects.tether.shape[0]):
+        add_tether(effects.tether[k], nu_r, tau)
+    for k in range(effects.fins.shape[0]):
+        add_fin(effects.fins[k], nu_r, tau)
+
+
+@kernel
+def add_tether(tether, nu_r, tau):
+    """Add the drag of a tether."""
+    r, w = tether.r, np.zeros(3)
+    w[0] = -(nu_r[0] + nu_r[4] * r[2] - nu_r[5] * r[1])
+    w[1] = -(nu_r[1] + nu_r[5] * r[0] - nu_r[3] * r[2])
+    w[2] = -(nu_r[2] + nu_r[3] * r[1] - nu_r[4] * r[0])
+    drag = tether.factor * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    tau[:3] += drag * w
+    tau[3:] += drag * np.cross(r, w)
+
+
+@kernel
+def add_fin(fin, nu_r, tau):
+    """Add lift and drag of a fin."""
+    v, r, R = np.zeros(3), fin.r, fin.R_BF
+    v[:] = (nu_r[:3] + np.cross(nu_r[3:], r)) @ R
+    v[2] = 0.0
+    C_L, C_D = fin_coefficients(fin, math.atan2(v[1], v[0]))
+    lift = np.zeros(3)
+    lift[0], lift[1] = -C_L * v[1], C_L * v[0]  # e_z x v
+    f = R @ (-fin.factor * math.sqrt(v @ v) * (lift + C_D * v))
+    tau[:3] += f
+    tau[3:] += np.cross(r, f)
+
+
+@kernel
+def fin_coefficients(fin, alpha):
+    """C_L and C_D at an angle of attack [rad]."""
+    if alpha > 0.5 * math.pi:  # a plate has no front
+        alpha -= math.pi
+    elif alpha < -0.5 * math.pi:
+        alpha += math.pi
+    if abs(alpha) <= fin.stall:
+        C_L = fin.lift_slope * alpha
+        return C_L, fin.drag + fin.induced * C_L * C_L
+    most = fin.lift_slope * fin.stall
+    at_stall, sine, cosine = fin.drag + fin.induced * most * most, math.sin(fin.stall), math.cos(fin.stall)
+    part = (math.sin(alpha) ** 2 - sine * sine) / (cosine * cosine)
+    return most * math.sin(2.0 * alpha) / (2.0 * sine * cosine), at_stall + (fin.across - at_stall) * part
