@@ -192,7 +192,7 @@ def test_what_does_not_fit_is_one_sentence(exported, tmp_path):
         (('key="current" value="0 0 0"', 'key="current" value="1 2"'), "init"),
         (('key="current" value="0 0 0"', 'key="current" value="nan 0 0"'), "init"),
         ((re.search('<config key="record" value="[^"]*" ?/>', text)[0], ""), "init"),
-        ((" 211 ", " 212 "), "init"),
+        ((" 5.5 ", " 5.6 "), "init"),
         (('key="current"', 'key="curent"'), "curent"),
         ((name_of(0), "uvms_mj.water_99"), "water_99"),
     ):

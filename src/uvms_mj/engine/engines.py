@@ -139,10 +139,10 @@ def refusals(setup: Setup) -> list[str]:
         unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):
         value: Any = getattr(scenario, table.name)
-        if table.name in _SHARED or value == table.default:
+        if table.name in _SHARED:
             continue
-        if not dataclasses.is_dataclass(value):
-            unknown.append(table.name)
+        if not dataclasses.is_dataclass(value):  # a list of tables
+            unknown += [table.name] if value != table.default else []
             continue
         fields = [field for field in dataclasses.fields(value) if getattr(value, field.name) != field.default]
         known = _KNOWN.get(table.name, ())
