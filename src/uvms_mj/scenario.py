@@ -21,6 +21,7 @@ from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, T
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
+from .effects import Effect
 from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
@@ -54,6 +55,10 @@ STAGES: dict[str, Choice] = {
     "thrusters": Choice(Thrusters, actuation.THRUSTERS, IdealThrusters),
 }
 """The tables that name a stage."""
+STAGE_LISTS: dict[str, Choice] = {"effects": Choice(Effect, {}, Effect)}
+"""The lists of tables that name a stage each."""
+CHOICES = STAGES | STAGE_LISTS
+"""All stages to choose from."""
 
 
 @dataclass(frozen=True, repr=False, config=STRICT)
@@ -73,6 +78,7 @@ class Scenario:
     disturbance: Disturbance = Disturbance()
     tether: Tether = Tether()
     fins: tuple[Fin, ...] = ()
+    effects: tuple[Effect, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
     bumper: Bumper = Bumper()
@@ -95,12 +101,20 @@ class Scenario:
         """The stages of the loop in the order of an instant."""
         task = (self.task,) if self.controller.uses_task else ()
         before = (self.navigation, self.encoder, self.wrist, self.reference, self.observer)
-        behind = (self.joints, self.thrusters)
+        behind = (self.joints, self.thrusters, *self.effects)
         stages = (*before, *task, self.controller, self.actuation, *behind)
         return tuple(stage for stage in stages if stage.runs)
 
     @property
-    def effects(self) -> np.ndarray:
+    def named_stages(self) -> dict[str, Stage]:
+        """The stages by the tables that name them, ``controller`` or ``effects[0]``."""
+        found: dict[str, Stage] = {name: getattr(self, name) for name in STAGES}
+        for name in STAGE_LISTS:
+            found |= {f"{name}[{i}]": stage for i, stage in enumerate(getattr(self, name))}
+        return found
+
+    @property
+    def effect_records(self) -> np.ndarray:
         """The records (1,) of the effects of the water that are there: their tables are not the defaults."""
         return effect_records({name: getattr(self, name) for name in EFFECTS})
 
@@ -182,6 +196,7 @@ class Scenario:
             faults += _override(tables, key, value)
         _load_task(tables, faults)
         _load_stages(tables, known or {}, trusted, faults)
+        _load_lists(tables, known or {}, trusted, faults)
         try:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
@@ -211,8 +226,8 @@ class Scenario:
         tables = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         changed = {key.partition(".")[0].partition("[")[0] for key in (*overrides, "controller" if controller else "")}
         for name in changed & tables.keys():  # the others are valid as they are
-            tables[name] = plain(table_of(tables[name]) if name in STAGES else tables[name])
-        known = {name: type(getattr(self, name)) for name in STAGES}
+            tables[name] = plain(_as_tables(name, tables[name]))
+        known = {name: type(stage) for name, stage in self.named_stages.items()}
         for name, kind in list(known.items()):
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
             if own is not None and kind.of_log:
@@ -220,7 +235,7 @@ class Scenario:
                 recorded: Any = kind
                 in_a_log = not Path(recorded.source()).is_absolute()
                 if recorded.source() == own or (in_a_log and parted(own)[1] == kind.__name__):
-                    tables[name]["name"] = own
+                    table_at(tables, name)["name"] = own
         return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted)
 
     def with_fresh_stages(self) -> "Scenario":
@@ -228,11 +243,17 @@ class Scenario:
         left in their modules is not in them, and an edited file is seen. Raises InputError if a file has changed so
         that its stage can't be made."""
         namespaces: dict[Path, Any] = {}
-        faults, fresh = list[Fault](), dict[str, Stage]()
-        for name, choice in STAGES.items():
-            stage = getattr(self, name)
+        faults, fresh = list[Fault](), dict[str, Any]()
+        for name, choice in CHOICES.items():
+            own: Any = getattr(self, name)
             try:
-                fresh |= {} if (new := choice.again(stage, namespaces)) is stage else {name: new}
+                if isinstance(own, tuple):
+                    new: Any = tuple(choice.again(stage, namespaces) for stage in own)
+                    changed = any(a is not b for a, b in zip(new, own, strict=True))
+                else:
+                    new = choice.again(own, namespaces)
+                    changed = new is not own
+                fresh |= {name: new} if changed else {}
             except InputError as error:
                 faults += error.faults
         if faults:
@@ -242,8 +263,7 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        tables |= {name: table_of(tables[name]) for name in STAGES}
-        return plain(tables)
+        return plain({name: _as_tables(name, table) for name, table in tables.items()})
 
     def to_toml(self) -> str:
         """The tables of :meth:`to_dict` as TOML text."""
@@ -285,7 +305,7 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin}
+LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin, "effects": Effect}
 """The tables of each list of tables."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
@@ -299,10 +319,16 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
     """Make paths absolute that are relative to the folder of the scenario file."""
     if folder is None:
         return
-    for table, key in (("vehicle", "model"), ("joints", "motion_file"), *((name, "name") for name in STAGES)):
-        value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
+    named = [("vehicle", "model"), ("joints", "motion_file"), *((name, "name") for name in STAGES)]
+    places = [(tables.get(table), key) for table, key in named]
+    for name in STAGE_LISTS:
+        if isinstance(tables.get(name), list | tuple):
+            tables[name] = [dict(each) if isinstance(each, Mapping) else each for each in tables[name]]
+            places += [(each, "name") for each in tables[name]]
+    for table, key in places:
+        value = table.get(key) if isinstance(table, dict) else None
         if isinstance(value, str) and is_file(folder / value.split(":")[0]):
-            tables[table][key] = str((folder / value).absolute())
+            table[key] = str((folder / value).absolute())
 
 
 def _load_stages(
@@ -317,6 +343,45 @@ def _load_stages(
         except InputError as error:
             del tables[name]
             faults += error.faults
+
+
+def table_at(tables: Mapping[str, Any], name: str) -> Any:
+    """The table of a name of :attr:`Scenario.named_stages`, ``controller`` or ``effects[0]``."""
+    of, _, index = name.rstrip("]").partition("[")
+    return tables[of][int(index)] if index else tables[of]
+
+
+def _as_tables(name: str, value: Any) -> Any:
+    """The value of a table, or of a list of tables, in which a stage is the table that makes it."""
+    if name in STAGES:
+        return table_of(value)
+    return [table_of(stage) for stage in value] if name in STAGE_LISTS else value
+
+
+def _load_lists(
+    tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None, faults: list[Fault]
+) -> None:
+    """Replace the tables of lists of stages by the stages; a list with an error is left out."""
+    for name, choice in STAGE_LISTS.items():
+        listed, found, wrong = tables.get(name, ()), list[Any](), list[Fault]()
+        if not isinstance(listed, list | tuple):
+            continue  # the validator reports it
+        for i, table in enumerate(listed):
+            key = f"{name}[{i}]"
+            if isinstance(table, Stage):
+                found.append(table)
+                continue
+            if not isinstance(table, Mapping) or "name" not in table:
+                wrong.append(Fault(key, f"{shortened(table)} needs a name, {USERS}, as of a table"))
+                continue
+            try:
+                found.append(choice.load(table, known.get(key), trusted))
+            except InputError as error:
+                wrong += [Fault(key + each.key.removeprefix(name), each.message) for each in error.faults]
+        tables[name] = tuple(found)
+        if wrong:
+            del tables[name]
+            faults += wrong
 
 
 def _load_task(tables: dict[str, Any], faults: list[Fault]) -> None:
@@ -344,6 +409,7 @@ def _override_list(tables: dict[str, Any], key: str, found: re.Match, value: Any
     each = tables.get(name, [])
     if not isinstance(each, list | tuple) or int(index) >= len(each):
         return [Fault(key, f"the scenario has {len(each) if isinstance(each, list | tuple) else 0} [[{name}]]")]
+    each = [table_of(table) if isinstance(table, Stage) else table for table in each]
     tables[name] = [dict(table) if isinstance(table, Mapping) else table for table in each]
     if isinstance(tables[name][int(index)], dict):  # otherwise the validator reports it
         tables[name][int(index)][word] = value
@@ -385,4 +451,6 @@ def keys() -> Iterable[tuple[str, Any, str]]:
             unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
             yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit
     for name, table in LISTS.items():
-        yield name, (), f"list of tables of {', '.join(field.name for field in dataclasses.fields(table))}"
+        words = ", ".join(field.name for field in dataclasses.fields(table))
+        of_class = f"name, which is {USERS}, the settings of the class, "
+        yield name, (), f"list of tables of {of_class if name in STAGE_LISTS else ''}{words}"

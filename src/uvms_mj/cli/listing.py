@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 def controllers(laws: tuple[str, ...]) -> None:
     """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
     with bad_input():
-        from ..scenario import STAGES
+        from ..scenario import CHOICES
 
-        choice = STAGES["controller"]
+        choice = CHOICES["controller"]
         _print_stages([choice.stage_class(law) for law in laws or choice.shipped])
 
 
@@ -44,10 +44,10 @@ def stages(names: tuple[str, ...]) -> None:
     uvms-mj stages gsta t200
     """
     with bad_input():
-        from ..scenario import STAGES
+        from ..scenario import CHOICES
 
         room = next((word for word in names[:1] if word in _rooms()), None)
-        choices = [choice for table, choice in STAGES.items() if room is None or table in _rooms()[room]]
+        choices = [choice for table, choice in CHOICES.items() if room is None or table in _rooms()[room]]
         if wanted := names[1:] if room else names:
             _print_stages([cls for name in wanted for cls in _named(name, choices, room)])
         else:
@@ -56,12 +56,12 @@ def stages(names: tuple[str, ...]) -> None:
 
 def _rooms() -> dict[str, list[str]]:
     """The tables of stages by each word for them: a table, a room, and the further words that messages understand."""
-    from ..scenario import STAGES
+    from ..scenario import CHOICES
     from ..stages.loader import tables_by_word
 
-    named = [word for table, choice in STAGES.items() for word in (table, choice.base.room.name)]
-    rooms = {word: [t for t, choice in STAGES.items() if word in (t, choice.base.room.name)] for word in named}
-    return {word: [table] for word, table in tables_by_word(STAGES).items()} | rooms
+    named = [word for table, choice in CHOICES.items() for word in (table, choice.base.room.name)]
+    rooms = {word: [t for t, choice in CHOICES.items() if word in (t, choice.base.room.name)] for word in named}
+    return {word: [table] for word, table in tables_by_word(CHOICES).items()} | rooms
 
 
 def shipped_stages(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
@@ -159,11 +159,11 @@ def keys(words: tuple[str, ...]) -> None:
     uvms-mj keys stiffness damping
     """
     with bad_input():
-        from ..scenario import STAGES
+        from ..scenario import CHOICES
 
         def of_a_stage(word: str) -> str:
             last = word.rpartition(".")[2].lower()
-            every = [cls for choice in STAGES.values() for cls in shipped_stages(choice).values()]
+            every = [cls for choice in CHOICES.values() for cls in shipped_stages(choice).values()]
             owners = [cls.label() for cls in every if last in (field.name.lower() for field in cls.setting_fields())]
             return f"it is a setting of {', '.join(owners)}: uvms-mj stages {owners[0]}" if owners else ""
 
@@ -220,11 +220,11 @@ def signals(words: tuple[str, ...]) -> None:
     uvms-mj signals recorded force
     """
     with bad_input():
-        from ..scenario import STAGES
+        from ..scenario import CHOICES
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
-        chosen = [table for table in STAGES if not kinds or any(table in rooms_by_word[kind] for kind in kinds)]
+        chosen = [table for table in CHOICES if not kinds or any(table in rooms_by_word[kind] for kind in kinds)]
         inputs, outputs = zip(*map(stage_signals, chosen), strict=True) if chosen else ((), ())
         groups = [*inputs, *(each for each in outputs if len(each.rows) > 1)]
         groups += recorded_signals() if not kinds or "recorded" in kinds else []
@@ -236,9 +236,9 @@ def signals(words: tuple[str, ...]) -> None:
 
 def stage_signals(table: str) -> tuple[Listing, Listing]:
     """The signals that a stage of this table of a scenario receives and sets."""
-    from ..scenario import STAGES
+    from ..scenario import CHOICES
 
-    room = STAGES[table].base.room
+    room = CHOICES[table].base.room
     given, out = room.arguments[2], room.arguments[4]
     return (
         signal_list(f"Inputs of the {room.noun}: {given}.<name>", room.given(0)),

@@ -17,8 +17,9 @@ KINDS = {
     "sensor": ("sensor.py", "uvms-mj run --set navigation.name={file}:{cls}"),
     "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
     "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
+    "effect": ("effect.py", "uvms-mj run --set 'effects=[{{name = \"{file}:{cls}\"}}]'"),
 }
-IN_C = {kind: use.replace(":{cls}", "") for kind, (_, use) in KINDS.items() if use.endswith(":{cls}")}
+IN_C = {kind: use.replace(":{cls}", "") for kind, (_, use) in KINDS.items() if ":{cls}" in use}
 """The kinds that may be written in C, with their use: a C file, and its description."""
 HEADER_OF = "header"
 """The kind of ``uvms_stage.h``, from a description."""
@@ -148,12 +149,12 @@ def _header(description: Path, out: str | None, vehicle: str | None, force: bool
     from ..errors import InputError
     from ..files import atomic_write
     from ..plant.mjcf import Mjcf
-    from ..scenario import STAGES
+    from ..scenario import CHOICES
     from ..stages.foreign import HEADER, Description, Records, header
 
     if description.suffix != ".toml":
         raise InputError(f"NAME {description}: give the description of a stage, NAME.toml")
-    kind = Description.load(description, STAGES).stage_class(description.stem, __name__, [])
+    kind = Description.load(description, CHOICES).stage_class(description.stem, __name__, [])
     plant = Mjcf.find(vehicle or "bluerov1").vehicle
     counted = len(plant.arm.links) if kind.room.counts == "joints" else len(plant.thrusters)
     path = Path(out) / HEADER if out else description.with_name(HEADER)
@@ -230,10 +231,10 @@ def _examples(name: str, out: str | None, force: bool) -> list[str]:
 def _kind_of(word: str) -> str:
     """The kind of file that a word for stages means: ``law`` of ``controller``. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
-    from ..scenario import STAGES
+    from ..scenario import CHOICES
     from ..stages.loader import tables_by_word
 
-    tables = {table: table for table in STAGES} | tables_by_word(STAGES)
+    tables = {table: table for table in CHOICES} | tables_by_word(CHOICES)
     for kind in KINDS:
         if word in tables and tables[word] == tables.get(kind):
             return kind

@@ -115,14 +115,13 @@ def _from_log(
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
-    from ..scenario import STAGES
 
     header, _ = read_files(log)
     for name, then in header.sources.items():
-        if not getattr(header.scenario, name).of_log:
+        if not (recorded := header.scenario.named_stages[name]).of_log:
             continue
         if overrides.get(f"{name}.name", controller if name == "controller" else None) is None:
-            noun, code = STAGES[name].base.room.noun, code_file(name, then.source)
+            noun, code = recorded.room.noun, code_file(name, then.source)
             option = "--controller " if name == "controller" else f"--set {name}.name="
             folder = code.rpartition("/")[0]
             beside = "".join(
@@ -145,7 +144,9 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
     from ..records.header import StageSource, versions
 
     for name, then in header.sources.items():
-        now = StageSource.of(getattr(scenario, name))
+        if name not in scenario.named_stages:
+            continue
+        now = StageSource.of(scenario.named_stages[name])
         if then.sha256 and now.sha256 and now.sha256 != then.sha256:
             digests = f"sha256 {then.sha256[:12]}... then, {now.sha256[:12]}... now"
             warn(f"{now.source} differs from the recorded code: {digests}")

@@ -20,7 +20,7 @@ from ..plant.build import put_at, set_wall
 from ..plant.contacts import face_of, surfaces_of
 from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
-from ..scenario import STAGES, Scenario
+from ..scenario import STAGE_LISTS, STAGES, Scenario
 from ..setup.base import Setup
 from .native.attachment import Attachment, immerse
 from .native.bodies import Water
@@ -107,17 +107,8 @@ _KNOWN = {
 }
 """The keys of the plant and of the stepping that free_body computes."""
 _SHARED = (
-    "name",
-    "description",
-    "vehicle",
-    "current",
-    "disturbance",
-    *EFFECTS,
-    "walls",
-    "impedance",
-    "estimates",
-    "task",
-    *STAGES,
+    *("name", "description", "vehicle", "current", "disturbance", "walls", "impedance", "estimates", "task"),
+    *(*EFFECTS, *STAGES, *STAGE_LISTS),
 )
 """The tables that both engines read from the same records."""
 

@@ -93,7 +93,7 @@ class Starts:
         setup = checked(valid_scenario(scenario), self.mjcf)
         stages = self.memory.stages.stages
         for table, stage in stages.items():
-            given = getattr(scenario, table, None)
+            given = scenario.named_stages.get(table)
             if given is not None and type(given) is not type(stage.stage) and type(stage.stage).room.table == table:
                 raise NotInFleet(f"{table}.name is another one than that of the first run")
         return self.of_setup(setup)

@@ -20,7 +20,6 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
-from ..stages.base import random_key
 from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
@@ -220,8 +219,9 @@ class Simulation:
 
     def _begin_plain(self, functions: Sequence[Callable]) -> None:
         """Begin a run of the users' stages that run as plain Python, with their functions."""
+        keys = dict(zip(self._stages.running, self._stages.rows["key"].tolist(), strict=True))
         for stage, function in zip(self._plain_users, functions, strict=True):
-            stage.begin_plain(function, random_key(self.scenario.simulation.seed, stage.stage))
+            stage.begin_plain(function, keys[stage])
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.

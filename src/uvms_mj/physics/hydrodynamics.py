@@ -121,8 +121,8 @@ def water_wrench(plant, R_WB, nu, out):
     with the disturbance and the contact forces on the links behind joints, and without the part in the inertia matrix.
 
     Args:
-        plant: record with links, frames (1 + n,), water, gravity_W, and qvel, whose entries from 6 on are those of the
-            joints. ``nu_r`` is set to the velocity of the base relative to the water.
+        plant: record with links, frames (1 + n,), water, tau_effects (k, 6), gravity_W, and qvel, whose entries from 6
+            on are those of the joints. ``nu_r`` is set to the velocity of the base relative to the water.
         R_WB: (3, 3).
         nu: (6,) velocity of the base in B [m/s, rad/s].
     """
@@ -130,6 +130,8 @@ def water_wrench(plant, R_WB, nu, out):
     base, nu_r, a = links[0], plant.nu_r, links[0].A
     relative_velocity(water, R_WB, nu, nu_r)
     base.V[:], base.F[:], a[:] = nu_r, water.tau_dist, 0.0
+    for k in range(plant.tau_effects.shape[0]):
+        base.F += plant.tau_effects[k]
     if water.unsteady != 0:
         to_body(R_WB, water.v_c_dot_W, a)
     a[:3] = -(np.cross(nu_r[3:], nu_r[:3]) + a[:3])  # omega x v_r + R^T v_c_dot

@@ -23,7 +23,7 @@ from ..plant.contacts import Probe
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
-from ..scenario import STAGES, Scenario
+from ..scenario import CHOICES, Scenario, table_at
 from ..stages.base import Stage, listed_files
 from ..stages.foreign import SHARED
 from ..stages.signals import OF_JOINTS, Signal, no_signal
@@ -64,7 +64,7 @@ class StageSource:
         kind, source = type(stage), type(stage).source()
         record = kind.state_record((counts or {}).get(kind.room.counts, 0)).dtype
         states = {name: record[name].itemsize // 8 for name in kind.states}
-        if source in STAGES[kind.room.table].shipped:
+        if source in CHOICES[kind.room.table].shipped:
             return cls(source, None, "", states)
         path = Path(source.rpartition(":")[0])
         code = path.read_bytes() if path.is_file() else b""
@@ -202,7 +202,7 @@ class Header:
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
         for name, stage in self.sources.items():
-            tables[name]["name"] = stage.source
+            table_at(tables, name)["name"] = stage.source
         return tables
 
 
@@ -237,7 +237,7 @@ def code_file(table: str, source: str) -> str:
 
 def sources_of(scenario: Scenario, counts: Mapping[str, int]) -> dict[str, StageSource]:
     """The sources of a scenario's stages by table, for a vehicle with so many ``thrusters`` and ``joints``."""
-    return {name: StageSource.of(getattr(scenario, name), counts) for name in STAGES}
+    return {name: StageSource.of(stage, counts) for name, stage in scenario.named_stages.items()}
 
 
 @functools.cache

@@ -36,7 +36,7 @@ from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, wi
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance, counted
 from ..quantities import leaves, radians_notes
-from ..scenario import STAGES, Scenario
+from ..scenario import Scenario
 from ..stages.base import is_shipped
 from .base import Setup, set_up
 from .task_frame import task_faults, task_notes
@@ -257,6 +257,10 @@ class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
+_MOST_EFFECTS = 8
+"""Most effects of a user's own: a run has room for so many stages."""
+
+
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     """Check a scenario and its stages, and build its plant and its design. The arguments are those of
     :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
@@ -298,22 +302,24 @@ def _refuse_other_code(base: Scenario, scenario: Scenario, place: str) -> None:
         faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
-    there = dict(counted(base.effects))
+    there = dict(counted(base.effect_records))
     faults += [
         Fault(
             name,
             f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
         )
-        for name, n in counted(scenario.effects)
+        for name, n in counted(scenario.effect_records)
         if n > there.get(name, 0)
     ]
     if scenario.task.frame != base.task.frame:
         faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
     faults += [
         Fault(f"{table}.name", f"{place} can't change a stage, only its settings; make a new Simulation")
-        for table in STAGES
-        if type(getattr(scenario, table)) is not type(getattr(base, table))
+        for table, stage in base.named_stages.items()
+        if type(scenario.named_stages.get(table, stage)) is not type(stage)
     ]
+    if len(scenario.effects) != len(base.effects):
+        faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
     if faults:
         raise InputError(faults)
 
@@ -344,8 +350,11 @@ def refuse(setup: Setup) -> None:
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    stages = [getattr(setup.scenario, table) for table in STAGES]
+    stages = [*setup.scenario.named_stages.values()]
     faults = [fault for stage in stages if stage.runs for fault in stage.faults(setup)]
+    if len(setup.scenario.effects) > _MOST_EFFECTS:
+        wrong = f"has {len(setup.scenario.effects)} effects; at most {_MOST_EFFECTS} are possible"
+        faults.append(Fault("effects", wrong))
     for check in (_timing_faults, task_faults, wall_faults, _water_faults, posture_faults):
         faults += check(setup)
     if faults:

@@ -340,10 +340,11 @@ def table_of(stage: Stage) -> dict[str, Any]:
 
 
 def placeholder_stage(
-    base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
+    base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any], called: str = ""
 ) -> type[_Stage]:
-    """Make a class that can be shown and compared, not run: with the settings of a table of a scenario, and the sizes
-    of its states by name. Raises InputError if a setting has another type, or its name is not a Python identifier."""
+    """Make a class that can be shown and compared, not run: with the settings of a table of a scenario, which is
+    ``called`` so there, and the sizes of its states by name. Raises InputError if a setting has another type, or its
+    name is not a Python identifier."""
     room = base.room
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
@@ -364,7 +365,7 @@ def placeholder_stage(
             raise InputError(f"the {room.setting} {room.table}.{name} = {value!r} of {source} {wanted}")
         default = tuple(value) if isinstance(value, list | tuple) else value
         fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
-    key, path = f"{room.table}.name", f"path/to/{source}"
+    key, path = f"{called or room.table}.name", f"path/to/{source}"
     wrong = (
         f"the {room.noun} {source} is in the log as text, which is never run: name its file with "
         f'scenario.updated({{"{key}": "{path}"}})'

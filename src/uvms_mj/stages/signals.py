@@ -282,6 +282,21 @@ def thrusters_given(n: int) -> tuple[Signal, ...]:
     )
 
 
+EFFECT_WRENCH = Signal("tau", (6,), _WRENCH, "B", "wrench of the effect on the vehicle, at B's origin")
+"""Set by an effect of a user's own."""
+
+
+def effect_given(n: int) -> tuple[Signal, ...]:
+    """Given to the effects on a vehicle with n thrusters: the truth."""
+    return (
+        *CLOCK,
+        *TRUE[:4],
+        Signal("nu_r", (6,), _TWIST, "B", "velocity relative to the water"),
+        _SET["v_c_W"],
+        thruster_signal(n),
+    )
+
+
 def commanded_signal(n: int) -> Signal:
     """The signal of the commanded thrusts (n,)."""
     return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")

@@ -60,6 +60,7 @@ from ..base import SteadyState
 from .approach import TaskMotion, approach, way_of
 from .free_motion import tool_rest
 from .loop import ContactsAtRest
+from .own_effects import OwnEffects
 from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
@@ -161,7 +162,18 @@ def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
 
 _KNOWN = frozenset(
     (
-        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", *EFFECTS, "wall"),
+        *(
+            "name",
+            "description",
+            "vehicle",
+            "simulation",
+            "initial",
+            "current",
+            "disturbance",
+            *EFFECTS,
+            "effects",
+            "wall",
+        ),
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )
@@ -181,6 +193,8 @@ def _unknown(setup: Any, K: float, own: bool) -> str:
     for wall in scenario.walls:
         if wall.shape not in _SHAPES:
             return f"closed forms do not know the shape {wall.shape}"
+    if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):
+        return reason
     if own and (reason := not_constant(setup)):
         return reason
     if setup.not_rigid and own:

@@ -50,6 +50,7 @@ from ...physics.statics import Statics
 from ..base import SteadyState
 from ..posture import posture_constants
 from .approach import Track, approach, between, decays
+from .own_effects import OwnEffects
 from .terms import Balance, Pose, ThrustMap
 
 _LARGEST = 0.3
@@ -69,10 +70,14 @@ def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) 
     v_c_W = scenario.current.steady_at(-p_WB[2])
     total: np.ndarray = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W)
     total[:6] += scenario.disturbance.at_last
-    effects = scenario.effects
+    effects = scenario.effect_records
     if effects.itemsize:
         nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
         add_effects(record_of(effects), nu_r, total[:6])
+    if scenario.effects:
+        nu_r, quat = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)]), np.empty(4)
+        attitude(R_WB, quat)
+        total[:6] += OwnEffects(scenario.effects, setup).wrench(p_WB, quat, R_WB, np.zeros(6), nu_r, v_c_W)
     return total
 
 

@@ -30,6 +30,7 @@ from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
 from ...physics.kernels import record_of
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import BOX, CYLINDER, PLANE
+from .own_effects import OwnEffects
 
 START_FORCE = 100.0
 """Force [N] below which a start inside the wall counts as a start in contact."""
@@ -253,8 +254,9 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, effects = scenario.disturbance.at_last, scenario.effects
+        self.tau_dist, effects = scenario.disturbance.at_last, scenario.effect_records
         self.effects = record_of(effects) if effects.itemsize else None
+        self.own_effects = OwnEffects(scenario.effects, setup) if scenario.effects else None
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
@@ -406,6 +408,10 @@ class Balance:
     def __call__(self, x: Pose) -> np.ndarray:
         if self.uses_truth:
             unmodelled = x.tau_c - self.measurement(x).tau_c + self.undelivered @ self.thrust(x)
+            if self.own_effects is not None:  # no law sees them
+                nu_r = np.zeros(6)
+                nu_r[:3] = -x.R_WB.T @ self.setup.scenario.current.steady_at(-x.position[2])
+                unmodelled += self._own(x, nu_r)
             return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unmodelled)
         unmodelled = (1.0 - self.factor_inverse) * self.drift(x)
         if np.isfinite(self.K):
@@ -421,11 +427,20 @@ class Balance:
         d = self.tau_dist.copy()
         if self.effects is not None:
             add_effects(self.effects, nu_r, d)
+        if self.own_effects is not None:
+            d += self._own(x, nu_r)
         coriolis_added_mass(vehicle.M_A, nu_r, term)
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         d -= term
         return d, self.restoring(vehicle, R_WB)
+
+    def _own(self, x: Pose, nu_r: np.ndarray) -> np.ndarray:
+        """The wrench (6,) of a user's effects, in B."""
+        assert self.own_effects is not None
+        v_c_W, nu = self.setup.scenario.current.steady_at(-x.position[2]), nu_r.copy()
+        nu[:3] += x.R_WB.T @ v_c_W
+        return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
 
     def restoring(self, vehicle: Any, R_WB: np.ndarray) -> np.ndarray:
         """g(eta) (6,) of a vehicle, the true one or that of the file."""

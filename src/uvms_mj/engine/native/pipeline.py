@@ -22,13 +22,15 @@ from ...control.model import (
 )
 from ...control.posture import PostureBelowTool, PostureBesideBase
 from ...control.task import NaturalInertia, Schedule
+from ...effects import Surroundings
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
 from ...physics.frames import BODY
-from ...scenario import STAGES, Scenario
+from ...physics.random import key_of
+from ...scenario import Scenario
 from ...setup.base import Setup
-from ...stages.base import Stage, is_shipped, random_key
+from ...stages.base import Stage, is_shipped
 from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
 from ...stages.signals import (
     CLOCK,
@@ -384,6 +386,12 @@ class Pipeline:
         if scenario.thrusters.runs:
             self._add("inflow", Inflow(), self.field("true"), self.field("commands", "inflow"))
             self._add("thrusters", scenario.thrusters, self.field("commands"), self.field("thrust"))
+        for i, effect in enumerate(scenario.effects):
+            wrenches = self.field("plant", "tau_effects")
+            if i == 0:
+                self._add("surroundings", Surroundings(), self.field("around"), wrenches, whole=True)
+            own = Field(wrenches.offset + 48 * i, np.dtype(("f8", (6,))))
+            self._add(f"effects[{i}]", effect, self.field("around"), own)
 
     @property
     def layout(self) -> np.dtype:
@@ -423,7 +431,7 @@ class Pipeline:
     def constants(self, setup: Setup) -> dict[str, dict[str, Any]]:
         """The constants of all stages, by table, from another setup. Raises InputError if a stage has other constants
         than its memory has room for."""
-        found, faults, scenario = {}, [], setup.scenario
+        found, faults, scenario, named = {}, [], setup.scenario, setup.scenario.named_stages
         if (scenario.controller.delay is not None) != ("delay" in self.stages):
             faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
         if bool(scenario.impedance.schedule) != ("schedule" in self.stages):
@@ -433,7 +441,7 @@ class Pipeline:
         if scenario.impedance.natural != ("natural" in self.stages):
             faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
         for table, stage in self.stages.items():
-            given = getattr(setup.scenario, table, None)
+            given = named.get(table, getattr(setup.scenario, table, None))
             chosen = given if isinstance(given, Stage) else stage.stage
             constants = chosen.constants(setup).items()
             found[table] = new = {name: value for name, value in constants if value is not None and name != "period"}
@@ -446,13 +454,13 @@ class Pipeline:
     def start(self, scenario: Scenario) -> None:
         """Begin a run in what stages in libraries and FMUs keep."""
         for table, stage in self._libraries:
-            stage.library.start(getattr(scenario, table))
+            stage.library.start(scenario.named_stages[table])
             stage.library.fill(stage.foreign_record)
 
     def check_unchanged(self, scenario: Scenario) -> None:
         """Raise InputError for settings of a library or an FMU that can't change during a run."""
         for table, stage in self._libraries:
-            stage.library.check_unchanged(getattr(scenario, table))
+            stage.library.check_unchanged(scenario.named_stages[table])
 
     def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
         """Set the constants of stages, by table."""
@@ -471,7 +479,7 @@ class Pipeline:
         periods |= {"tool": h, "resolution": periods["delay"] if "delay" in self.stages else control}
         periods["posture"] = control * max(1, round(scenario.posture.period / control))
         periods |= {table: h for table, stage in self.stages.items() if type(stage.stage).every_step}
-        chosen = {table: getattr(scenario, table).period for table in STAGES}
+        chosen = {table: stage.period for table, stage in scenario.named_stages.items()}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
         periods["felt"], periods["derived"] = periods.get("wrist", control), periods["sensed"]
@@ -481,8 +489,8 @@ class Pipeline:
 
     def write_keys(self, scenario: Scenario) -> None:
         """Set the keys of the random numbers of the stages that a scenario chooses."""
-        seed, chosen = scenario.simulation.seed, self.stages.items()
-        self.rows["key"] = [random_key(seed, stage.stage) if table in STAGES else 0 for table, stage in chosen]
+        seed, named = scenario.simulation.seed, scenario.named_stages
+        self.rows["key"] = [key_of(seed, table) if table in named else 0 for table in self.stages]
 
     def take_back(self, index: int) -> None:
         """Let a stage that was interrupted begin its instant again, without advancing its states twice."""

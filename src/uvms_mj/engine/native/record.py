@@ -31,6 +31,7 @@ from ...stages.signals import (
     TRUTH,
     WRENCH_COMMAND,
     actuation_given,
+    effect_given,
     encoder_given,
     joints_given,
     record_dtype,
@@ -112,6 +113,7 @@ class Shape:
         surfaces, pairs: room for so many walls and contacts.
         resolves: whether the law's command is resolved, at a tool or with joints.
         effects: how many there are of each effect of the water that there is.
+        own_effects: how many effects of a user's own there are.
     """
 
     joints: int = 0
@@ -122,6 +124,7 @@ class Shape:
     pairs: int = 0
     resolves: bool = False
     effects: tuple[tuple[str, int], ...] = ()
+    own_effects: int = 0
 
 
 def room_for(n: int) -> int:
@@ -130,8 +133,8 @@ def room_for(n: int) -> int:
 
 
 @functools.cache
-def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = ()) -> np.dtype:
-    """The vehicle in the water, with n joints and so many effects of each kind."""
+def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: int = 0) -> np.dtype:
+    """The vehicle in the water, with n joints and so many effects of each kind, and of a user's own."""
     return np.dtype(
         [
             ("mujoco", MUJOCO),
@@ -148,6 +151,7 @@ def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = ()) -> np.dtype:
             ("water", WATER),
             ("effects", effects_dtype(dict(effects))),
             ("affected", "i8", (int(bool(effects)),)),  # empty without any effect
+            ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in B
             ("current", varying(3)),  # in W [m/s]
             ("disturbance", varying(6)),  # in B [N, N m]
             *_whole("shear", "shear_rows"),  # rows of [depth, factor]
@@ -228,7 +232,7 @@ def run_dtype(shape: Shape) -> np.dtype:
     """A run: the plant, and the closed loop around it."""
     n, m, pairs = shape.joints, shape.thrusters, shape.pairs
     fields = [
-        ("plant", plant_dtype(n, shape.effects)),
+        ("plant", plant_dtype(n, shape.effects, shape.own_effects)),
         ("body", BODY),
         ("address", "i8"),  # of this record, for the machine code of stages
         # settings
@@ -258,6 +262,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
         ("allocation", record_dtype(actuation_given(m))),
         ("commands", record_dtype(thrusters_given(m))),
+        ("around", record_dtype(effect_given(m))),  # what effects are given
         ("tau_cmd", "i8"),  # place of the law's command
         ("has_task", "i8"),  # whether the impedance task sets s
         # thrusters

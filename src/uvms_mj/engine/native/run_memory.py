@@ -22,6 +22,7 @@ from ...stages.signals import (
     BAND,
     BANDED,
     DELAYED,
+    EFFECT_WRENCH,
     FINAL_WINDOW_S,
     IN_TASK_FRAME,
     JOINT_SIGNALS,
@@ -91,6 +92,7 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
         found += [(signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY]
     found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
     found += stages.commanded(run)
+    found += zip(effect_signals(scenario.effects), run["plant"]["tau_effects"][0], strict=True)
     found += recorded_joints(run, setup)
     found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
     found += recorded_tool(run, setup)
@@ -128,6 +130,17 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
             faults.setdefault(stage, []).append(Fault(f"states[{name!r}]", wrong))
     for stage, found in faults.items():
         raise InputError(found, f"the {stage.room.noun} {stage.label()}")
+
+
+def effect_signals(effects: Sequence[Stage]) -> list[Signal]:
+    """The wrenches of effects as recorded signals, named by their classes, and by their numbers if several are of one
+    class."""
+    labels = ["".join(c if c.isalnum() else "_" for c in type(effect).__name__) for effect in effects]
+    names = [f"tau_{each}_{i}" if labels.count(each) > 1 else f"tau_{each}" for i, each in enumerate(labels)]
+    return [
+        replace(EFFECT_WRENCH, name=name, meaning=f"wrench of the effect {effect.label()} at B's origin")
+        for name, effect in zip(names, effects, strict=True)
+    ]
 
 
 def state_signal(stage: Stage, name: str, size: int) -> Signal:
@@ -198,7 +211,8 @@ def shape_of(setup: Setup) -> Shape:
         surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
         pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
-        effects=counted(setup.scenario.effects),
+        effects=counted(setup.scenario.effect_records),
+        own_effects=len(setup.scenario.effects),
     )
 
 
@@ -462,7 +476,7 @@ def write_water(memory: RunMemory, setup: Setup) -> None:
     water, scenario = memory.engine.water, setup.scenario
     water.flow(scenario.current)
     water.push(scenario.disturbance)
-    water.affect(scenario.effects)
+    water.affect(scenario.effect_records)
     water.seed(scenario.simulation.seed)
 
 

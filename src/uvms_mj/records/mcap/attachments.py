@@ -21,8 +21,8 @@ from ...files import parsed_toml
 from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
-from ...scenario import STAGES, Scenario
-from ...stages.loader import placeholder_stage
+from ...scenario import STAGE_LISTS, STAGES, Scenario
+from ...stages.loader import Choice, placeholder_stage
 from ...stages.signals import BAND, IN_TASK_FRAME, OF_JOINTS, PUSH, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
@@ -152,11 +152,16 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
-    if set(run.stages) != set(STAGES):
-        raise InputError(f"run.json: stages must have the entries {', '.join(STAGES)}")
+    listed = {name: tables.get(name, []) for name in STAGE_LISTS}
+    its_tables: dict[str, tuple[Choice, Any]] = {name: (choice, tables.get(name)) for name, choice in STAGES.items()}
+    for name, each in listed.items():
+        if not isinstance(each, list):
+            raise InputError(f"scenario.toml: {name} is not a list")
+        its_tables |= {f"{name}[{i}]": (STAGE_LISTS[name], table) for i, table in enumerate(each)}
+    if set(run.stages) != set(its_tables):
+        raise InputError(f"run.json: stages must have the entries {', '.join(its_tables)}")
     sources, known = {}, {}
-    for name, choice in STAGES.items():
-        table = tables.get(name)
+    for name, (choice, table) in its_tables.items():
         entry, noun = run.stages.get(name), choice.base.room.noun
         if entry is None or not isinstance(table, dict) or table.get("name") != entry.source:
             raise InputError(f"scenario.toml and run.json name different {noun}s")
@@ -164,12 +169,13 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
             sources[name] = replace(sources[name], files=_listed(files, code_file(name, entry.source)))
-            known[name] = placeholder_stage(choice.base, entry.source, table, entry.states)
+            known[name] = placeholder_stage(choice.base, entry.source, table, entry.states, name)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
-    differ = any(not _same_states(getattr(scenario, name).states, source.states) for name, source in sources.items())
+    stages = scenario.named_stages
+    differ = any(not _same_states(stages[name].states, source.states) for name, source in sources.items())
     states = {name: size for source in sources.values() for name, size in source.states.items()}
     if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")

@@ -106,7 +106,7 @@ def unit_of(place: str, scenario: Scenario) -> str:
     key, parts = parsed(place)
     table, _, word = key.partition(".")
     found = _LISTED.fullmatch(table)
-    own = LISTS[found[1]] if found else getattr(scenario, table, None)
+    own = getattr(scenario, found[1])[int(found[2])] if found else getattr(scenario, table, None)
     field = getattr(own, "__dataclass_fields__", {}).get(word)
     if field is None:
         return ""

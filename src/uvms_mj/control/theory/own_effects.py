@@ -1,0 +1,74 @@
+"""Effects of a user's own at rest: the closed forms call their functions as plain Python.
+
+An effect is known at rest if it has no states and no memory, and its wrench depends on pose, velocity and current
+alone.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...errors import error_text
+from ...physics.kernels import record_of
+from ...stages.base import ForeignCode, Stage
+
+_UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
+
+
+class _Depends(Exception):
+    """The function asked for what is not known at rest."""
+
+
+class _Given:
+    """What a function is given at rest."""
+
+    def __init__(self, **known: np.ndarray) -> None:
+        self._known = known
+
+    def __getitem__(self, name: str) -> Any:
+        if name in _UNKNOWN:
+            raise _Depends(_UNKNOWN[name])
+        return self._known[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in (*self._known, *_UNKNOWN):
+            raise AttributeError(f"an effect is given no {name!r}")
+        return self[name]
+
+
+class OwnEffects:
+    """The effects of a scenario that a user has written."""
+
+    def __init__(self, effects: Sequence[Stage], setup: Any) -> None:
+        self._calls: list[tuple[Any, Any, Any, Stage]] = []
+        for effect in effects:
+            kind = type(effect)
+            state = record_of(kind.start_record(len(setup.vehicle.thrusters)))
+            self._calls.append((kind.function(), record_of(effect.record(setup)), state, effect))
+
+    def unknown(self) -> str:
+        """The reason why they are not known at rest; empty if they are."""
+        for _, _, _, effect in self._calls:
+            if type(effect).states or type(effect).memory:
+                return f"the effect {effect.label()} has states"
+        q = np.array([1.0, 0.0, 0.0, 0.0])
+        try:
+            wrench = self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
+            return "" if np.isfinite(wrench).all() else "an effect is not finite at rest"
+        except _Depends as on:
+            return f"the wrench of an effect depends on {on}"
+        except ForeignCode:
+            return "an effect is machine code of the user's, which closed forms do not call"
+        except Exception as error:  # a user's function may raise anything
+            return f"an effect can't be called at rest: {error_text(error)}"
+
+    def wrench(self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any) -> np.ndarray:
+        """The sum (6,) of their wrenches at a pose and a velocity."""
+        total = np.zeros(6)
+        given = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
+        for function, settings, state, _ in self._calls:
+            tau, dot = np.zeros(6), np.zeros(0)
+            function(settings, state, _Given(**{name: np.array(each) for name, each in given.items()}), dot, tau)
+            total += tau
+        return total
