@@ -21,6 +21,7 @@ _NAMES = {
     "errors": "InputError",
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
+    "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.water": "Current Disturbance Fin Tether",
     "records.header": "Status",
@@ -69,6 +70,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Navigation as Navigation
     from .navigation import Observer as Observer
     from .navigation import Wrist as Wrist
+    from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance

@@ -21,12 +21,12 @@ from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, T
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
-from .effects import Effect
 from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import EFFECTS
+from .plant.effect import Effect
 from .plant.settings import (
     OF_VEHICLE,
     Bumper,

@@ -36,7 +36,7 @@ from .memory import at_address
 
 _PACKAGE = Path(__file__).parents[2]
 
-_ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "effects", "engine/native")
+_ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "plant", "engine/native")
 """The folders whose sources affect machine code. A test checks that kernels import nothing else of the package."""
 _KEPT_OBJECTS = 400  # of a user's stage two: its machine code, and the name of its translation
 _MIN_AGE_S = 7 * 24 * 3600.0

@@ -22,12 +22,12 @@ from ...control.model import (
 )
 from ...control.posture import PostureBelowTool, PostureBesideBase
 from ...control.task import NaturalInertia, Schedule
-from ...effects import Surroundings
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
 from ...physics.frames import BODY
 from ...physics.random import key_of
+from ...plant.effect import Surroundings
 from ...scenario import Scenario
 from ...setup.base import Setup
 from ...stages.base import Stage, is_shipped

@@ -17,8 +17,7 @@ from uvms_mj.studies.results import frame
 HEADER = """
 from dataclasses import dataclass
 import numpy as np
-from uvms_mj import setting
-from uvms_mj.effects import Effect
+from uvms_mj import Effect, setting
 """
 
 
