@@ -146,6 +146,11 @@ def test_a_larger_asymmetry_is_refused_with_the_way_on(here, there, advice):
         vehicle(GOOD | {"M_A": M_A})
 
 
+def test_the_two_numbers_of_a_small_asymmetry_are_told_apart():
+    with pytest.raises(InputError, match=r": 0\.3000002, but .* has 0\.3: .* write 0\.3000001, the mean"):
+        vehicle(changed("M_A", (0, 4, 0.3000002), (4, 0, 0.3)))
+
+
 def test_whole_numbers_of_a_small_vehicle_are_not_taken_as_rounded():
     with pytest.raises(InputError, match="added mass is symmetric"):
         vehicle(changed("M_A", (0, 1, 5.0), (1, 0, 6.0)))

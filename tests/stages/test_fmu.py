@@ -334,6 +334,40 @@ def test_units_of_pythonfmu_with_one_script_name_do_not_meet(tmp_path, in_python
             np.testing.assert_array_equal(sim.signals.tau_cmd, other.signals.tau_cmd)
 
 
+def test_a_unit_of_pythonfmu_imports_what_it_brings_during_the_run(tmp_path, in_python, monkeypatch):
+    """Its own module, not another unit's and not one of this name on Python's path."""
+    pythonfmu, units = pytest.importorskip("pythonfmu.builder"), []
+    for name, half in (("soft", 50.0), ("stiff", 100.0), ("elsewhere", 1e3)):
+        (folder := tmp_path / name).mkdir()
+        (folder / "brought.py").write_text(f"HALF = {half}\nCALLS = []\n")
+        line = (
+            "do_step(self, t, h):\n        import brought\n        from brought import CALLS\n        CALLS.append(t)"
+        )
+        text = PYTHON_UNIT.replace("do_step(self, t, h):", line)
+        text = text.replace("self.k_p * ", "2.0 * brought.HALF * (1.0 if len(CALLS) < 60 else 0.0) * ")
+        (folder / "python_unit.py").write_text(text)
+        script, beside = str(folder / "python_unit.py"), [str(folder / "brought.py")]
+        units.append(pythonfmu.FmuBuilder.build_FMU(script, dest=str(folder), project_files=beside))
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "elsewhere"), *sys.path])
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.1, "controller.period": 1e-3})
+    sims = [Simulation(scenario.updated({}, controller=str(each)), engine="free_body") for each in units[:2]]
+    others = [
+        Simulation(scenario.updated({"controller.k_p": k_p}, controller=str(in_python)), engine="free_body")
+        for k_p in (100.0, 200.0)
+    ]
+    for _ in range(2):
+        for each in (*sims, *others):
+            each.reset()
+        for _ in range(49):  # in turn; the law in Python has no part that ends
+            for each in (*sims, *others):
+                each.step(10)
+        for mine, theirs in zip(sims, others, strict=True):
+            np.testing.assert_array_equal(mine.signals.tau_cmd, theirs.signals.tau_cmd)
+    assert "brought" not in sys.modules
+    for each in (*sims, *others):
+        each.close()
+
+
 def test_a_unit_with_a_damaged_archive_is_one_sentence(tmp_path, pd):
     data = bytearray(Path(pd).read_bytes())
     for place in range(len(data) // 3, len(data) // 2):

@@ -1,5 +1,6 @@
 """Studies on a Dask cluster: a real scheduler and two worker processes on the loopback interface."""
 
+import contextlib
 import os
 import re
 import signal
@@ -9,6 +10,7 @@ import threading
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from pandas.testing import assert_frame_equal
 
@@ -21,6 +23,7 @@ from uvms_mj.studies.results import frame
 
 pytest.importorskip("distributed", reason="needs the extra cluster")
 
+PAGE = page_of("cluster").read_text()
 MODELS = Path(__file__).parents[2] / "models"
 FILES = {
     "law.py": f"from gains import SLOPE\n{HEADER}"
@@ -30,12 +33,17 @@ FILES = {
 }
 
 
+def options_of(what, without):
+    """The options of a command of the page, for this machine."""
+    return re.search(rf"^dask {what} (.*127\.0\.0\.1.*)$", PAGE, re.MULTILINE)[1].replace(without, "").split()
+
+
 class Dask:
     """A scheduler and two workers, each a process with one thread."""
 
     def __init__(self, folder):
         self.folder, self.processes = folder, []
-        said = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        said = self._start("scheduler", *options_of("scheduler", "--port 8786"), "--port", "0")
         self.address = re.search(r"tcp://127\.0\.0\.1:\d+", self._line(said, "Scheduler at")).group()
         self.workers = [self.worker() for _ in range(2)]
 
@@ -56,7 +64,7 @@ class Dask:
         raise AssertionError(log.read_text())
 
     def worker(self):
-        options = ("--nthreads", "1", "--no-dashboard", "--no-nanny", "--host", "127.0.0.1")
+        options = options_of("worker", "tcp://127.0.0.1:8786")
         self._line(self._start("worker", self.address, *options), "Registered to")
         return self.processes[-1]
 
@@ -101,6 +109,18 @@ def test_files_travel_and_a_killed_worker_loses_nothing(dask, study_file, tmp_pa
     assert_frame_equal(here, there, check_exact=True)
     assert set(there["law"]) == {"gsta", "impedance", "Damps"}
     assert (there["peak"] == there["contact.peak_N"]).all()
+
+
+def listens(processes) -> set[str]:
+    """The addresses on which processes listen."""
+    found = [each for process in processes for each in process.net_connections("inet")]
+    return {each.laddr.ip for each in found if each.status == psutil.CONN_LISTEN}
+
+
+def test_the_commands_of_the_page_listen_on_this_machine_alone(dask):
+    """Whoever reaches a port of theirs may run code in them."""
+    for each in dask.processes[:2]:
+        assert listens([psutil.Process(each.pid)]) == {"127.0.0.1"}
 
 
 def test_the_command_on_a_cluster(dask, study_file, here):
@@ -163,9 +183,8 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 
 
 def test_the_batch_file_of_the_page_runs_a_study(study_file, tmp_path):
-    """With a stand-in for srun that starts two tasks."""
-    page = page_of("cluster").read_text()
-    script = page.split("```bash\n")[1].split("```")[0]
+    """With a stand-in for srun that starts two tasks. It listens where the stand-in for hostname says."""
+    script = PAGE.split("```bash\n")[1].split("```")[0]
     tools = {
         "srun": '"$@" & "$@" & wait',
         "hostname": "echo 127.0.0.1",
@@ -177,8 +196,14 @@ def test_the_batch_file_of_the_page_runs_a_study(study_file, tmp_path):
         (tmp_path / name).chmod(0o755)
     study_file("mine.toml", runs=4)
     environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_JOB_ID": str(os.getpid())}
-    done = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=200
-    )
-    assert done.returncode == 0, done.stderr
+    heard = set[str]()
+    with subprocess.Popen(
+        ["bash", "-c", script], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+    ) as job:
+        while job.poll() is None:
+            with contextlib.suppress(psutil.Error):  # of a process that has just ended
+                heard |= listens(psutil.Process(job.pid).children(recursive=True))
+            time.sleep(0.5)
+        assert job.returncode == 0, job.stderr.read()
+    assert heard == {"127.0.0.1"}
     assert len(frame(tmp_path / "results")) == 8

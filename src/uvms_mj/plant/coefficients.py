@@ -151,7 +151,7 @@ def _decimals(x: float) -> int:
 
 
 def _asymmetry(here: float, there: float, name: str) -> str:
-    said = f"{here:g}, but {name} has {there:g}: added mass is symmetric"
+    said = f"{here:.9g}, but {name} has {there:.9g}: added mass is symmetric"
     if abs(here - there) > 0.1 * max(abs(here), abs(there)):
         return f"{said}; correct one of them"
     return f"{said}; write {(here + there) / 2.0:.9g}, the mean, for both, or correct one of them"

@@ -1,8 +1,10 @@
 """Libraries of others as stages: C that is compiled or loaded, and FMUs."""
 
+import builtins
 import contextlib
 import ctypes
 import functools
+import importlib.machinery
 import importlib.util
 import os
 import platform
@@ -13,10 +15,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import weakref
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -344,7 +348,8 @@ class UnitInstance:
             addLoggerProxy(ctypes.byref(callbacks))  # it puts the numbers into a message, which C alone can
         callbacks.allocateMemory, callbacks.freeMemory = defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory
         try:
-            with no_exit(self._stage.unit.file.name), apart(self._python, Path(self._fmu.unzipDirectory)):
+            brought = BroughtModules(Path(self._fmu.unzipDirectory), self._python)
+            with no_exit(self._stage.unit.file.name), brought.present():
                 self._fmu.instantiate(callbacks=callbacks)
         except Exception as error:
             raise self._wrong(f"can't be instantiated: {self._last(error)}") from None
@@ -485,20 +490,76 @@ def modules_of(resources: Path) -> frozenset[str]:
     return frozenset(found - sys.stdlib_module_names)
 
 
-@contextlib.contextmanager
-def apart(names: frozenset[str], folder: Path) -> Iterator[None]:
-    """A context in which modules of these names are not loaded, and after which they are what they were: an FMU finds
-    those of its own folder, and no other one finds them."""
-    if not names:
-        yield
-        return
-    aside = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in names}
-    for name in aside:
-        del sys.modules[name]
-    try:
-        yield
-    finally:
-        for name in [name for name in sys.modules if name.partition(".")[0] in names]:
+class BroughtModules:
+    """The modules in Python that an FMU brings, for one instance: it finds them whenever it imports one, and no other
+    one finds them.
+
+    Args:
+        folder: where the FMU is unpacked.
+        names: of its modules, those without dots.
+    """
+
+    _lock: ClassVar = threading.RLock()
+
+    def __init__(self, folder: Path, names: frozenset[str]) -> None:
+        self._folder, self._names, self._depth = folder, names, 0
+        self._loaded: dict[str, Any] = {}
+        self._builtins = {**vars(builtins), "__import__": self._import}
+
+    @contextlib.contextmanager
+    def present(self) -> Iterator[None]:
+        """A context in which ``sys.modules`` has these modules under their names, and afterwards what it had before."""
+        if not self._names:
+            yield
+            return
+        with self._lock:
+            self._depth += 1
+            if self._depth == 1:
+                aside = self._taken()
+                sys.modules.update(self._loaded)
+                sys.meta_path.insert(0, self)
+            try:
+                yield
+            finally:
+                self._depth -= 1
+                if not self._depth:
+                    sys.meta_path.remove(self)
+                    self._loaded = self._taken()
+                    sys.modules.update(aside)
+                    sys.path[:] = [each for each in sys.path if not Path(each).is_relative_to(self._folder)]
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> Any:
+        """Where a module is, for Python's import."""
+        if name.partition(".")[0] not in self._names:
+            return None
+        kinds: Any = (partial(_Brought, self._builtins), importlib.machinery.SOURCE_SUFFIXES)
+        places = [str(self._folder / "resources")] if path is None else path
+        found = (importlib.machinery.FileFinder(each, kinds).find_spec(name) for each in places)
+        return next((spec for spec in found if spec is not None and spec.loader is not None), None)
+
+    def _taken(self) -> dict[str, Any]:
+        """Take the modules of these names out of ``sys.modules``."""
+        found = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in self._names}
+        for name in found:
             del sys.modules[name]
-        sys.modules.update(aside)
-        sys.path[:] = [each for each in sys.path if not Path(each).is_relative_to(folder)]
+        return found
+
+    def _import(self, name: str, globals: Any = None, locals: Any = None, fromlist: Any = (), level: int = 0) -> Any:
+        """What ``import`` calls in these modules, also during a run."""
+        if level == 0 and name.partition(".")[0] not in self._names:
+            return builtins.__import__(name, globals, locals, fromlist, level)
+        known = self._loaded.get(name) if level == 0 else None
+        if known is not None and all(hasattr(known, each) for each in fromlist or ()):  # as in each step
+            return known if fromlist else self._loaded[name.partition(".")[0]]
+        with self.present():
+            return builtins.__import__(name, globals, locals, fromlist, level)
+
+
+class _Brought(importlib.machinery.SourceFileLoader):
+    def __init__(self, own: dict[str, Any], name: str, path: str) -> None:
+        super().__init__(name, path)
+        self._own = own
+
+    def exec_module(self, module: Any) -> None:
+        vars(module)["__builtins__"] = self._own  # which its functions keep
+        super().exec_module(module)
