@@ -11,7 +11,7 @@ import pytest
 from uvms_mj import Scenario, Trace
 from uvms_mj.cli.new import KINDS
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.scenario import STAGES
+from uvms_mj.scenario import CHOICES
 from uvms_mj.stages.loader import tables_by_word
 
 
@@ -40,8 +40,8 @@ def test_the_texts_have_the_name(here, tmp_path):
 
 
 def test_a_kind_of_stage_is_the_name_of_its_table_or_a_word_for_it():
-    meant = {kind: re.findall(r"--set (\w+)\.name", use) for kind, (_, use) in KINDS.items()}
-    words = {table: table for table in STAGES} | tables_by_word(STAGES)
+    meant = {kind: re.findall(r"--set '?(\w+)(?:\.name|=\[)", use) for kind, (_, use) in KINDS.items()}
+    words = {table: table for table in CHOICES} | tables_by_word(CHOICES)
     for kind, (template, _) in KINDS.items():
         if template.endswith(".py"):
             assert [words[kind]] == (meant[kind] or ["controller"])
