@@ -320,7 +320,7 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
     if folder is None:
         return
     named = [("vehicle", "model"), ("joints", "motion_file"), *((name, "name") for name in STAGES)]
-    places = [(tables.get(table), key) for table, key in named]
+    places: list[tuple[Any, str]] = [(tables.get(table), key) for table, key in named]
     for name in STAGE_LISTS:
         if isinstance(tables.get(name), list | tuple):
             tables[name] = [dict(each) if isinstance(each, Mapping) else each for each in tables[name]]
