@@ -12,7 +12,7 @@ from uvms_mj.physics.surfaces import SHAPES, SURFACE, move, nearest_on_segment, 
 
 def surface(shape: str, size=(0.4, 0.3, 0.2), attitude=(20.0, -30.0, 50.0), position=(0.3, -0.2, 0.5)) -> np.recarray:
     found = np.zeros(1, SURFACE).view(np.recarray)[0]
-    found.kind, found.extent[:] = SHAPES.index(shape), size
+    found.kind, found.extent[:] = list(SHAPES).index(shape), size
     found.R_WS[:] = rotation_matrix(quat_from_euler_deg(*attitude))
     found.p_WS[:] = found.start_W[:] = position
     return found

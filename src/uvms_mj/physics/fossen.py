@@ -28,7 +28,37 @@ C_RB does not contain the linear velocity. For a constant irrotational current M
 equals M_RB nu_dot + C_RB(nu) nu, which MuJoCo integrates.
 """
 
+import numpy as np
+
+from .effects import add_effects
 from .kernels import kernel
+
+IN_WATER = np.dtype(
+    [
+        *((name, "f8", (6, 6)) for name in ("M_A", "D_linear", "D_quadratic")),
+        *((name, "f8") for name in ("mass", "displaced_mass")),
+        *((name, "f8", (3,)) for name in ("r_g", "r_b", "gravity_W")),
+        ("R_WB", "f8", (3, 3)),
+        ("nu_r", "f8", (6,)),  # velocity relative to the water
+        ("d", "f8", (6,)),  # wrench of the water without inertia and buoyancy: given the disturbance
+        ("g", "f8", (6,)),  # g(eta)
+    ],
+    align=True,
+)
+"""A rigid vehicle in the water at one instant."""
+
+
+@kernel
+def water_at_rest(body, effects):
+    """Set d and g of an :data:`IN_WATER` record: the wrench of current, effects and disturbance on a vehicle with a
+    constant velocity, d = tau_dist + tau_effects - C_A(nu_r) nu_r - D(nu_r) nu_r, and g(eta)."""
+    term = np.zeros(6)
+    add_effects(effects, body.nu_r, body.d)
+    coriolis_added_mass(body.M_A, body.nu_r, term)
+    body.d[:] = body.d - term
+    damping(body.D_linear, body.D_quadratic, body.nu_r, term)
+    body.d[:] = body.d - term
+    restoring(body.mass, body.displaced_mass, body.r_g, body.r_b, body.gravity_W, body.R_WB, body.g)
 
 
 @kernel

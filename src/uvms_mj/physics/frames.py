@@ -174,10 +174,11 @@ def rotation_matrix(quat: np.ndarray) -> np.ndarray:
 
 def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """The attitude (4,) that differs from ``quat`` (4,) by the rotation vector phi (3,) in B."""
-    angle = float(np.linalg.norm(phi))
-    w, scale = math.cos(0.5 * angle), 0.5 * float(np.sinc(0.5 * angle / math.pi))
-    q_w, q_x, q_y, q_z = quat.tolist()  # Python's floats are several times as fast as NumPy's
-    x, y, z = (scale * phi).tolist()
+    x, y, z = phi.tolist()  # Python's floats are several times as fast as NumPy's
+    half = 0.5 * math.hypot(x, y, z)
+    w, scale = math.cos(half), 0.5 * math.sin(half) / half if half > 0.0 else 0.5
+    q_w, q_x, q_y, q_z = quat.tolist()
+    x, y, z = scale * x, scale * y, scale * z
     return np.array(
         [
             q_w * w - (q_x * x + q_y * y + q_z * z),

@@ -1,6 +1,7 @@
 """Pure functions that can run as machine code."""
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -51,3 +52,16 @@ def fused(function: Function) -> Function:
     """
     fused_kernels.add(function)
     return kernel(function)
+
+
+compilers: list[Callable[[Callable, Sequence[np.ndarray]], Callable[..., Any]]] = []
+"""What makes machine code of a kernel on arrays. The engine enters it."""
+
+
+def called_on(function: Callable, *arrays: np.ndarray) -> Callable[..., Any]:
+    """A kernel on arrays that lie densely in memory, which Python calls with what follows, integers: its machine code,
+    or itself where no engine is loaded. A record is an array (1,)."""
+    if compilers:
+        return compilers[0](function, arrays)
+    records = [each.view(np.dtype((Record, each.dtype))) if each.dtype.names else each for each in arrays]
+    return functools.partial(function, *(each[0] if each.shape == (1,) else each for each in records))

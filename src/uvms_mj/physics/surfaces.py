@@ -14,15 +14,52 @@ table of displacements over time, linear between its rows, and by a sine.
 """
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from .frames import to_body, to_world
 from .kernels import kernel
 
-SHAPES = ("plane", "sphere", "cylinder", "box")
-"""The shapes; a SURFACE record has the index."""
-PLANE, SPHERE, CYLINDER, BOX = range(4)
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of a wall beside its distance.
+
+    Attributes:
+        keys: of its size in a scenario [m].
+        extent: the numbers (3,) of a SURFACE record from the values of the keys.
+        size: the least length over which it is curved, from the extent; None of a flat one [m].
+        takes_capsules: whether :func:`nearest_on_segment` finds the point of a capsule's axis that is nearest to it.
+        drawn: what is drawn, from the extent: a geom's type with its size as in MJCF, or None for a plate.
+    """
+
+    keys: tuple[str, ...]
+    extent: Callable[..., tuple[float, float, float]]
+    size: Callable[[Sequence[float]], float] | None
+    takes_capsules: bool
+    drawn: Callable[[Sequence[float]], tuple[str, tuple[float, float, float]]] | None
+
+
+DRAWN_LENGTH = 1.5
+"""Length of the drawn part of what has no end [m]."""
+SHAPES: dict[str, Shape] = {
+    "plane": Shape((), lambda: (0.0, 0.0, 0.0), None, True, None),
+    "sphere": Shape(
+        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0], True, lambda e: ("sphere", (e[0], 0.0, 0.0))
+    ),
+    "cylinder": Shape(
+        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0], True,
+        lambda e: ("cylinder", (e[0], 0.5 * DRAWN_LENGTH, 0.0)),
+    ),
+    "box": Shape(
+        ("edges",), lambda edges: (0.5 * edges[0], 0.5 * edges[1], 0.5 * edges[2]), min, False,
+        lambda e: ("box", (e[0], e[1], e[2])),
+    ),
+}  # fmt: skip
+"""The shapes by name. A SURFACE record has the index; :func:`signed_distance` knows each of them."""
+PLANE, SPHERE, CYLINDER, BOX = range(len(SHAPES))
 
 SURFACE = np.dtype(
     [

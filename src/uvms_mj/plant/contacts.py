@@ -140,7 +140,7 @@ class Contacts:
         surfaces, pairs = np.zeros(first + len(self.surfaces), SURFACE), np.zeros(first + len(self.pairs), PAIR)
         walls = ([paper] if paper else []) + [wall for _, wall in self.surfaces]
         for row, wall in zip(surfaces, walls, strict=True):
-            row["kind"], row["extent"], row["R_WS"] = SHAPES.index(wall.shape), wall.size, wall.R_WS
+            row["kind"], row["extent"], row["R_WS"] = list(SHAPES).index(wall.shape), wall.size, wall.R_WS
             row["p_WS"] = row["start_W"] = wall.position
             row["moves"], row["rows"] = wall.moves, len(wall.motion)
             row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
@@ -253,10 +253,11 @@ def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:
             yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
     for i, wall in enumerate(scenario.walls):
         for k, body in enumerate(bodies):
-            if wall.shape == "box" and body.end is not None:
+            if body.end is not None and not SHAPES[wall.shape].takes_capsules:
                 yield Fault(
                     f"vehicle.contact_bodies[{k}].end",
-                    f"contact of a capsule with a box, walls[{i}], is not computed; give spheres along the capsule",
+                    f"contact of a capsule with a {wall.shape}, walls[{i}], is not computed; give spheres along the "
+                    "capsule",
                 )
     if bodies and scenario.bumper.stiffness is not None:
         yield Fault(
@@ -267,7 +268,7 @@ def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:
 
 def _ends(body: ContactBody, wall: Surface) -> Iterator[np.ndarray]:
     ends = (body.position, body.position if body.end is None else body.end)
-    if body.end is not None and wall.shape == "plane":
+    if body.end is not None and SHAPES[wall.shape].size is None:
         yield from (np.array([end, end]) for end in ends)
     else:
         yield np.array(ends)

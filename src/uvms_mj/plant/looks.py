@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 
 from ..physics.frames import quat_from_euler_deg
+from ..physics.surfaces import DRAWN_LENGTH, SHAPES
 from .geometry import Geometry, Shape, solids
 from .settings import ContactBody, Surface
 
-WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
+WALL_SIZE, WALL_THICKNESS = DRAWN_LENGTH, 0.05
 """Size of the drawn part of a wall [m]."""
 WALL_RGBA = (0.62, 0.64, 0.66, 0.35)
 """Colour of a wall, through which the contact can be seen."""
@@ -31,12 +32,12 @@ AZIMUTH, ELEVATION = 75.0, -25.0
 def drawn_wall(wall: Surface) -> Shape:
     """A wall in W: a plane is a square plate with its middle at the wall's position, a cylinder is as high."""
     quat = tuple(quat_from_euler_deg(*wall.attitude_deg).tolist())
-    if wall.shape == "plane":
+    if (drawn := SHAPES[wall.shape].drawn) is None:
         half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
         middle = np.array(wall.position) + half[0] * wall.R_WS[:, 0]
         return Shape("box", half, tuple(middle.tolist()), quat, WALL_RGBA)
-    size = (wall.size[0], WALL_SIZE / 2, 0.0) if wall.shape == "cylinder" else wall.size
-    return Shape(wall.shape, size, wall.position, quat, WALL_RGBA)
+    kind, size = drawn(wall.size)
+    return Shape(kind, size, wall.position, quat, WALL_RGBA)  # type: ignore[arg-type]
 
 
 def drawn_vehicle(geometry: Geometry, bodies: tuple[ContactBody, ...]) -> Geometry:

@@ -13,6 +13,7 @@ from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.surfaces import SHAPES
 from ..quantities import (
     STRICT,
     Angle,
@@ -36,8 +37,6 @@ WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
 Friction = Annotated[Number, within(0.0, 100.0, "")]
 Length = Annotated[Number, within(1e-6, 1e6, "m")]
 Displacement = tuple[Time, Coordinate, Coordinate, Coordinate]
-_SIZES = {"plane": (), "sphere": ("radius",), "cylinder": ("radius",), "box": ("edges",)}
-"""The keys of a shape's size."""
 _MOST_ROWS = 100_000
 
 
@@ -45,7 +44,7 @@ _MOST_ROWS = 100_000
 class Surface:
     """One table of ``[[walls]]``."""
 
-    shape: Annotated[Literal["plane", "sphere", "cylinder", "box"], Lowercase]
+    shape: Annotated[Literal[tuple(SHAPES)], Lowercase]  # type: ignore[valid-type]
     position: Position
     """Of a plane, a point of its face; otherwise the centre [m]."""
     attitude_deg: Angles = doc("roll, pitch, yaw; at zero a plane faces -x, and a cylinder stands [deg]", (0.0,) * 3)
@@ -64,9 +63,9 @@ class Surface:
     phase_deg: Angle = doc("of the sine at t = 0 [deg]", 0.0)
 
     def __post_init__(self) -> None:
-        needed = _SIZES[self.shape]
+        needed = SHAPES[self.shape].keys
         wrong = [f"a {self.shape} needs {key}" for key in needed if getattr(self, key) is None]
-        others = {key for keys in _SIZES.values() for key in keys} - {*needed}
+        others = {key for shape in SHAPES.values() for key in shape.keys} - {*needed}
         wrong += [f"a {self.shape} has no {key}" for key in sorted(others) if getattr(self, key) is not None]
         if (self.layer_depth is None) != (self.layer_stiffness is None):
             wrong.append("layer_depth and layer_stiffness belong together")
@@ -89,9 +88,9 @@ class Surface:
 
     @property
     def size(self) -> tuple[float, float, float]:
-        """The radius, or the half edges [m]."""
-        a, b, c = self.edges or (0.0, 0.0, 0.0)
-        return (self.radius, 0.0, 0.0) if self.radius is not None else (a / 2.0, b / 2.0, c / 2.0)
+        """The extent of its shape, for example the half edges [m]."""
+        shape = SHAPES[self.shape]
+        return shape.extent(*(getattr(self, key) for key in shape.keys))
 
     @property
     def R_WS(self) -> np.ndarray:

@@ -179,8 +179,6 @@ _KNOWN = frozenset(
     )
 )
 """The tables of a scenario that the balance has in it. With any other one that is in use there is no closed form."""
-_SHAPES = frozenset(("plane", "sphere", "cylinder", "box"))
-"""The shapes whose contact it knows."""
 
 
 def _unknown(setup: Any, K: float, own: bool) -> str:
@@ -190,9 +188,6 @@ def _unknown(setup: Any, K: float, own: bool) -> str:
     for table in dataclasses.fields(scenario):
         if table.name not in _KNOWN and getattr(scenario, table.name) != table.default:
             return f"closed forms do not know {table.name}"
-    for wall in scenario.walls:
-        if wall.shape not in _SHAPES:
-            return f"closed forms do not know the shape {wall.shape}"
     if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):
         return reason
     if own and (reason := not_constant(setup)):

@@ -24,17 +24,18 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.effects import add_effects
-from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ...physics.contacts import AT_REST, PAIR, press_at_rest
+from ...physics.fossen import IN_WATER, coriolis_added_mass, coriolis_rigid_body, damping, restoring, water_at_rest
 from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
-from ...physics.kernels import record_of
+from ...physics.kernels import called_on
 from ...physics.spanned_axes import pseudoinverse
-from ...physics.surfaces import BOX, CYLINDER, PLANE
+from ...physics.surfaces import SHAPES, SURFACE
 from .own_effects import OwnEffects
 
 START_FORCE = 100.0
 """Force [N] below which a start inside the wall counts as a start in contact."""
-_LEAST = 1e-300
+_AT_ONCE = 16
+"""Poses in one call of machine code."""
 
 
 class ContactSprings:
@@ -51,26 +52,25 @@ class ContactSprings:
 
     def __init__(self, setup: Any) -> None:
         surfaces, pairs = setup.contacts.records(lambda _: 1.0)
-        contact, walls = pairs["contact"], surfaces[pairs["surface"]]
+        contact, shapes = pairs["contact"], list(SHAPES.values())
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
-        self._ends_C, self._radius, self._capsules = pairs["ends_C"], pairs["radius"], pairs["capsule"] != 0
-        self._k, self._k_b = contact["stiffness"], pairs["bumper_stiffness"]
-        self._w_1, self._k_1 = pairs["layer_depth"], pairs["layer_stiffness"]
-        self._p_WS, self._R_WS = walls["p_WS"], walls["R_WS"]
-        self._kind, self._half = walls["kind"], walls["extent"]
-        self._soft = self._k_b > 0.0
-        self.damping = np.where(self._soft, 0.0, contact["damping"])
-        self._give = np.where(self._soft, self._k_b, 1.0)
-        curved = surfaces["kind"] != PLANE
-        self.convex = not (curved.any() or self._ends_C.any())
-        half = np.where((surfaces["kind"] == BOX)[:, None], surfaces["extent"], surfaces["extent"][:, :1])[curved]
-        self.size = float(half.min(initial=np.inf))
+        self.damping = np.where(pairs["bumper_stiffness"] > 0.0, 0.0, contact["damping"])
+        contact["friction"] = 0.0
+        sizes = [(shapes[each["kind"]].size, each["extent"]) for each in surfaces]
+        self.size = min((float(size(extent)) for size, extent in sizes if size is not None), default=math.inf)
+        self.convex = math.isinf(self.size) and not pairs["ends_C"].any()
+        # of a few sizes, each of which is machine code of its own
+        n, room = len(pairs), 1 << max(3, (max(len(pairs), len(surfaces)) - 1).bit_length())
+        self._n, self._at_rest = n, np.zeros((_AT_ONCE, room), AT_REST)
+        self._surfaces, self._pairs = np.zeros(room, SURFACE), np.zeros(room, PAIR)
+        self._surfaces[: len(surfaces)], self._pairs[:n] = surfaces, pairs
+        self._press: Callable[..., Any] | None = None
 
     def __len__(self) -> int:
-        return len(self._radius)
+        return self._n
 
     def wrenches(self, p_WC: np.ndarray, R_WC: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The forces of all contacts on their bodies.
+        """The forces of all contacts on their bodies, by :func:`uvms_mj.physics.contacts.pair_force`.
 
         Args:
             p_WC: (..., n, 3) position in W of the frame C that the body of each contact is fixed to [m].
@@ -80,71 +80,18 @@ class ContactSprings:
             The wrench (..., n, 6) of each contact in C at its origin, its normal force (..., n) [N] and depth
             (..., n), zero without contact [m].
         """
-        centre = p_WC + _turned(R_WC, self._ends_C[:, 0])
-        if self._capsules.any():
-            end = p_WC + _turned(R_WC, self._ends_C[:, 1])
-            centre = centre + self._nearest(centre, end)[..., None] * (end - centre)
-        distance, n = self._distance(centre)
-        distance = distance - self._radius
-        depth = np.maximum(0.0, -distance)
-        f_n = self._force(depth)
-        arm = centre - p_WC - (self._radius + 0.5 * distance)[..., None] * n
-        f_W = f_n[..., None] * n
-        return np.concatenate([_to_body(R_WC, f_W), _to_body(R_WC, cross(arm, f_W))], axis=-1), f_n, depth
-
-    def _force(self, depth: np.ndarray) -> np.ndarray:
-        """The normal force of wall and bumper in series, F_c(w) = k_b x with depth = w + x."""
-        w = np.where(self._soft, depth * self._give / (self._give + self._k), depth)
-        beyond = w > self._w_1
-        f_0 = np.where(beyond, (self._k - self._k_1) * np.where(beyond, self._w_1, 0.0), 0.0)
-        k = np.where(beyond, self._k_1, self._k)
-        force = f_0 + k * depth
-        return np.where(self._soft, self._give * force / (self._give + k), force)
-
-    def _distance(self, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance (..., n) of points from their surfaces, and the normals (..., n, 3) out of these, in W."""
-        q = _to_body(self._R_WS, centre - self._p_WS)
-        along = np.where((self._kind == CYLINDER)[:, None], [1.0, 1.0, 0.0], 1.0) * q
-        size = np.sqrt((along * along).sum(axis=-1))
-        distance = size - self._half[:, 0]
-        n = np.where(size[..., None] > 0.0, along / np.maximum(size, _LEAST)[..., None], [-1.0, 0.0, 0.0])
-        plane, box = self._kind == PLANE, self._kind == BOX
-        if plane.any():
-            distance = np.where(plane, -q[..., 0], distance)
-            n = np.where(plane[:, None], [-1.0, 0.0, 0.0], n)
-        if box.any():
-            beyond = np.abs(q) - self._half
-            out = np.copysign(np.maximum(beyond, 0.0), q)
-            outside = np.sqrt((out * out).sum(axis=-1))
-            inside, nearest = beyond.max(axis=-1), np.eye(3)[beyond.argmax(axis=-1)]
-            face = nearest * np.where(q >= 0.0, 1.0, -1.0)
-            of_box = np.where((inside <= 0.0)[..., None], face, out / np.maximum(outside, _LEAST)[..., None])
-            distance = np.where(box, np.where(inside <= 0.0, inside, outside), distance)
-            n = np.where(box[:, None], of_box, n)
-        return distance, _turned(self._R_WS, n)
-
-    def _nearest(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Where on their segments (..., n) the points nearest to the centre or the axis of the surfaces are, from 0 at
-        a to 1 at b; 0.5 if a segment is parallel to the axis. Zero for a sphere in place of a capsule."""
-        d, e = b - a, self._p_WS - a
-        axis = self._R_WS[:, :, 2]
-        axial, shift = (d * axis).sum(axis=-1), (e * axis).sum(axis=-1)
-        along, length = (d * e).sum(axis=-1), (d * d).sum(axis=-1)
-        cylinder = self._kind == CYLINDER
-        along, size = np.where(cylinder, along - axial * shift, along), length - np.where(cylinder, axial * axial, 0.0)
-        parallel = size <= 1e-12 * length
-        part = np.where(parallel, 0.5, np.clip(along / np.where(parallel, 1.0, size), 0.0, 1.0))
-        return np.where(self._capsules, part, 0.0)
-
-
-def _turned(R: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """R v of matrices (..., 3, 3) and vectors (..., 3)."""
-    return (R @ v[..., None])[..., 0]
-
-
-def _to_body(R: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """R^T v of matrices (..., 3, 3) and vectors (..., 3)."""
-    return (v[..., None, :] @ R)[..., 0, :]
+        n, shape = self._n, p_WC.shape[:-2]
+        p, R = p_WC.reshape(-1, p_WC.shape[-2], 3), R_WC.reshape(-1, R_WC.shape[-3], 3, 3)
+        found = np.empty((len(p), n), AT_REST)
+        arrays = self._pairs, self._surfaces, self._at_rest
+        press = self._press = self._press or called_on(press_at_rest, *arrays)
+        for first in range(0, len(p), _AT_ONCE):
+            m = min(_AT_ONCE, len(p) - first)
+            at = self._at_rest[:m, :n]
+            at["p_WC"], at["R_WC"] = p[first : first + m], R[first : first + m]
+            press(n, m)
+            found[first : first + m] = at
+        return tuple(found[name].reshape(*shape, n, *found[name].shape[2:]) for name in ("tau_C", "f_n", "depth"))
 
 
 _ZERO = 1e-9
@@ -254,8 +201,13 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, effects = scenario.disturbance.at_last, scenario.effect_records
-        self.effects = record_of(effects) if effects.itemsize else None
+        self.tau_dist, self._effects = scenario.disturbance.at_last, scenario.effect_records
+        self._body = np.zeros(1, IN_WATER)
+        self._in_water: Callable[..., Any] | None = None
+        vehicle = setup.vehicle
+        for name in ("M_A", "D_linear", "D_quadratic", "mass", "displaced_mass", "r_g", "r_b"):
+            self._body[name] = getattr(vehicle, name)
+        self._body["gravity_W"] = setup.gravity_W
         self.own_effects = OwnEffects(scenario.effects, setup) if scenario.effects else None
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
@@ -420,20 +372,15 @@ class Balance:
 
     def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
-        vehicle, scenario = self.setup.vehicle, self.setup.scenario
-        position, R_WB = x.position, x.R_WB
-        nu_r, term = np.zeros(6) if nu is None else nu.copy(), np.empty(6)
-        nu_r[:3] -= R_WB.T @ scenario.current.steady_at(-position[2])
-        d = self.tau_dist.copy()
-        if self.effects is not None:
-            add_effects(self.effects, nu_r, d)
+        body, nu_r = self._body, np.zeros(6) if nu is None else nu.copy()
+        nu_r[:3] -= x.R_WB.T @ self.setup.scenario.current.steady_at(-x.position[2])
+        body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
         if self.own_effects is not None:
-            d += self._own(x, nu_r)
-        coriolis_added_mass(vehicle.M_A, nu_r, term)
-        d -= term
-        damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
-        d -= term
-        return d, self.restoring(vehicle, R_WB)
+            body["d"] += self._own(x, nu_r)
+        if self._in_water is None:
+            self._in_water = called_on(water_at_rest, body, self._effects)
+        self._in_water()
+        return body["d"][0].copy(), body["g"][0].copy()
 
     def _own(self, x: Pose, nu_r: np.ndarray) -> np.ndarray:
         """The wrench (6,) of a user's effects, in B."""

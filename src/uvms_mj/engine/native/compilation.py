@@ -32,6 +32,7 @@ import platformdirs
 
 from ...compiler.refusals import Untranslatable
 from ...compiler.targets import optimize
+from ...physics.kernels import compilers
 from .memory import at_address
 
 _PACKAGE = Path(__file__).parents[2]
@@ -377,6 +378,19 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused
         symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
         addresses = _compiled(str(kernel_module(symbols, fused)), name, list(symbols))
     return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+
+
+def _on_arrays(function: Callable, arrays: Sequence[np.ndarray]) -> Callable[..., Any]:
+    """A kernel that Python calls with integers, on arrays that lie densely in memory."""
+    integers = function.__code__.co_argcount - len(arrays)
+    kinds = [each.dtype if each.shape == (1,) else np.dtype((each.dtype, each.shape)) for each in arrays]
+    code = native_function(function, [*kinds, *["i8"] * integers]).ctypes
+    call = functools.partial(code, *(each.ctypes.data for each in arrays))
+    call.arrays = arrays  # type: ignore[attr-defined]  # they live as long as it
+    return call
+
+
+compilers.append(_on_arrays)
 
 
 @functools.cache
