@@ -130,6 +130,7 @@ def test_a_tilted_plane_is_an_upright_one_in_a_turned_world():
         ("free_body", {"shape": "cylinder", "position": [1.5, 0.2, 0.0], "radius": 0.3}, 0.3),
         ("free_body", {"shape": "sphere", "position": [1.5, 0.2, -0.1], "radius": 0.35}, 0.35),
         ("free_body", {"shape": "box", "position": [1.75, 0.0, 0.0], "edges": [1.0, 2.0, 2.0]}, None),
+        ("free_body", {"shape": "capsule", "position": [1.5, 0.2, -0.3], "radius": 0.35, "length": 0.4}, 0.35),
         ("mujoco", {"shape": "sphere", "position": [1.5, 0.2, -0.1], "radius": 0.35}, 0.35),
     ],
 )
@@ -145,6 +146,7 @@ def test_the_rest_at_a_wall_is_that_of_two_springs(engine, wall, depth):
         n, depth = np.array([-1.0, 0.0, 0.0]), target[0] + REACH - 1.25
     else:
         out = (target - wall["position"]) * ([1.0, 1.0, 0.0] if wall["shape"] == "cylinder" else 1.0)
+        out -= [0.0, 0.0, 0.5 * wall.get("length", 0.0)]  # the upper end of a capsule is the nearest
         n, depth = out / np.linalg.norm(out), depth + REACH - np.linalg.norm(out)
     force = K_X * depth / (1.0 + K_X / K_C)
     assert mean_push(trace) == pytest.approx(force, rel=1e-8)

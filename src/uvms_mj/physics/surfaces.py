@@ -1,7 +1,9 @@
-r"""Surfaces in the water, and the signed distance of a point from them: planes, spheres, cylinders and boxes.
+r"""Surfaces in the water, and the signed distance of a point from them: planes, spheres, cylinders, boxes
+and capsules.
 
 A surface has a frame S with the attitude R_WS. In S, the face of a plane is x = 0 and the water is at x < 0, as in
-front of the paper's wall; the axis of a cylinder is z, and it has no ends; a box is centred. The distance is negative
+front of the paper's wall; the axis of a cylinder or a capsule is z, and a cylinder has no ends; a box and a capsule are
+centred. The distance is negative
 inside, and its gradient is the normal out of the surface. For a point q in S:
 
 .. math::
@@ -9,7 +11,8 @@ inside, and its gradient is the normal out of the surface. For a point q in S:
     d = -q_x, \qquad d = |q| - r, \qquad d = \sqrt{q_x^2 + q_y^2} - r, \qquad
     d = \left|\max(|q| - a, 0)\right| + \min(\max_i(|q_i| - a_i), 0)
 
-for a plane, a sphere, a cylinder of the radius r and a box of the half edges a. A surface moves without turning: by a
+for a plane, a sphere, a cylinder of the radius r and a box of the half edges a. A capsule is all points within r of a
+segment of the half length b: the sphere about :math:`q_z` clipped to b. A surface moves without turning: by a
 table of displacements over time, linear between its rows, and by a sine.
 """
 
@@ -57,9 +60,13 @@ SHAPES: dict[str, Shape] = {
         ("edges",), lambda edges: (0.5 * edges[0], 0.5 * edges[1], 0.5 * edges[2]), min, False,
         lambda e: ("box", (e[0], e[1], e[2])),
     ),
+    "capsule": Shape(
+        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[0], False,
+        lambda e: ("capsule", (e[0], e[1], 0.0)),
+    ),
 }  # fmt: skip
 """The shapes by name. A SURFACE record has the index; :func:`signed_distance` knows each of them."""
-PLANE, SPHERE, CYLINDER, BOX = range(len(SHAPES))
+PLANE, SPHERE, CYLINDER, BOX, CAPSULE = range(len(SHAPES))
 
 SURFACE = np.dtype(
     [
@@ -125,6 +132,8 @@ def signed_distance(surface, c_W, n_W) -> float:
     else:
         if surface.kind == CYLINDER:
             q[2] = 0.0
+        elif surface.kind == CAPSULE:
+            q[2] -= min(surface.extent[1], max(-surface.extent[1], q[2]))
         distance = normalise(q) - surface.extent[0]
     to_world(R, q, n_W)
     return distance
