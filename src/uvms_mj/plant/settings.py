@@ -47,9 +47,7 @@ class Surface:
     shape: Annotated[Literal[tuple(SHAPES)], Lowercase]  # type: ignore[valid-type]
     position: Position
     """Of a plane, a point of its face; otherwise the centre [m]."""
-    attitude_deg: Angles = doc(
-        "roll, pitch, yaw; at zero a plane faces -x, others stand [deg]", (0.0,) * 3
-    )
+    attitude_deg: Angles = doc("roll, pitch, yaw; at zero a plane faces -x, others stand [deg]", (0.0,) * 3)
     radius: Length | None = doc("of a sphere, a cylinder or a capsule [m]", None)
     length: Length | None = doc("of a capsule, between the centres of its ends [m]", None)
     edges: tuple[Length, Length, Length] | None = doc("lengths of a box [m]", None)
