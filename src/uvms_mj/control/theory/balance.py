@@ -307,7 +307,8 @@ def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
     if push.max() <= START_FORCE:
         return np.zeros(6)
     if not balance.setup.not_rigid:
-        wall, (_, forces, depths) = balance.setup.scenario.wall, balance.springs.wrenches(start.position, start.R_WB)
+        wall, at = balance.setup.scenario.wall, (start.position[None], start.R_WB[None])
+        _, forces, depths = balance.springs.wrenches(*at)
         energy = 0.5 * float(forces @ depths + push[0] ** 2 / wall.stiffness)
         acceleration = np.linalg.solve(balance.setup.design.M, start.tau_c)
         velocity: np.ndarray = acceleration * np.sqrt(2.0 * energy / (acceleration @ start.tau_c))
