@@ -36,7 +36,7 @@ from .plant.settings import (
     Wall,
     overridden_in_vain,
 )
-from .plant.water import Current, Disturbance, Fin, Tether, effect_records
+from .plant.water import Current, Disturbance, Drag, Fin, Tether, effect_records
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -73,6 +73,7 @@ class Scenario:
     disturbance: Disturbance = Disturbance()
     tether: Tether = Tether()
     fins: tuple[Fin, ...] = ()
+    drag: tuple[Drag, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
     bumper: Bumper = Bumper()
@@ -285,7 +286,7 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin}
+LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin, "drag": Drag}
 """The tables of each list of tables."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}

@@ -11,10 +11,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...errors import Fault, InputError
+from ...errors import Fault, InputError, suggestion
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, Fin, Tether, counted, effect_records
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, counted, effect_records
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control
@@ -129,9 +129,8 @@ def attach(
     frequency_hz: Sequence[float] = (0.0,) * 6,
     current: Current | None = None,
     disturbance: Disturbance | None = None,
-    tether: Tether | None = None,
-    fins: Sequence[Fin] = (),
     seed: int = 0,
+    **effects: Any,
 ) -> Attachment:
     """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
@@ -154,9 +153,11 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
-        current, disturbance, tether, fins: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``.
-            The first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
+        current, disturbance: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. They replace
+            ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
         seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
+        effects: the further effects of the water, each by the name of its table in a scenario: ``tether=Tether(...)``,
+            ``fins=[Fin(...), ...]``, ``drag=[Drag(...), ...]``; one table, or a list of them.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -176,7 +177,6 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    effects = {"tether": Tether() if tether is None else tether, "fins": fins}
     motion = Motion.checked(vectors, current, disturbance, effects, seed, model.opt.timestep)
     attachment = immerse(model, data, vehicle, effects=counted(motion.effects))
     motion.apply(attachment.water)
@@ -311,14 +311,20 @@ class Motion:
         seed: int,
         h: float,
     ) -> "Motion":
-        """Raises InputError if an argument is of another kind, if one of them is given in two ways, or if a time step h
-        [s] does not resolve the motion of the water."""
+        """Raises InputError if an argument is unknown or of another kind, if one of them is given in two ways, or if a
+        time step h [s] does not resolve the motion of the water."""
         kinds: list[tuple[str, Any, Any]] = [("current", current, Current), ("disturbance", disturbance, Disturbance)]
-        effects = {name: tuple(each) if isinstance(each, list) else each for name, each in effects.items()}
-        for name, table in effects.items():
-            each = table if isinstance(table, tuple) else (table,)
-            kinds += [(name, value, EFFECT_TABLES[name]) for value in each]
+        effects = {name: tuple(each) if isinstance(each, list | tuple) else (each,) for name, each in effects.items()}
+        choices = (*EFFECT_TABLES, *vectors, "current", "disturbance", "seed")
         faults = [
+            Fault(name, f"is no effect of the water and no other argument; {suggestion(name, choices)}")
+            for name in effects
+            if name not in EFFECT_TABLES
+        ]
+        kinds += [
+            (name, each, EFFECT_TABLES[name]) for name in effects if name in EFFECT_TABLES for each in effects[name]
+        ]
+        faults += [
             Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}")
             for name, value, kind in kinds
             if not isinstance(value, kind if name in effects else kind | None)
