@@ -11,7 +11,6 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -25,7 +24,6 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .physics.effects import EFFECTS
 from .plant.settings import (
     OF_VEHICLE,
     Bumper,
@@ -36,7 +34,7 @@ from .plant.settings import (
     Wall,
     overridden_in_vain,
 )
-from .plant.water import Current, Disturbance, Drag, Fin, Tether, effect_records
+from .plant.water import Current, Disturbance, Drag, Fin, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -99,11 +97,6 @@ class Scenario:
         behind = (self.joints, self.thrusters)
         stages = (*before, *task, self.controller, self.actuation, *behind)
         return tuple(stage for stage in stages if stage.runs)
-
-    @property
-    def effects(self) -> np.ndarray:
-        """The records (1,) of the effects of the water that are there: their tables are not the defaults."""
-        return effect_records({name: getattr(self, name) for name in EFFECTS})
 
     @property
     def steps(self) -> int:

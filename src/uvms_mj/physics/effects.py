@@ -46,6 +46,9 @@ axis of B, one for motion along it and one for motion against it, the force is o
 
 The first takes each axis by itself, as D_quadratic does. The second, of the speed, is for equal coefficients the drag
 of a sphere, the same in every direction. No coefficient is negative, so that both take energy out of every motion.
+
+**Products of velocities.** Each adds :math:`c\, \nu_a \nu_b` or :math:`c\, \nu_a |\nu_b|` to one component of tau, as
+hydrodynamic derivatives do that a vehicle's file has (SNAME 1950).
 """
 
 import math
@@ -88,8 +91,20 @@ DRAG = np.dtype(
 )
 """The drag at one place."""
 
-EFFECTS = {"tether": TETHER, "fins": FIN, "drag": DRAG}
-"""The records of the effects, by the names of their tables."""
+PRODUCT = np.dtype(
+    [
+        ("axis", "i8"),  # of tau
+        ("first", "i8"),  # of nu
+        ("second", "i8"),
+        ("bars", "i8"),  # whether the second is a magnitude
+        ("coefficient", "f8"),  # N or N m by units of the velocities
+    ],
+    align=True,
+)
+"""One product of velocities."""
+
+EFFECTS = {"tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
+"""The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
 
 def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
@@ -107,6 +122,8 @@ def add_effects(effects, nu_r, tau):
         add_fin(effects.fins[k], nu_r, tau)
     for k in range(effects.drag.shape[0]):
         add_drag(effects.drag[k], nu_r, tau)
+    for k in range(effects.products.shape[0]):
+        add_product(effects.products[k], nu_r, tau)
 
 
 @kernel
@@ -162,3 +179,10 @@ def add_drag(drag, nu_r, tau):
         f[i] = -c * (speed if drag.of_speed != 0 else abs(v[i])) * v[i]
     tau[:3] += f
     tau[3:] += np.cross(r, f)
+
+
+@kernel
+def add_product(product, nu_r, tau):
+    """Add a product of velocities."""
+    second = abs(nu_r[product.second]) if product.bars != 0 else nu_r[product.second]
+    tau[product.axis] += product.coefficient * nu_r[product.first] * second

@@ -214,8 +214,15 @@ EFFECT_TABLES: dict[str, Any] = {"tether": Tether, "fins": Fin, "drag": Drag}
 """The table of each effect, or of each one of a list."""
 
 
+def effects_of(scenario: Any, vehicle: Any) -> np.ndarray:
+    """The records (1,) of the effects of a scenario and of the products of its vehicle."""
+    tables = {name: getattr(scenario, name) for name in EFFECT_TABLES}
+    return effect_records(tables | {"products": vehicle.products})
+
+
 def effect_records(tables: Mapping[str, Any]) -> np.ndarray:
-    """The records (1,) of the effects whose tables, by their names, are not the defaults: tables, or lists of them."""
+    """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
+    them."""
     found = dict[str, list[tuple]]()
     for name, table in tables.items():
         if isinstance(table, tuple):

@@ -253,7 +253,7 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, effects = scenario.disturbance.at_last, scenario.effects
+        self.tau_dist, effects = scenario.disturbance.at_last, setup.effects
         self.effects = record_of(effects) if effects.itemsize else None
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv

@@ -177,8 +177,8 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    motion = Motion.checked(vectors, current, disturbance, effects, seed, model.opt.timestep)
-    attachment = immerse(model, data, vehicle, effects=counted(motion.effects))
+    motion = Motion.checked(vectors, current, disturbance, effects, vehicle, seed, model.opt.timestep)
+    attachment = immerse(model, data, vehicle, effects=motion.effects)
     motion.apply(attachment.water)
     return attachment
 
@@ -189,19 +189,23 @@ def immerse(
     vehicle: Vehicle,
     image: Image | None = None,
     code: int = 0,
-    effects: tuple[tuple[str, int], ...] = (),
+    effects: np.ndarray | None = None,
 ) -> Attachment:
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop and with so many effects of the water.
+    default, those of a vehicle without a closed loop and with the records (1,) of effects, or its own products alone.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
     if image is None:
-        image, code = Image({"run": alone_dtype(n, effects)}, water_rooms()), evaluation(n, effects)
+        effects = products_alone(vehicle) if effects is None else effects
+        counts = counted(effects)
+        image, code = Image({"run": alone_dtype(n, counts)}, water_rooms()), evaluation(n, counts)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
+    if effects is not None:
+        water.affect(effects)
     _fill_border(plant[0], model, data, body_id, vehicle)
     return Attachment(vehicle, data, body_id, water, image, code)
 
@@ -308,6 +312,7 @@ class Motion:
         current: Current | None,
         disturbance: Disturbance | None,
         effects: Mapping[str, Any],
+        vehicle: Vehicle,
         seed: int,
         h: float,
     ) -> "Motion":
@@ -341,18 +346,22 @@ class Motion:
                 faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
         if faults:
             raise InputError(faults, "attach")
-        return cls(numbers, current, disturbance, effect_records(effects), seed)
+        return cls(numbers, current, disturbance, effect_records({**effects, "products": vehicle.products}), seed)
 
     def apply(self, water: Water) -> None:
         """Set the motion of the water of a vehicle."""
         water.flow(self.current or Current(speed=0.0))
         water.push(self.disturbance or Disturbance())
-        water.affect(self.effects)
         water.seed(self.seed)
         if self.current is None:
             water.mean_W = self.vectors["current_W"]
         if self.disturbance is None:
             water.disturb(*(self.vectors[name] for name in ("bias", "amplitude", "frequency_hz")))
+
+
+def products_alone(vehicle: Vehicle) -> np.ndarray:
+    """The records (1,) of the effects of a vehicle in water without others."""
+    return effect_records({"products": vehicle.products})
 
 
 def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
