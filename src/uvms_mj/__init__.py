@@ -23,7 +23,7 @@ _NAMES = {
     "navigation": "Encoder Navigation Observer Wrist",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
-    "plant.water": "Current Disturbance Fin Tether",
+    "plant.water": "Current Disturbance Drag Fin Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -74,6 +74,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
+    from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
     from .plant.water import Tether as Tether
     from .records.header import Status as Status

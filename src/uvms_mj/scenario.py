@@ -11,7 +11,6 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -25,7 +24,6 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .physics.effects import EFFECTS
 from .plant.effect import Effect
 from .plant.settings import (
     OF_VEHICLE,
@@ -37,7 +35,7 @@ from .plant.settings import (
     Wall,
     overridden_in_vain,
 )
-from .plant.water import Current, Disturbance, Fin, Tether, effect_records
+from .plant.water import Current, Disturbance, Drag, Fin, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -78,6 +76,7 @@ class Scenario:
     disturbance: Disturbance = Disturbance()
     tether: Tether = Tether()
     fins: tuple[Fin, ...] = ()
+    drag: tuple[Drag, ...] = ()
     effects: tuple[Effect, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
@@ -112,11 +111,6 @@ class Scenario:
         for name in STAGE_LISTS:
             found |= {f"{name}[{i}]": stage for i, stage in enumerate(getattr(self, name))}
         return found
-
-    @property
-    def effect_records(self) -> np.ndarray:
-        """The records (1,) of the effects of the water that are there: their tables are not the defaults."""
-        return effect_records({name: getattr(self, name) for name in EFFECTS})
 
     @property
     def steps(self) -> int:
@@ -305,7 +299,7 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin, "effects": Effect}
+LISTS: dict[str, Any] = {"walls": Surface, "fins": Fin, "drag": Drag, "effects": Effect}
 """The tables of each list of tables."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from twin import C_A, C_RB, M_RB, D, TwinParameters, rotation
-from uvms_mj import Current, Disturbance, Fin, InputError, Scenario, Simulation, Tether, attach, simulate
+from uvms_mj import Current, Disturbance, Drag, Fin, InputError, Scenario, Simulation, Tether, attach, simulate
 from uvms_mj.control.base import SteadyState
 from uvms_mj.physics.effects import FIN, fin_coefficients
 from uvms_mj.physics.kernels import record_of
@@ -44,6 +44,8 @@ IN_A_SCENARIO = {
     "disturbance.correlation_time": 0.5,
     "tether.length": 10.0,
     "tether.position": [-0.2, 0.0, 0.1],
+    "fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.0], "deflection_deg": 8.0}],
+    "drag": [{"forward": [5.0, 20.0, 30.0], "backward": [9.0, 20.0, 10.0], "position": [0.1, 0.0, -0.1]}],
     "initial.attitude_deg": [10.0, -20.0, 30.0],
     "initial.velocity": [0.2, -0.1, 0.3, 0.1, 0.2, -0.3],
     "wall.position": 20.0,
@@ -333,6 +335,89 @@ def test_the_coefficients_of_a_fin_have_no_jump_and_no_front():
         assert np.allclose(fin_coefficients(record, alpha), fin_coefficients(record, alpha + math.pi), atol=1e-12)
 
 
+def free_vehicle(**others) -> TwinParameters:
+    """A vehicle without damping and without moment of weight or buoyancy, whose added mass is the same along all
+    axes."""
+    still = {"D_linear": np.zeros((6, 6)), "D_quadratic": np.zeros((6, 6)), "r_g": (0.0,) * 3, "r_b": (0.0,) * 3}
+    return replace(STILL, **{"M_A": np.diag([5.0] * 3 + [0.1] * 3), **still, **others})
+
+
+@pytest.mark.parametrize(("net", "speed"), [(1962.0, 0.7203), (-1962.0, -0.8525)])
+def test_a_cone_rises_and_sinks_at_the_terminal_speeds_of_its_two_drags(net, speed):
+    """A cone of a wave energy converter: f = 3782 w^2 upwards, 2700 w^2 downwards; 200 kg too light or too heavy."""
+    parameters = free_vehicle(mass=1000.0, buoyancy=1000.0 * STILL.gravity + net, timestep=0.01)
+    model, data = load(parameters, option='integrator="RK4"')
+    with attach(model, data, drag=Drag(forward=(1.0, 1.0, 3782.0), backward=(1.0, 1.0, 2700.0))):
+        mujoco.mj_step(model, data, 2000)
+    assert data.qvel[2] == pytest.approx(math.copysign(math.sqrt(1962.0 / (3782.0 if net > 0.0 else 2700.0)), net))
+    assert data.qvel[2] == pytest.approx(speed, abs=1e-4)
+
+
+@pytest.mark.parametrize("by", ["axes", "speed"])
+def test_drag_slows_a_vehicle_that_moves_at_45_degrees_as_its_closed_form_says(by):
+    """v_i = v_0i / (1 + c s_i t/m), with s_i = abs(v_0i) by axes, and s_i = abs(v_0), equal for all, by speed."""
+    c, v_0, parameters = 40.0, np.array([0.5, -0.5, 0.0]) / math.sqrt(2.0), free_vehicle(timestep=0.01)
+    model, data = load(replace(parameters, buoyancy=None), option='integrator="RK4"')
+    place(model, data, nu=(*v_0, 0.0, 0.0, 0.0))
+    with attach(model, data, drag=[Drag(forward=(c, c, c), by=by)]):
+        mujoco.mj_step(model, data, 300)
+    speeds = np.abs(v_0) if by == "axes" else np.full(3, np.linalg.norm(v_0))
+    assert np.allclose(data.qvel[:3], v_0 / (1.0 + c * speeds * data.time / (STILL.mass + 5.0)), rtol=1e-8, atol=1e-12)
+
+
+def random_drag(rng: np.random.Generator) -> Drag:
+    forward, backward = (tuple(rng.uniform(0.0, 50.0, 3).tolist()) for _ in range(2))
+    by = str(rng.choice(["axes", "speed"]))
+    return Drag(forward=forward, backward=backward, position=tuple(rng.normal(size=3).tolist()), by=by)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_the_wrench_of_drag_acts_at_its_place_by_direction(seed):
+    parameters, rng = random_parameters(seed), np.random.default_rng(seed)
+    nu, wrenches, drag = rng.normal(size=6), [], [random_drag(rng) for _ in range(2)]
+    for each in ((), drag):
+        model, data = load(parameters)
+        place(model, data, nu=nu)
+        with attach(model, data, current_W=parameters.v_c_W, drag=each) as attachment:
+            mujoco.mj_forward(model, data)
+            wrenches.append(attachment.wrench)
+    expected = np.zeros(6)
+    for each in drag:
+        v = nu[:3] - np.asarray(parameters.v_c_W) + np.cross(nu[3:], each.position)
+        c = np.where(v > 0.0, each.forward, each.backward)
+        force = -c * v * (np.linalg.norm(v) if each.by == "speed" else np.abs(v))
+        expected += np.r_[force, np.cross(each.position, force)]
+    assert np.allclose(wrenches[1] - wrenches[0], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_drag_at_a_place_never_feeds_energy_in(seed):
+    """A random neutral vehicle without other damping, in still water: its kinetic energy falls in every step."""
+    rng, parameters = np.random.default_rng(seed), random_parameters(seed, timestep=2e-3)
+    still = {"D_linear": np.zeros((6, 6)), "D_quadratic": np.zeros((6, 6)), "r_b": parameters.r_g, "buoyancy": None}
+    parameters = replace(parameters, **still)
+    M = M_RB(parameters) + np.asarray(parameters.M_A)
+    model, data = load(parameters, option='integrator="RK4"')
+    place(model, data, nu=rng.normal(size=6))
+    energies = []
+    with attach(model, data, drag=[random_drag(rng) for _ in range(3)]):
+        for _ in range(500):
+            nu = state(model, data)[2]
+            energies.append(0.5 * nu @ M @ nu)
+            mujoco.mj_step(model, data)
+    assert (np.diff(energies) < 0.0).all()
+    assert energies[-1] < 0.5 * energies[0]
+
+
+def test_attach_names_an_effect_that_it_does_not_know_or_that_is_of_another_kind():
+    model, data = load(STILL)
+    with pytest.raises(InputError, match=r"(?s)tehter: is no effect.*did you mean 'tether'.*fins: .* is not a .*Fin"):
+        attach(model, data, tehter=Tether(), fins=[Drag(forward=(1.0, 1.0, 1.0))])
+    with pytest.raises(InputError, match=r"curent: is no effect.*did you mean 'current'"):
+        attach(model, data, curent=Current())
+
+
 def test_a_reset_changes_or_removes_an_effect_and_adds_none():
     fin = {"area": 0.05, "position": [-0.3, 0.0, 0.0], "deflection_deg": 10.0}
     moving = {"simulation.duration": 0.2, "fins": [fin], "initial.velocity": [1.0] + [0.0] * 5}
@@ -359,17 +444,28 @@ AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "
         {"current.shear": [[0.0, 1.0], [1.0, 0.4]]},
         {"tether.length": 30.0, "tether.position": [-0.2, 0.0, 0.0]},
         {"fins": [{"area": 0.05, "position": [-0.3, 0.0, 0.1], "attitude_deg": [0.0, 0.0, 20.0]}]},
+        {"drag": [{"forward": [40.0, 60.0, 80.0], "backward": [20.0, 30.0, 90.0], "position": [-0.2, 0.1, 0.1]}]},
+        {"drag": [{"forward": [50.0, 80.0, 50.0], "position": [-0.2, 0.1, 0.1], "by": "speed"}]},
         {"disturbance.table": [[0.0, 2.0, 1.0, -1.0, 0.0, 0.1, 0.0]], "disturbance.bias": [1.0] + [0.0] * 5},
     ],
-    ids=["vertical", "shear", "tether", "fins", "one row"],
+    ids=["vertical", "shear", "tether", "fins", "drag", "drag of the speed", "one row"],
 )
 def test_a_vehicle_rests_where_the_static_balance_says(water):
-    """Under impedance control, which does not reject the current: it depends on depth and on the tether."""
+    """Under impedance control, which does not reject the current: it depends on depth and on the effects."""
+    rests_as_announced(water, "free_body")
+
+
+def rests_as_announced(water, engine):
     scenario = Scenario.load("push_wall", AT_REST | water, "impedance")
-    trace = simulate(scenario, engine="free_body")
+    trace = simulate(scenario, engine=engine)
     assert isinstance(trace.analytic, SteadyState)
     assert trace.push[-1] == pytest.approx(trace.analytic.force, rel=1e-6, abs=1e-9)
     assert np.allclose(trace.p_WB[-1], trace.analytic.position, rtol=0.0, atol=1e-6)
+
+
+def test_a_vehicle_with_drag_by_direction_rests_there_in_mujoco_too():
+    drag = {"forward": [40.0, 60.0, 80.0], "backward": [20.0, 30.0, 90.0], "position": [-0.2, 0.1, 0.1]}
+    rests_as_announced({"drag": [drag]}, "mujoco")
 
 
 @pytest.mark.parametrize(
@@ -396,12 +492,14 @@ def test_bad_water_is_refused_with_every_fault_at_once():
         "current.deviation": [0.1, -0.1, 0.0],
         "disturbance.table": [],
         "tether.diameter": -1.0,
+        "drag": [{"forward": [1.0, 2.0, -3.0], "by": "angle"}, {"forward": [1.0, 2.0]}, {}],
     }
     with pytest.raises(InputError) as caught:
         Scenario.load("push_wall", wrong)
     places = {fault.key for fault in caught.value.faults}
     assert places >= {"current.table", "current.correlation_time", "current.deviation[1]", "disturbance.table"}
     assert {"current.amplitude", "current.shear[0]", "tether.diameter"} <= places
+    assert {"drag[0].forward[2]", "drag[0].by", "drag[1].forward", "drag[2].forward"} <= places
     assert "row 2 begins with 1 after 2" in str(caught.value)
 
 

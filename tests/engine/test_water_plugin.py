@@ -21,7 +21,7 @@ def exported(tmp_path_factory) -> dict[str, Path]:
     found = {}
     for model in ("bluerov1", "bluerov2_heavy", "bluerov2_alpha5"):
         library, path, *_ = write_plugin(model, tmp_path_factory.mktemp(model))
-        name = name_of(len(Mjcf.find(model).vehicle.arm.links))
+        name = name_of(Mjcf.find(model).vehicle)
         if name not in _loaded:
             mujoco.mj_loadPluginLibrary(str(library))
             _loaded.add(name)
@@ -194,7 +194,7 @@ def test_what_does_not_fit_is_one_sentence(exported, tmp_path):
         ((re.search('<config key="record" value="[^"]*" ?/>', text)[0], ""), "init"),
         ((" 5.5 ", " 5.6 "), "init"),
         (('key="current"', 'key="curent"'), "curent"),
-        ((name_of(0), "uvms_mj.water_99"), "water_99"),
+        ((name_of(Mjcf.find("bluerov1").vehicle), "uvms_mj.water_99"), "water_99"),
     ):
         path = exported["bluerov1"].with_name("wrong.xml")
         path.write_text(text.replace(*change))

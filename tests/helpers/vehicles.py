@@ -12,8 +12,11 @@ def _numbers(values) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
 
 
-def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str = "", motors: bool = True) -> str:
-    """MJCF of a vehicle with the twin's coefficients and one motor per axis; ``crowded`` adds a free ball before it."""
+def vehicle_xml(
+    parameters: TwinParameters, crowded: bool = False, option: str = "", motors: bool = True, products: str = ""
+) -> str:
+    """MJCF of a vehicle with the twin's coefficients and one motor per axis; ``crowded`` adds a free ball before it,
+    ``products`` are those of velocities."""
     r_g, m = np.asarray(parameters.r_g), parameters.mass
     I_g = np.asarray(parameters.inertia) + m * skew(r_g) @ skew(r_g)  # parallel axis theorem
     full = (I_g[0, 0], I_g[1, 1], I_g[2, 2], I_g[0, 1], I_g[0, 2], I_g[1, 2])
@@ -28,6 +31,7 @@ def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str =
             f"{'XYZKMN'[i]}_{'uvwpqr'[j] * times}": -value for (i, j), value in np.ndenumerate(D) if value or i == j
         }
     custom = "".join(f'<numeric name="{k}" size="{np.size(v)}" data="{_numbers(v)}"/>' for k, v in numerics.items())
+    custom += f'<text name="products" data="{products}"/>' if products else ""
     ball = '<body name="ball" pos="0 9 0"><freejoint/><geom size="0.1"/></body>' if crowded else ""
     actuators = "".join(f'<motor name="m{i}" site="origin" gear="{_numbers(_MOTORS[i])}"/>' for i in range(6))
     return f"""<mujoco><option gravity="0 0 {-parameters.gravity!r}" timestep="{parameters.timestep!r}" {option}/>
@@ -100,3 +104,31 @@ def state(model, data) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     mujoco.mju_negQuat(inverse, quat)
     mujoco.mju_rotVecQuat(v, data.qvel[dof : dof + 3], inverse)
     return data.qpos[qpos : qpos + 3].copy(), quat, np.concatenate([v, data.qvel[dof + 3 : dof + 6]])
+
+
+def text_of(products: dict[str, float]) -> str:
+    """Products of velocities as a vehicle's file has them."""
+    return " ".join(f"{name} {c!r}" for name, c in products.items())
+
+
+def workless(rng: np.random.Generator, n: int) -> dict[str, float]:
+    """Products that do no work, c nu_k nu_j on axis i and -c nu_k nu_i on axis j, by their names."""
+    found = dict[str, float]()
+    for _ in range(n):
+        (i, j), k, c = rng.choice(6, 2, replace=False), rng.integers(0, 6), float(rng.normal())
+        for axis, other, sign in ((i, j, 1.0), (j, i, -1.0)):
+            a, b = sorted((int(other), int(k)))
+            name = "XYZKMN"[axis] + "uvwpqr"[a] + "uvwpqr"[b]
+            found[name] = found.get(name, 0.0) + sign * c
+    return found
+
+
+def force_of(products: dict[str, float], nu) -> np.ndarray:
+    """(6,) wrench of products of velocities, by their names alone."""
+    tau = np.zeros(6)
+    for name, c in products.items():
+        axis, velocities = name[0], name[1:]
+        factors = [abs(nu["uvwpqr".index(x)]) for x in velocities.split("|")[1::2]]
+        factors += [nu["uvwpqr".index(x)] for part in velocities.split("|")[::2] for x in part]
+        tau["XYZKMN".index(axis)] += c * np.prod(factors)
+    return tau

@@ -109,9 +109,10 @@ def test_the_deviation_is_proportional_to_the_noise_and_variances_add_up():
 
 
 def test_the_vehicle_about_its_rest_has_the_acceleration_of_the_engine():
-    """At a random state in a current, under a disturbance and no thrust."""
+    """At a random state in a current with effects of the water, under a disturbance and no thrust."""
     position, nu = [0.1, -0.2, 0.3], [0.3, -0.2, 0.1, 0.4, -0.5, 0.6]
     here = {"initial.position": position, "initial.attitude_deg": [10.0, -20.0, 30.0], "initial.velocity": nu}
+    here |= {"tether.length": 5.0, "drag": [{"forward": [20.0, 30.0, 40.0], "position": [0.1, 0.2, -0.3]}]}
     here |= {"current.speed": 0.7, "disturbance.bias": [1.0, -2.0, 0.5, 0.1, -0.2, 0.3], "vehicle.mass": 1.2}
     with Simulation(Scenario.load("push_wall", here, "external"), engine="free_body") as sim:
         rest = SimpleNamespace(position=position, quat=sim.signals.quat_WB.copy(), tau=np.zeros(6), force=0.0)

@@ -16,7 +16,9 @@ from ..compiler.targets import X86_64
 from ..errors import InputError
 from ..files import atomic_write
 from ..plant.mjcf import Mjcf
-from .native.attachment import immerse
+from ..plant.vehicle import Vehicle
+from ..plant.water import counted
+from .native.attachment import immerse, products_alone
 from .native.other_targets import water_for
 from .native.record import alone_dtype
 from .native.shared_library import compiler
@@ -25,11 +27,21 @@ CODE = "uvms_mj_water"
 _BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_at", "ctrl_at")
 
 
-def name_of(joints: int) -> str:
-    """Name of the plugin for a vehicle with so many joints: each number has kernels of its own. Libraries with other
-    records, of other versions of this package, have other names."""
-    records = hashlib.sha256(repr(alone_dtype(joints)).encode()).hexdigest()[:6]
-    return f"uvms_mj.water_{joints}_{records}"
+def kind_of(vehicle: Vehicle) -> np.dtype:
+    """The record of a vehicle: its numbers of joints and of products of velocities decide its kernels."""
+    return alone_dtype(len(vehicle.arm.links), counted(products_alone(vehicle)))
+
+
+def name_of(vehicle: Vehicle) -> str:
+    """Name of the plugin for a vehicle: each kind has kernels of its own. Libraries with other records, of other
+    versions of this package, have other names."""
+    records = hashlib.sha256(repr(kind_of(vehicle)).encode()).hexdigest()[:6]
+    return f"uvms_mj.{_numbered(vehicle)}_{records}"
+
+
+def _numbered(vehicle: Vehicle) -> str:
+    products = f"_{len(vehicle.products)}_products" if vehicle.products else ""
+    return f"water_{len(vehicle.arm.links)}{products}"
 
 
 def write_plugin(model: str, folder: Path) -> list[Path]:
@@ -40,11 +52,10 @@ def write_plugin(model: str, folder: Path) -> list[Path]:
         InputError: the vehicle's file is wrong, or there is no C compiler.
     """
     mjcf = Mjcf.find(model)
-    joints = len(mjcf.vehicle.arm.links)
-    library = folder / f"libuvms_mj_water_{joints}.so"
+    library = folder / f"libuvms_mj_{_numbered(mjcf.vehicle)}.so"
     texts = {**mjcf.files, **immersed(mjcf)}
     with atomic_write(library) as part:
-        part.write_bytes(_linked(joints))
+        part.write_bytes(_linked(mjcf.vehicle))
     written = [library]
     for name in sorted(texts, key=lambda name: (name != mjcf.name, name)):
         with atomic_write(folder / name) as part:
@@ -98,7 +109,7 @@ def _whole(kind: np.dtype, at: int) -> Iterator[int]:
 def immersed(mjcf: Mjcf) -> dict[str, bytes]:
     """The files of a vehicle in XML by their names, with the plugin in its body. The coefficients are left out, since
     the plugin reads its record alone."""
-    plugin, instance = name_of(len(mjcf.vehicle.arm.links)), f"water_{mjcf.name.removesuffix('.xml')}"
+    plugin, instance = name_of(mjcf.vehicle), f"water_{mjcf.name.removesuffix('.xml')}"
     trees = {name: ElementTree.fromstring(data) for name, data in mjcf.files.items() if name.endswith(".xml")}
     bodies = [(tree, body) for tree in trees.values() for body in tree.iter("body")]
     bodies = [(tree, body) for tree, body in bodies if body.get("name") == mjcf.vehicle.body]
@@ -121,9 +132,9 @@ def immersed(mjcf: Mjcf) -> dict[str, bytes]:
     return {name: ElementTree.tostring(each, encoding="utf-8", xml_declaration=True) for name, each in trees.items()}
 
 
-def _header(joints: int) -> str:
+def _header(vehicle: Vehicle) -> str:
     """The constants of the shell."""
-    kind = alone_dtype(joints)
+    kind = kind_of(vehicle)
     fields: Any = kind.fields
     plant, at = fields["plant"][:2]
 
@@ -139,8 +150,8 @@ def _header(joints: int) -> str:
     whole = ", ".join(map(str, _whole(kind, 0)))
     return "\n".join(
         [
-            f'#define NAME "{name_of(joints)}"',
-            f"#define JOINTS {joints}",
+            f'#define NAME "{name_of(vehicle)}"',
+            f"#define JOINTS {len(vehicle.arm.links)}",
             f"#define RECORD_BYTES {kind.itemsize}",
             f"#define BORDER {offset('mujoco')}",
             f"#define BORDER_BYTES {border.itemsize}",
@@ -155,14 +166,14 @@ def _header(joints: int) -> str:
     )
 
 
-def _linked(joints: int) -> bytes:
+def _linked(vehicle: Vehicle) -> bytes:
     """The library for the installed MuJoCo."""
-    code = water_for(X86_64, joints, CODE)
+    code = water_for(X86_64, kind_of(vehicle), len(vehicle.arm.links) > 0, CODE)
     home = Path(mujoco.__file__).parent
     (binary,) = home.glob("libmujoco.so.*")
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "water.o").write_bytes(code)
-        Path(folder, "water.h").write_text(_header(joints), encoding="utf-8")
+        Path(folder, "water.h").write_text(_header(vehicle), encoding="utf-8")
         names = ["water.o", os.fspath(Path(__file__).with_suffix(".c"))]
         options = ["-O2", "-fPIC", "-shared", "-w", "-I", folder, "-I", os.fspath(home / "include")]
         command = [*compiler(), *options, *names, os.fspath(binary), "-o", "water.so", "-lm"]

@@ -36,6 +36,19 @@ stall angle without a jump:
 
 A plate has no front: the coefficients are those of :math:`\alpha` up to half a turn. The lift does no work, and the
 drag takes energy out at every angle.
+
+**Drag at a place.** With the velocity v of the place r relative to the water and a coefficient :math:`c_i` for each
+axis of B, one for motion along it and one for motion against it, the force is one of
+
+.. math::
+
+    f_i = -c_i(\mathrm{sgn}\, v_i)\, |v_i|\, v_i, \qquad f_i = -c_i(\mathrm{sgn}\, v_i)\, |v|\, v_i.
+
+The first takes each axis by itself, as D_quadratic does. The second, of the speed, is for equal coefficients the drag
+of a sphere, the same in every direction. No coefficient is negative, so that both take energy out of every motion.
+
+**Products of velocities.** Each adds :math:`c\, \nu_a \nu_b` or :math:`c\, \nu_a |\nu_b|` to one component of tau, as
+hydrodynamic derivatives do that a vehicle's file has (SNAME 1950).
 """
 
 import math
@@ -67,8 +80,31 @@ FIN = np.dtype(
 )
 """One fin."""
 
-EFFECTS = {"tether": TETHER, "fins": FIN}
-"""The records of the effects, by the names of their tables."""
+DRAG = np.dtype(
+    [
+        ("r", "f8", (3,)),  # place in B [m]
+        ("forward", "f8", (3,)),  # c_i of a velocity along the axes of B [N s^2/m^2]
+        ("backward", "f8", (3,)),  # against them
+        ("of_speed", "i8"),  # whether it is the speed that multiplies v_i, and not abs(v_i)
+    ],
+    align=True,
+)
+"""The drag at one place."""
+
+PRODUCT = np.dtype(
+    [
+        ("axis", "i8"),  # of tau
+        ("first", "i8"),  # of nu
+        ("second", "i8"),
+        ("bars", "i8"),  # whether the second is a magnitude
+        ("coefficient", "f8"),  # N or N m by units of the velocities
+    ],
+    align=True,
+)
+"""One product of velocities."""
+
+EFFECTS = {"tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
+"""The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
 
 def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
@@ -84,6 +120,10 @@ def add_effects(effects, nu_r, tau):
         add_tether(effects.tether[k], nu_r, tau)
     for k in range(effects.fins.shape[0]):
         add_fin(effects.fins[k], nu_r, tau)
+    for k in range(effects.drag.shape[0]):
+        add_drag(effects.drag[k], nu_r, tau)
+    for k in range(effects.products.shape[0]):
+        add_product(effects.products[k], nu_r, tau)
 
 
 @kernel
@@ -126,3 +166,23 @@ def fin_coefficients(fin, alpha):
     at_stall, sine, cosine = fin.drag + fin.induced * most * most, math.sin(fin.stall), math.cos(fin.stall)
     part = (math.sin(alpha) ** 2 - sine * sine) / (cosine * cosine)
     return most * math.sin(2.0 * alpha) / (2.0 * sine * cosine), at_stall + (fin.across - at_stall) * part
+
+
+@kernel
+def add_drag(drag, nu_r, tau):
+    """Add the drag at a place."""
+    v, r, f = np.zeros(3), drag.r, np.zeros(3)
+    v[:] = nu_r[:3] + np.cross(nu_r[3:], r)
+    speed = math.sqrt(v @ v)
+    for i in range(3):
+        c = drag.forward[i] if v[i] > 0.0 else drag.backward[i]
+        f[i] = -c * (speed if drag.of_speed != 0 else abs(v[i])) * v[i]
+    tau[:3] += f
+    tau[3:] += np.cross(r, f)
+
+
+@kernel
+def add_product(product, nu_r, tau):
+    """Add a product of velocities."""
+    second = abs(nu_r[product.second]) if product.bars != 0 else nu_r[product.second]
+    tau[product.axis] += product.coefficient * nu_r[product.first] * second

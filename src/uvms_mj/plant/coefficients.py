@@ -37,6 +37,7 @@ cylinders of the link, unless the file gives them.
 """
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -206,7 +207,7 @@ def wrong_numerics(model: mujoco.MjModel, base: int, prefix: str, alone: bool = 
         elif dot:
             message = _of_a_link(owner, entry, links, joints, model, prefix)
         else:
-            message = None if word in KNOWN_NUMERICS else _misspelt(word, KNOWN_NUMERICS) or _IGNORED
+            message = None if word in KNOWN_NUMERICS else misspelt(word, KNOWN_NUMERICS) or _IGNORED
             message = _STRIPS if word == "strip_theory" else message
         if message and (alone or message != _IGNORED):
             faults.append(Fault(name, message))
@@ -246,12 +247,17 @@ def _of_a_link(
         choices = suggestion(owner, owners) if owners else "the vehicle has none"
         return f"{owner!r} is not a {kind} of the vehicle; {choices}"
     if owner in links | joints:
-        return _misspelt(word, LINK_NUMERICS | JOINT_NUMERICS) or _IGNORED
+        return misspelt(word, LINK_NUMERICS | JOINT_NUMERICS) or _IGNORED
     return _IGNORED
 
 
-def _misspelt(word: str, known: frozenset[str]) -> str | None:
-    """The sentence for a word that is almost one of those that are known."""
+_PRODUCT = re.compile(r"[XYZKMN]_?\|?[uvwpqr]\|?[uvwpqr]\|?")
+
+
+def misspelt(word: str, known: frozenset[str]) -> str | None:
+    """The sentence for a word that is a product of velocities, or almost one of those that are known."""
+    if _PRODUCT.fullmatch(word):
+        return f'is a product of velocities: write <text name="products" data="{word.replace("_", "")} ..."/>'
     lower = {each.lower(): each for each in sorted(known)}
     close = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=_CLOSE)
     return f"is not a coefficient; did you mean {lower[close[0]]!r}?" if close else None

@@ -33,6 +33,7 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
         **{word: remarks.get(word) or remarks.get(prefix + word, "") for word in REMARKS},
         "reach": float(mjcf.geometry.reach),
         **coefficients(vehicle),
+        "products": {each.name: each.coefficient for each in vehicle.products},
         "axes": axes_spanned(vehicle.B),
         "thrusters": {
             name: {"wrench": wrench.tolist(), "least": finite(least), "greatest": finite(greatest)}
@@ -110,6 +111,8 @@ def rows(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         whole = [sum(part[word] for part in (about, *about["links"])) for word in ("mass", "displaced_mass")]
         yield "with its links", f"{whole[0]:.6g} kg, {whole[1]:.6g} kg; all that follows is the base's alone"
     yield from coefficient_rows(about, ("front, on x", f"{about['reach']:.6g} m"))
+    if about["products"]:
+        yield "products", ", ".join(f"{name} {c:.6g}" for name, c in about["products"].items())
 
 
 def coefficient_rows(about: Mapping[str, Any], *more: tuple[str, str]) -> Iterator[tuple[str, str]]:

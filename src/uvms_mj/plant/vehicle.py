@@ -8,9 +8,12 @@ and
 ``center_of_buoyancy``  in B [m]; default: the origin
 ======================  ======================================================================================
 
+and one ``<text>`` of products of velocities, described in :mod:`.products`.
+
 The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
 """
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,10 +21,12 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
+from ..physics.effects import PRODUCT
 from ..physics.frames import rotation_matrix
 from ..physics.hydrodynamics import damping_notes
 from .arm import Arm, Body, read_arm, rigid_inertia
 from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric, wrong_numerics
+from .products import Product, read_products
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -123,6 +128,8 @@ class Vehicle(Body):
     """(n,) greatest thrust [N]."""
     arm: Arm = Arm()
     """Its links."""
+    products: tuple[Product, ...] = ()
+    """Its products of velocities, which are forces beside those of D."""
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None, file: str = "") -> "Vehicle":
@@ -149,6 +156,7 @@ class Vehicle(Body):
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
         D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
+        products = read_products(model, body_id, prefix, D_quadratic, faults, alone=bool(file))
         displaced_mass = float(numeric(model, prefix + "displaced_mass", 1, faults)[0])
         if displaced_mass < 0:
             faults.append(Fault("displaced_mass", f"{displaced_mass:g} kg: must not be negative"))
@@ -174,7 +182,7 @@ class Vehicle(Body):
         for array in arrays:
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
-        return cls(M_RB, *water, body, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
+        return cls(M_RB, *water, body, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm, products)
 
 
 def refuse_slash(model: mujoco.MjModel, body: str, prefix: str, place: str) -> None:
@@ -186,12 +194,14 @@ def refuse_slash(model: mujoco.MjModel, body: str, prefix: str, place: str) -> N
         raise InputError([Fault(f"body {body!r}", f"its name {reason}. {instead}")], place)
 
 
-def notes_on_damping(vehicle: Vehicle) -> list[str]:
-    """Warnings for the base and for each link whose damping can feed energy in."""
-    notes = damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
+@functools.lru_cache(maxsize=8)
+def notes_on_damping(vehicle: Vehicle) -> tuple[str, ...]:
+    """Warnings for the base and for each link whose damping, with the products of the base, can feed energy in."""
+    products = np.array([each.record for each in vehicle.products], PRODUCT)
+    notes = damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic, products)
     for link in vehicle.arm.links:
         notes += damping_notes(link.name, link.D_linear, link.D_quadratic)
-    return notes
+    return tuple(notes)
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:

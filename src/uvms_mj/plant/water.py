@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator
@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 from ..physics.effects import RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
-from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, within
+from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -189,12 +189,40 @@ class Fin:
         return 0.5 * RHO * self.area, self.position, rotation_matrix(turned), slope, stall, *drag
 
 
-EFFECT_TABLES: dict[str, Any] = {"tether": Tether, "fins": Fin}
+_OneDrag = Annotated[Number, within(0.0, 1e6, "N s^2/m^2")]
+_Drags = Annotated[tuple[_OneDrag, ...], of_length(3)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Drag:
+    """One table of ``[[drag]]``: quadratic drag at a place of the base, which may differ by direction."""
+
+    forward: _Drags
+    """Coefficients of motion along x, y, z of B [N s^2/m^2]."""
+    backward: _Drags | None = doc("of motion against x, y, z; default: forward [N s^2/m^2]", None)
+    position: Position = doc("place in B at which it acts [m]", (0.0, 0.0, 0.0))
+    by: Literal["axes", "speed"] = doc("'axes': f_i = -c_i |v_i| v_i; 'speed': f_i = -c_i |v| v_i", "axes")
+
+    @property
+    def record(self) -> tuple:
+        """The numbers of :data:`uvms_mj.physics.effects.DRAG`."""
+        backward = self.forward if self.backward is None else self.backward
+        return self.position, self.forward, backward, self.by == "speed"
+
+
+EFFECT_TABLES: dict[str, Any] = {"tether": Tether, "fins": Fin, "drag": Drag}
 """The table of each effect, or of each one of a list."""
 
 
+def effects_of(scenario: Any, vehicle: Any) -> np.ndarray:
+    """The records (1,) of the effects of a scenario and of the products of its vehicle."""
+    tables = {name: getattr(scenario, name) for name in EFFECT_TABLES}
+    return effect_records(tables | {"products": vehicle.products})
+
+
 def effect_records(tables: Mapping[str, Any]) -> np.ndarray:
-    """The records (1,) of the effects whose tables, by their names, are not the defaults: tables, or lists of them."""
+    """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
+    them."""
     found = dict[str, list[tuple]]()
     for name, table in tables.items():
         if isinstance(table, tuple):

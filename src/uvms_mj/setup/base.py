@@ -20,6 +20,7 @@ from ..plant.contacts import ContactAtRest, Contacts, Pair
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
+from ..plant.water import effects_of
 from ..scenario import Scenario
 from ..stages.base import Stage
 from .task_frame import task_start
@@ -66,6 +67,11 @@ class Setup:
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
+
+    @functools.cached_property
+    def effects(self) -> np.ndarray:
+        """The records (1,) of the effects of the water, of the scenario and of the true vehicle."""
+        return effects_of(self.scenario, self.vehicle)
 
     @property
     def initial_joints(self) -> np.ndarray:
@@ -127,6 +133,8 @@ class Setup:
                     return reason
         if axes_spanned(self.nominal.B) < 6:
             return "the thrusters can't produce every wrench"
+        if self.vehicle.products:
+            return f"{self.vehicle.body} has products of velocities"
         if self.rest_pose[0] is None:
             return "the reference does not come to rest"
         if np.abs(self.design.normal - np.eye(6)[0]).max() > _ALIGNED:

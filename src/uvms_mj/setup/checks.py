@@ -34,7 +34,7 @@ from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, notes_on_damping
-from ..plant.water import Current, Disturbance, counted
+from ..plant.water import Current, Disturbance, counted, effects_of
 from ..quantities import leaves, radians_notes
 from ..scenario import Scenario
 from ..stages.base import is_shipped
@@ -279,7 +279,7 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> Setup:
     """
     try:
         scenario = base.scenario.updated(overrides)
-        _refuse_other_code(base.scenario, scenario, place)
+        _refuse_other_code(base, scenario, place)
         with no_overflow(scenario):
             check_fit(scenario, base.nominal)
             design = Design.of(scenario, *task_inertias(scenario, base.nominal))
@@ -295,20 +295,20 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> Setup:
     return setup
 
 
-def _refuse_other_code(base: Scenario, scenario: Scenario, place: str) -> None:
-    faults = []
+def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
+    base, faults = setup.scenario, []
     if scenario.vehicle != base.vehicle:
         keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
         faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
-    there = dict(counted(base.effect_records))
+    there = dict(counted(setup.effects))
     faults += [
         Fault(
             name,
             f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
         )
-        for name, n in counted(scenario.effect_records)
+        for name, n in counted(effects_of(scenario, setup.vehicle))
         if n > there.get(name, 0)
     ]
     if scenario.task.frame != base.task.frame:

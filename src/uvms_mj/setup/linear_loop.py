@@ -31,6 +31,7 @@ from ..control.task import tracking_errors
 from ..control.theory.loop import Line
 from ..control.theory.predictions import steady_state
 from ..navigation.channel import Channel
+from ..physics.effects import add_effects
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_turned, rotation_matrix, to_body
 from ..physics.kernels import record_of
@@ -48,6 +49,7 @@ class RestingVehicle:
 
     def __init__(self, setup: Setup, rest: SteadyState) -> None:
         self.setup, self.rest = setup, rest
+        self.effects = record_of(setup.effects) if setup.effects.itemsize else None
         self.position, self.quat, self.tau = (np.asarray(each) for each in (rest.position, rest.quat, rest.tau))
         self.R_WB = rotation_matrix(self.quat)
         zero = np.zeros(12)
@@ -71,7 +73,7 @@ class RestingVehicle:
         return np.concatenate([-self.push(x) * self.pose(x)[1][0], np.zeros(3)])
 
     def acceleration(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """nu_dot (6,) by eq. (10), with a constant current in W."""
+        """nu_dot (6,) by eq. (10), with a constant current in W and the effects of the water."""
         vehicle, scenario, nu = self.setup.vehicle, self.setup.scenario, x[6:]
         _, R_WB = self.pose(x)
         nu_c, nu_c_dot, term = np.zeros(6), np.zeros(6), np.empty(6)
@@ -84,6 +86,8 @@ class RestingVehicle:
             force -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         force -= term
+        if self.effects is not None:
+            add_effects(self.effects, nu_r, force)
         weights = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
         restoring(*weights, self.setup.gravity_W, R_WB, term)
         return np.linalg.solve(vehicle.M, force - term) + nu_c_dot

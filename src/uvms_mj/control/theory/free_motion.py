@@ -70,7 +70,7 @@ def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) 
     v_c_W = scenario.current.steady_at(-p_WB[2])
     total: np.ndarray = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W)
     total[:6] += scenario.disturbance.at_last
-    effects = scenario.effect_records
+    effects = setup.effects
     if effects.itemsize:
         nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
         add_effects(record_of(effects), nu_r, total[:6])

@@ -201,7 +201,7 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, self._effects = scenario.disturbance.at_last, scenario.effect_records
+        self.tau_dist, self._effects = scenario.disturbance.at_last, setup.effects
         self._body = np.zeros(1, IN_WATER)
         self._in_water: Callable[..., Any] | None = None
         vehicle = setup.vehicle

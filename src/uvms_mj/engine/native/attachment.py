@@ -11,10 +11,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...errors import Fault, InputError
+from ...errors import Fault, InputError, suggestion
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, Fin, Tether, counted, effect_records
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, counted, effect_records
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control
@@ -129,9 +129,8 @@ def attach(
     frequency_hz: Sequence[float] = (0.0,) * 6,
     current: Current | None = None,
     disturbance: Disturbance | None = None,
-    tether: Tether | None = None,
-    fins: Sequence[Fin] = (),
     seed: int = 0,
+    **effects: Any,
 ) -> Attachment:
     """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
@@ -154,9 +153,11 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
-        current, disturbance, tether, fins: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``.
-            The first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
+        current, disturbance: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. They replace
+            ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
         seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
+        effects: the further effects of the water, each by the name of its table in a scenario: ``tether=Tether(...)``,
+            ``fins=[Fin(...), ...]``, ``drag=[Drag(...), ...]``; one table, or a list of them.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -176,9 +177,8 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    effects = {"tether": Tether() if tether is None else tether, "fins": fins}
-    motion = Motion.checked(vectors, current, disturbance, effects, seed, model.opt.timestep)
-    attachment = immerse(model, data, vehicle, effects=counted(motion.effects))
+    motion = Motion.checked(vectors, current, disturbance, effects, vehicle, seed, model.opt.timestep)
+    attachment = immerse(model, data, vehicle, effects=motion.effects)
     motion.apply(attachment.water)
     return attachment
 
@@ -189,19 +189,23 @@ def immerse(
     vehicle: Vehicle,
     image: Image | None = None,
     code: int = 0,
-    effects: tuple[tuple[str, int], ...] = (),
+    effects: np.ndarray | None = None,
 ) -> Attachment:
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop and with so many effects of the water.
+    default, those of a vehicle without a closed loop and with the records (1,) of effects, or its own products alone.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
     if image is None:
-        image, code = Image({"run": alone_dtype(n, effects)}, water_rooms()), evaluation(n, effects)
+        effects = products_alone(vehicle) if effects is None else effects
+        counts = counted(effects)
+        image, code = Image({"run": alone_dtype(n, counts)}, water_rooms()), evaluation(n, counts)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
+    if effects is not None:
+        water.affect(effects)
     _fill_border(plant[0], model, data, body_id, vehicle)
     return Attachment(vehicle, data, body_id, water, image, code)
 
@@ -308,17 +312,24 @@ class Motion:
         current: Current | None,
         disturbance: Disturbance | None,
         effects: Mapping[str, Any],
+        vehicle: Vehicle,
         seed: int,
         h: float,
     ) -> "Motion":
-        """Raises InputError if an argument is of another kind, if one of them is given in two ways, or if a time step h
-        [s] does not resolve the motion of the water."""
+        """Raises InputError if an argument is unknown or of another kind, if one of them is given in two ways, or if a
+        time step h [s] does not resolve the motion of the water."""
         kinds: list[tuple[str, Any, Any]] = [("current", current, Current), ("disturbance", disturbance, Disturbance)]
-        effects = {name: tuple(each) if isinstance(each, list) else each for name, each in effects.items()}
-        for name, table in effects.items():
-            each = table if isinstance(table, tuple) else (table,)
-            kinds += [(name, value, EFFECT_TABLES[name]) for value in each]
+        effects = {name: tuple(each) if isinstance(each, list | tuple) else (each,) for name, each in effects.items()}
+        choices = (*EFFECT_TABLES, *vectors, "current", "disturbance", "seed")
         faults = [
+            Fault(name, f"is no effect of the water and no other argument; {suggestion(name, choices)}")
+            for name in effects
+            if name not in EFFECT_TABLES
+        ]
+        kinds += [
+            (name, each, EFFECT_TABLES[name]) for name in effects if name in EFFECT_TABLES for each in effects[name]
+        ]
+        faults += [
             Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}")
             for name, value, kind in kinds
             if not isinstance(value, kind if name in effects else kind | None)
@@ -335,18 +346,22 @@ class Motion:
                 faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
         if faults:
             raise InputError(faults, "attach")
-        return cls(numbers, current, disturbance, effect_records(effects), seed)
+        return cls(numbers, current, disturbance, effect_records({**effects, "products": vehicle.products}), seed)
 
     def apply(self, water: Water) -> None:
         """Set the motion of the water of a vehicle."""
         water.flow(self.current or Current(speed=0.0))
         water.push(self.disturbance or Disturbance())
-        water.affect(self.effects)
         water.seed(self.seed)
         if self.current is None:
             water.mean_W = self.vectors["current_W"]
         if self.disturbance is None:
             water.disturb(*(self.vectors[name] for name in ("bias", "amplitude", "frequency_hz")))
+
+
+def products_alone(vehicle: Vehicle) -> np.ndarray:
+    """The records (1,) of the effects of a vehicle in water without others."""
+    return effect_records({"products": vehicle.products})
 
 
 def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

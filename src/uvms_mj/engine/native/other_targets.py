@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import llvmlite.binding as llvm
+import numpy as np
 
 from ...compiler.targets import Target
 from ...compiler.values import INT
@@ -11,7 +12,7 @@ from .callback import evaluate_alone
 from .intrinsics import kernel_module, stage_module
 from .loop import free_steps
 from .pipeline import CompiledStage
-from .record import Shape, alone_dtype, run_dtype, with_numbers
+from .record import Shape, run_dtype, with_numbers
 from .user_stage import between_copies
 
 STEPS = "uvms_mj_free_steps"
@@ -19,11 +20,12 @@ STEPS = "uvms_mj_free_steps"
 first is the address of the record of a run, which has it in ``address``, too."""
 
 
-def water_for(target: Target, joints: int, symbol: str) -> bytes:
-    """The water on a vehicle with so many joints in an evaluation of MuJoCo, whose function mj_factorM it uses, as an
-    object file. The function has the addresses of the record, of mjModel and of mjData."""
-    parts: dict[str, Any] = {symbol: (evaluate_alone, [with_numbers(alone_dtype(joints)), INT, INT])}
-    return target.code(llvm.parse_assembly(str(kernel_module(parts, fused=joints > 0))))
+def water_for(target: Target, kind: np.dtype, fused: bool, symbol: str) -> bytes:
+    """The water on a vehicle with a record of :func:`.record.alone_dtype` in an evaluation of MuJoCo, whose function
+    mj_factorM it uses, as an object file. The function has the addresses of the record, of mjModel and of mjData.
+    ``fused`` is for a vehicle with joints."""
+    parts: dict[str, Any] = {symbol: (evaluate_alone, [with_numbers(kind), INT, INT])}
+    return target.code(llvm.parse_assembly(str(kernel_module(parts, fused=fused))))
 
 
 def loop_for(

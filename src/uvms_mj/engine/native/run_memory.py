@@ -211,7 +211,7 @@ def shape_of(setup: Setup) -> Shape:
         surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
         pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
-        effects=counted(setup.scenario.effect_records),
+        effects=counted(setup.effects),
         own_effects=len(setup.scenario.effects),
     )
 
@@ -476,7 +476,7 @@ def write_water(memory: RunMemory, setup: Setup) -> None:
     water, scenario = memory.engine.water, setup.scenario
     water.flow(scenario.current)
     water.push(scenario.disturbance)
-    water.affect(scenario.effect_records)
+    water.affect(setup.effects)
     water.seed(scenario.simulation.seed)
 
 
