@@ -29,6 +29,7 @@ from ..control.base import SteadyState
 from ..control.model import coefficients, model_wrenches
 from ..control.task import tracking_errors
 from ..control.theory.loop import Line
+from ..control.theory.own_effects import OwnEffects
 from ..control.theory.predictions import steady_state
 from ..navigation.channel import Channel
 from ..physics.effects import add_effects
@@ -50,6 +51,7 @@ class RestingVehicle:
     def __init__(self, setup: Setup, rest: SteadyState) -> None:
         self.setup, self.rest = setup, rest
         self.effects = record_of(setup.effects) if setup.effects.itemsize else None
+        self.own_effects = OwnEffects(setup.scenario.effects, setup)
         self.position, self.quat, self.tau = (np.asarray(each) for each in (rest.position, rest.quat, rest.tau))
         self.R_WB = rotation_matrix(self.quat)
         zero = np.zeros(12)
@@ -88,6 +90,8 @@ class RestingVehicle:
         force -= term
         if self.effects is not None:
             add_effects(self.effects, nu_r, force)
+        quat, v_c_W = quat_turned(self.quat, x[3:6]), scenario.current.velocity_W
+        force += self.own_effects.wrench(self.position + x[:3], quat, R_WB, nu, nu_r, v_c_W)
         weights = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
         restoring(*weights, self.setup.gravity_W, R_WB, term)
         return np.linalg.solve(vehicle.M, force - term) + nu_c_dot
