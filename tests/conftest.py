@@ -63,7 +63,7 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: (item.path.name not in LONGEST, item.path))
     for item in items:
         place = item.path.relative_to(HERE).parts[0]
-        if place in FOR_EACH_COMMIT and item.get_closest_marker("slow") is None:
+        if place in FOR_EACH_COMMIT and not any(item.get_closest_marker(each) for each in ("slow", "long")):
             item.add_marker("bits")
 
 

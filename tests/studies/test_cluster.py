@@ -151,17 +151,20 @@ def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_p
 @pytest.mark.slow
 def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(dask, study_file, tmp_path, here):
     """The last test with the cluster."""
-    path, folder = study_file(runs=60), tmp_path / "out"
+    path, folder, ended = study_file(runs=60), tmp_path / "out", threading.Event()
 
     def end():
         while not list(folder.glob("rows/part-*")):
-            time.sleep(0.05)
+            if ended.wait(0.05):  # the command has failed before its first rows
+                return
         dask.end()
 
     ends = threading.Thread(target=end, daemon=True)
     ends.start()
     done = here("study", path, "-o", folder, "-q", "--scheduler", dask.address)
-    ends.join()
+    ended.set()
+    ends.join(60.0)
+    assert not ends.is_alive()
     assert done.exit_code == 2
     assert done.stderr.startswith("error: the workers can't go on: ")
     assert "the same command goes on" in done.stderr

@@ -60,7 +60,7 @@ class Module:
         self.frame, self.files = 0, list[str]()
         self._constants: dict[tuple, ir.Value] = {}
         self.within: dict[tuple, tuple[types.FunctionType, tuple[str, ...]]] = {}  # functions within functions
-        self.trees: dict[types.FunctionType, tuple[ast.FunctionDef, Sequence[str]]] = {}  # of these functions
+        self.trees: dict[types.FunctionType, tuple[ast.FunctionDef, Sequence[str]]] = {}  # of each
 
     def file(self, name: str) -> int:
         """The number of a file."""

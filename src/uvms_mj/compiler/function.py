@@ -3,6 +3,7 @@
 import ast
 import copy
 import enum
+import functools
 import types
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -62,6 +63,39 @@ class Iteration:
     apart: bool = False
 
 
+@dataclass(frozen=True)
+class _Said:
+    """What the tree of a function says, whatever its arguments are.
+
+    Attributes:
+        lists: names that stand for a list or a dict that it makes.
+        handed, leaving: identities of the arguments of calls at once, and of loops that are left before their end.
+        bound_once, unbound: names that one statement binds, and parameters that none does.
+    """
+
+    lists: frozenset[str]
+    handed: frozenset[int]
+    leaving: frozenset[int]
+    bound_once: frozenset[str]
+    unbound: frozenset[str]
+
+
+@functools.lru_cache(maxsize=4096)  # a tree that is kept keeps its identities
+def _said_by(tree: ast.FunctionDef) -> _Said:
+    """To go through the tree for each combination of kinds would take a fifth of the translation."""
+    nodes, lists = list(ast.walk(tree)), _lists_of(tree)
+    stored = Counter(bindings(tree.body, lists))
+    parameters = {each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)}
+    calls = [each for each in nodes if isinstance(each, ast.Call) and _calls_at_once(each)]
+    return _Said(
+        lists,
+        frozenset(id(each) for call in calls for each in call.args),
+        frozenset(id(loop) for loop in nodes if _is_left(loop)),
+        frozenset(name for name, times in stored.items() if times == 1) - parameters,
+        frozenset(parameters) - stored.keys(),
+    )
+
+
 class Function(Lifetimes):
     """One function for one combination of its arguments' kinds."""
 
@@ -82,14 +116,9 @@ class Function(Lifetimes):
         self.exits: dict[int, tuple[ast.AST, ir.Block, list[set[str]]]] = {}
         self.blocks, self.without_value = 0, set[str]()
         self.returns: list[tuple[ir.Block, Value]] = []
-        self.lists = _lists_of(tree)
-        stored = Counter(self.bindings(tree.body))
-        parameters = [each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)]
-        calls = [each for each in ast.walk(tree) if isinstance(each, ast.Call)]
-        self.handed = {id(each) for call in calls if _calls_at_once(call) for each in call.args}
-        self.leaving = {id(loop) for loop in ast.walk(tree) if _is_left(loop)}
-        self.bound_once = {name for name, times in stored.items() if times == 1} - set(parameters)
-        self.unbound = set(parameters) - set(stored)
+        said = _said_by(tree)
+        self.lists, self.handed, self.leaving = said.lists, said.handed, set(said.leaving)
+        self.bound_once, self.unbound = said.bound_once, said.unbound
 
     def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
         """The names that statements bind; one that changes a list binds its name anew."""
@@ -602,13 +631,14 @@ class Function(Lifetimes):
         around, self.copies = self.copies, self.copies * max(1, turns.n.constant)
         if self.copies > MOST_TURNS and self.unit.checked:
             self.lack(f"this loop and those around it have to be written out, and have more than {MOST_TURNS} turns")
-        inside, self.written_out = set(self.bindings(node.body)), self.written_out + 1
+        inside, of_turn = set(self.bindings(node.body)), set(self.bindings([node]))
+        self.written_out += 1
         for k in range(turns.n.constant):
             following = self.at.append_basic_block()
             loop = self._loop_of(node, Loop(following, end))
             self._assign_known(node.target, turns.item(WORD(k)), inside)
             self._turn(loop, node.body, straight=id(node) not in self.leaving)
-            for name in set(self.bindings([node])):  # known in its own turn only
+            for name in of_turn:  # known in its own turn only
                 self.constants.pop(name, None)
             ways += loop.at_break
             if not self.at.block.is_terminated:

@@ -78,7 +78,9 @@ class Unit(Module):
         return done.result(at, result, arguments)
 
     def _translated(self, function: types.FunctionType, kinds: tuple[Kind, ...], fused: bool) -> "_Done":
-        tree, source = self.trees.get(function) or definition(function)
+        if function not in self.trees:
+            self.trees[function] = definition(function)
+        tree, source = self.trees[function]
         given = [POINTER] * (self.cells.pointers if self.cells else 0)
         parameters = [*(each for kind in kinds for each in kind.llvm), *given, POINTER]
         signature = ir.FunctionType(WORD if self.checked else ir.VoidType(), parameters)

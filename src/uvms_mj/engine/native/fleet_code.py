@@ -111,6 +111,7 @@ class FleetSource:
     given: Sequence[int] = ()
     library: str = OWN
     cells: Cells = field(init=False)
+    _trees: dict = field(default_factory=dict, init=False)  # each function is translated some times
 
     def __post_init__(self) -> None:
         self.run = run_dtype(self.shape)
@@ -153,10 +154,12 @@ class FleetSource:
         return texts
 
     def _unit(self, name: str, intrinsics: Mapping[Any, Any], checked: bool = False) -> Unit:
-        return Unit(
+        unit = Unit(
             name, checked, intrinsics, library=self.library, cells=self.cells, unrolled=_UNROLLED,
             instead=_INSTEAD,
         )  # fmt: skip
+        unit.trees = self._trees
+        return unit
 
     def _entry(self, unit: Unit, function: Any, name: str, further: Sequence[ir.Type]) -> Emission:
         """Where to write the code of a function of the pointers of the cells."""
