@@ -91,7 +91,8 @@ class ContactSprings:
             at["p_WC"], at["R_WC"] = p[first : first + m], R[first : first + m]
             press(n, m)
             found[first : first + m] = at
-        return tuple(found[name].reshape(*shape, n, *found[name].shape[2:]) for name in ("tau_C", "f_n", "depth"))
+        f_n, depth = (found[name].reshape(*shape, n) for name in ("f_n", "depth"))
+        return found["tau_C"].reshape(*shape, n, 6), f_n, depth
 
 
 _ZERO = 1e-9
