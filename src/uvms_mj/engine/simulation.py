@@ -300,20 +300,22 @@ class Simulation:
         if not run["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
         self._ready, done, start = False, 0, time.perf_counter()
-        now = start
+        now, step, compared = start, self.steps, -1
         while done < n and now - start < seconds and not run["stop"][0]:
             size, begun = min(self._slice, n - done), now
-            ahead = self._net.steps_ahead(self.steps) if self._net.watches else size
-            if self._plain or ahead == 0:
+            if self._net.watches:
+                if step >= compared:  # the step of the next comparison, which may be this one
+                    compared = step + self._net.steps_ahead(step)
+                size = max(1, min(size, compared - step))
+            if self._plain or step == compared:
                 size = 1
                 self._run_stages(len(self._stages.rows))
-            before, size = self.steps, max(1, min(size, ahead))
             self._engine.step(size)
             if self._foreign:
                 end_copy(process)  # before it goes on
             if run["stop"][0] == STOP_STAGE and self._goes_on_plain():
-                size = self.steps - before
-            done, now = done + size, time.perf_counter()
+                size, compared = self.steps - step, -1
+            step, done, now = step + size, done + size, time.perf_counter()
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done
 
