@@ -32,6 +32,7 @@ SHAKEN |= {
     "disturbance.table": [[0.0] * 7, [0.02, 2.0, 0.0, 1.0, 0.0, 0.0, 0.0]],
     "current.table": [[0.0, 0.1, 0.0, 0.0], [0.3, 0.0, 0.1, 0.0]],
     "current.shear": [[0.0, 1.0], [5.0, 0.8]],
+    "tether.length": 1.0,  # a reset changes an effect and adds none
 }
 OF_EACH_ROOM = {
     **{"navigation.name": f"{USERS}:Noisy", "navigation.period": 2e-3},
@@ -48,6 +49,7 @@ FELT = {
 }
 FELT |= {"encoder.velocity": "measured", "encoder.velocity_noise": 1e-2, "wrist.force_noise": 0.1}
 ON_TREE = {"controller.name": "impedance", "controller.delay": 2e-3, "controller.period": 1e-3} | MOVING | FELT
+ON_TREE |= {"tether.length": 1.0}
 RUNS = {
     "sensors": ("free_body", EVERYTHING["sensors"]),
     "filter": ("free_body", EVERYTHING["filter"]),

@@ -119,7 +119,9 @@ def listens(processes) -> set[str]:
 
 def test_the_commands_of_the_page_listen_on_this_machine_alone(dask):
     """Whoever reaches a port of theirs may run code in them."""
-    for each in dask.processes[:2]:
+    alive = [each for each in dask.processes if each.poll() is None]  # one worker was killed
+    assert len(alive) >= 2
+    for each in alive:
         assert listens([psutil.Process(each.pid)]) == {"127.0.0.1"}
 
 
