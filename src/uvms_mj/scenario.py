@@ -170,9 +170,9 @@ class Scenario:
         faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
-        meant = tables_by_word(STAGES)
-        for word in [word for word in tables if word in meant and word not in _TABLES]:
-            faults.append(Fault(word, no_table(word, "name", _TABLES, STAGES)))
+        meant = tables_by_word(CHOICES)
+        for word in [word for word in tables if word in meant and word not in (*_TABLES, *LISTS)]:
+            faults.append(Fault(word, no_table(word, "name", _TABLES, CHOICES)))
             del tables[word]
         for name in (*STAGES, "task"):
             if not isinstance(tables.setdefault(name, {}), dict | Stage):
@@ -359,7 +359,10 @@ def _load_lists(
     for name, choice in STAGE_LISTS.items():
         listed, found, wrong = tables.get(name, ()), list[Any](), list[Fault]()
         if not isinstance(listed, list | tuple):
-            continue  # the validator reports it
+            del tables[name]
+            hint = f'{name} = [{{name = "{listed}"}}]' if isinstance(listed, str) else choice.base.room.name_key
+            faults.append(Fault(name, f"is a list of tables; write {hint}"))
+            continue
         for i, table in enumerate(listed):
             key = f"{name}[{i}]"
             if isinstance(table, Stage):
@@ -426,7 +429,7 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
             return [Fault(key, is_a_table(table, value, _KEYS[table], STAGES.get(table)))]
         return [Fault(key, not_dotted(table, value, _KEYS, STAGES, tables))]
     if table not in _TABLES:
-        return [Fault(key, no_table(table, word, _TABLES, STAGES))]
+        return [Fault(key, no_table(table, word, _TABLES, CHOICES))]
     if "[" in word:
         return [Fault(key, f"a part of a list can't be set; give the whole list, {table}.{word.partition('[')[0]}")]
     if not isinstance(tables.get(table, {}), dict):

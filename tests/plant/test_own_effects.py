@@ -204,11 +204,16 @@ def test_mistakes_are_named_with_their_place(tmp_path):
         ([{"name": name, "k": "high"}], r"effects\[0\]\.k"),
         ([{"name": "gsta"}], r"effects\[0\]\.name"),
         ([{"name": name.replace("Brush", "Broom")}], r"no effect 'Broom'"),
-        ({"name": name}, "effects"),
+        ({"name": name}, r"effects.*is a list of tables; write effects = \[\{name"),
+        (name, r"is a list of tables; write effects = \[\{name = .*Brush"),
         ([3], r"effects\[0\]"),
     ):
         with pytest.raises(InputError, match=words):
             Scenario.load("push_wall", {"effects": given})
+    with pytest.raises(InputError, match=r"the list is called effects: effects = \[\{name"):
+        Scenario.load("push_wall", {"effect.name": name})
+    with pytest.raises(InputError, match=r"it is an effect: use effects = \[\{name"):
+        Scenario.load("push_wall", controller=name)
     scenario = Scenario.load("push_wall", {"effects": [{"name": name}]})
     with pytest.raises(InputError, match=r"the scenario has 1 \[\[effects\]\]"):
         scenario.updated({"effects[1].k": 2.0})

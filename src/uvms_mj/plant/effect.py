@@ -44,6 +44,7 @@ class Effect(Stage):
         noun="effect",
         method="wrench",
         arguments=("settings", "state", "given", "state_dot", "tau"),
+        several=True,
     )
 
     @staticmethod

@@ -75,6 +75,7 @@ class Room:
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
         counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
         words: further words for a stage of the room, which messages understand in place of the table's.
+        several: whether a scenario has a list of its tables.
     """
 
     name: str
@@ -90,6 +91,12 @@ class Room:
     optional: tuple[str, ...] = ()
     counts: str = "thrusters"
     words: tuple[str, ...] = ()
+    several: bool = False
+
+    @property
+    def name_key(self) -> str:
+        """How a stage of the room is chosen: the key of its name."""
+        return f'{self.table} = [{{name = "..."}}]' if self.several else f"{self.table}.name"
 
 
 @dataclasses.dataclass(frozen=True)

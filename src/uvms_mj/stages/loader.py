@@ -93,7 +93,7 @@ class Choice(Generic[_Stage]):
                 there = f"it has no class derived from {self.base.__name__}"
             if class_name in stages:
                 room = stages[class_name].room
-                there = f"it is {'an' if room.noun[0] == 'a' else 'a'} {room.noun}: use {room.table}.name"
+                there = f"it is {'an' if room.noun[0] in 'aeiou' else 'a'} {room.noun}: use {room.name_key}"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
         if before is not None and is_same_code(cls, before):
@@ -400,6 +400,8 @@ def tables_by_word(choices: Mapping[str, Choice]) -> dict[str, str]:
 def no_table(table: str, word: str, known: Collection[str], choices: Mapping[str, Choice]) -> str:
     """The error of the key ``table.word``, whose table a scenario does not have; ``known`` are those that it has."""
     meant = tables_by_word(choices).get(table)
+    if meant and choices[meant].base.room.several:
+        return f"no table {table!r}; the list is called {meant}: {choices[meant].base.room.name_key}"
     return f"no table {table!r}; {_called(meant, word) if meant else suggestion(table, known)}"
 
 
