@@ -187,6 +187,8 @@ def test_an_effect_with_a_state_is_recorded_reset_and_has_no_closed_form(tmp_pat
         ("tau[:] = 0.0\ntau[0] = given.u[0]", "depends on the thrusts"),
         ("tau[:] = 0.0\ntau[0] = np.sin(given.t)", "depends on the time"),
         ("tau[:] = 0.0\ntau[0] = given['t']", "depends on the time"),
+        ("tau[:] = 0.0\nif given.p_WB[0] > 0.5:\n    tau[0] = 1e-3 * given.t", "depends on the time"),
+        ("tau[:] = 0.0\nif given.p_WB[0] > 0.5:\n    tau[0] = np.log(given.p_WB[0] - 9.0)", "is not finite"),
     ],
 )
 def test_what_is_not_known_at_rest_has_no_closed_form(tmp_path, lines, reason):
@@ -234,7 +236,7 @@ def test_an_effect_that_is_not_finite_stops_the_run_with_its_name(tmp_path):
 
 
 def test_no_law_sees_an_effect(tmp_path):
-    """The record that a law is given is the same, but for what it measures of the motion."""
+    """The record of a law has it only by the motion that it measures."""
     name = f"{effect_file(tmp_path, effect('Pull', 'tau[:] = settings.k'))}:Pull"
     scenario = Scenario.load("push_wall", {"effects": [{"name": name, "k": 3.0}]}, "ideal")
     with Simulation(scenario, engine="free_body") as sim:
@@ -276,8 +278,10 @@ def test_a_log_has_the_effect_and_runs_again_with_its_file(tmp_path, here):
 
 
 @pytest.mark.processes
-def test_a_study_varies_it_and_takes_it_to_its_workers(tmp_path, here):
+def test_a_study_varies_it_and_takes_it_to_its_workers(tmp_path, here, monkeypatch):
     effect_file(tmp_path, BRUSH)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")  # names of files are relative to the study
     (tmp_path / "s.toml").write_text(
         """
 [base]
@@ -293,7 +297,7 @@ metrics = ["effort_N2s", "final.position_m"]
     )
     frames = []
     for folder, workers in (("one", 1), ("two", 2)):
-        done = here("study", "s.toml", "-o", folder, "-j", workers, "-q")
+        done = here("study", "../s.toml", "-o", tmp_path / folder, "-j", workers, "-q")
         assert done.exit_code == 0, done.stderr
         frames.append(frame(tmp_path / folder))
     assert frames[0].filter(like="final").equals(frames[1].filter(like="final"))

@@ -46,7 +46,7 @@ class Shape:
 
 
 DRAWN_LENGTH = 1.5
-"""Length of the drawn part of what has no end [m]."""
+"""Length of the drawn part of an endless shape [m]."""
 SHAPES: dict[str, Shape] = {
     "plane": Shape((), lambda: (0.0, 0.0, 0.0), None, True, None),
     "sphere": Shape(

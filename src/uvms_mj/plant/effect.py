@@ -33,7 +33,7 @@ from ..stages.signals import EFFECT_WRENCH, effect_given
 
 @dataclass(frozen=True)
 class Effect(Stage):
-    """Base class of all effects. Settings and states are those of any stage."""
+    """Base class of all effects. A setting and a state are declared as in any stage."""
 
     every_step: ClassVar[bool] = True
     room: ClassVar[Room] = Room(
@@ -54,7 +54,7 @@ class Effect(Stage):
 
 
 class Surroundings(Stage):
-    """What effects are given."""
+    """The record ``given`` of effects."""
 
     name = "surroundings"
     every_step = True

@@ -237,7 +237,7 @@ def deviations(setup: Setup) -> Deviations | str | None:
         return None
     if setup.not_rigid:
         return f"the noise is known for a rigid vehicle at B, and {setup.not_rigid}"
-    if reason := _unknown(setup, channels):
+    if reason := _unknown(setup, channels) or OwnEffects(setup.scenario.effects, setup).unknown():
         return reason
     rest = steady_state(setup)
     if not isinstance(rest, SteadyState) or rest.tau is None:

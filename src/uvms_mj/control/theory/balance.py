@@ -162,18 +162,8 @@ def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
 
 _KNOWN = frozenset(
     (
-        *(
-            "name",
-            "description",
-            "vehicle",
-            "simulation",
-            "initial",
-            "current",
-            "disturbance",
-            *EFFECTS,
-            "effects",
-            "wall",
-        ),
+        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", "wall"),
+        *(*EFFECTS, "effects"),
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )

@@ -16,19 +16,19 @@ from ...stages.base import ForeignCode, Stage
 _UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
 
 
-class _Depends(Exception):
-    """The function asked for what is not known at rest."""
+class NotKnownAtRest(Exception):
+    """A closed form needs an effect where it is not known. The message is the reason."""
 
 
 class _Given:
-    """What a function is given at rest."""
+    """The record of a function at rest."""
 
     def __init__(self, **known: np.ndarray) -> None:
         self._known = known
 
     def __getitem__(self, name: str) -> Any:
         if name in _UNKNOWN:
-            raise _Depends(_UNKNOWN[name])
+            raise NotKnownAtRest(f"the wrench of an effect depends on {_UNKNOWN[name]}")
         return self._known[name]
 
     def __getattr__(self, name: str) -> Any:
@@ -54,21 +54,32 @@ class OwnEffects:
                 return f"the effect {effect.label()} has states"
         q = np.array([1.0, 0.0, 0.0, 0.0])
         try:
-            wrench = self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
-            return "" if np.isfinite(wrench).all() else "an effect is not finite at rest"
-        except _Depends as on:
-            return f"the wrench of an effect depends on {on}"
-        except ForeignCode:
-            return "an effect is machine code of the user's, which closed forms do not call"
-        except Exception as error:  # a user's function may raise anything
-            return f"an effect can't be called at rest: {error_text(error)}"
+            self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
+        except NotKnownAtRest as reason:
+            return str(reason)
+        return ""
 
     def wrench(self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any) -> np.ndarray:
-        """The sum (6,) of their wrenches at a pose and a velocity."""
+        """The sum (6,) of their wrenches at a pose and a velocity. Raises NotKnownAtRest, also at one pose alone: a
+        branch may ask for the time."""
         total = np.zeros(6)
         given = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
-        for function, settings, state, _ in self._calls:
+        for function, settings, state, effect in self._calls:
             tau, dot = np.zeros(6), np.zeros(0)
-            function(settings, state, _Given(**{name: np.array(each) for name, each in given.items()}), dot, tau)
+            try:
+                with np.errstate(all="ignore"):  # as in a run
+                    function(
+                        settings, state, _Given(**{name: np.array(each) for name, each in given.items()}), dot, tau
+                    )
+            except NotKnownAtRest:
+                raise
+            except ForeignCode:
+                wrong = f"the effect {effect.label()} is machine code, which closed forms do not call"
+                raise NotKnownAtRest(wrong) from None
+            except Exception as error:  # a user's function may raise anything
+                wrong = f"the effect {effect.label()} can't be called at rest: {error_text(error)}"
+                raise NotKnownAtRest(wrong) from None
             total += tau
+        if not np.isfinite(total).all():
+            raise NotKnownAtRest("an effect is not finite at rest")
         return total

@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import InputError, error_text, shortened
 from ...stages.base import Stage, base_of, is_shipped
 from ..base import Controller, NoClosedForm, SteadyState
+from .own_effects import NotKnownAtRest
 from .terms import Balance, ThrustMap
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
             return found if isinstance(found, NoClosedForm) else NoClosedForm(_NOT_FOLLOWED)
         weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
         return NoClosedForm(weak) if weak else state
+    except NotKnownAtRest as reason:
+        return NoClosedForm(str(reason))
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # of a shipped law with extreme numbers
         return NoClosedForm(f"the static balance has no finite result: {error}")
     except _TheoryError as error:

@@ -7,6 +7,7 @@ An entry of ``[[vary]]`` is one of three tables: :class:`Values`, a :class:`Grid
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -29,7 +30,7 @@ from pydantic_core import PydanticKnownError
 from ...errors import Fault, faults_of
 from ...files import is_file
 from ...quantities import STRICT, Number, doc, refusing, within
-from ...scenario import STAGES
+from ...scenario import STAGE_LISTS, STAGES
 from .places import Place, parsed
 
 DEFAULT_METRICS = (
@@ -41,6 +42,8 @@ DEFAULT_WORST = 5
 """Number of logs of the worst runs."""
 PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
+_OF_A_STAGE = re.compile(rf"({'|'.join(STAGE_LISTS)})\[\d+\]\.name")
+"""And the names in lists of stages."""
 _SUFFIXES = (".py", ".xml", ".toml", ".csv")
 
 
@@ -435,8 +438,21 @@ def absolute(value: Any, folder: Path) -> Any:
     return str((folder / value).absolute()) if file.suffix in _SUFFIXES or is_file(folder / file) else value
 
 
+def anchored(key: str, value: Any, folder: Path) -> Any:
+    """The value of a dotted key with absolute paths in the folder, if it names files."""
+    if key in PATHS or _OF_A_STAGE.fullmatch(key):
+        return absolute(value, folder)
+    if key in STAGE_LISTS and isinstance(value, list | tuple):
+        return [
+            {**each, "name": absolute(each["name"], folder)} if isinstance(each, Mapping) and "name" in each else each
+            for each in value
+        ]
+    return value
+
+
 def with_absolute_values(table: Any, folder: Path) -> Any:
     """An entry of ``[[vary]]`` whose values are absolute paths, if its key names files."""
-    if not isinstance(table, Mapping) or table.get("key") not in PATHS or not isinstance(table.get("values"), list):
+    if not isinstance(table, Mapping) or not isinstance(table.get("values"), list):
         return table
-    return {**table, "values": [absolute(value, folder) for value in table["values"]]}
+    key = str(table.get("key"))
+    return {**table, "values": [anchored(key, value, folder) for value in table["values"]]}

@@ -19,7 +19,7 @@ from ...quantities import overrides_of
 from ...scenario import Scenario
 from ...setup.checks import checked
 from ...stages.written import module_source
-from .file import PATHS, Distribution, Grid, StudyFile, Values, Vary, absolute
+from .file import Distribution, Grid, StudyFile, Values, Vary, absolute, anchored
 from .places import missing, overlap, overrides_at
 
 _OF_STUDY = ("design", "keep", "run")
@@ -73,7 +73,7 @@ def _flat(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for table, value in tables.items():
         flat |= {f"{table}.{word}": each for word, each in value.items()} if isinstance(value, dict) else {table: value}
-    return {key: absolute(value, folder) if key in PATHS else value for key, value in flat.items()}
+    return {key: anchored(key, value, folder) for key, value in flat.items()}
 
 
 def _prefixed(fault: Fault, place: str) -> Fault:
