@@ -19,6 +19,7 @@ table of displacements over time, linear between its rows, and by a sine.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Shape:
     extent: Callable[..., tuple[float, float, float]]
     size: Callable[[Sequence[float]], float] | None
     takes_capsules: bool
-    drawn: Callable[[Sequence[float]], tuple[str, tuple[float, float, float]]] | None
+    drawn: Callable[[Sequence[float]], tuple[Any, tuple[float, float, float]]] | None
 
 
 DRAWN_LENGTH = 1.5

@@ -37,7 +37,7 @@ def drawn_wall(wall: Surface) -> Shape:
         middle = np.array(wall.position) + half[0] * wall.R_WS[:, 0]
         return Shape("box", half, tuple(middle.tolist()), quat, WALL_RGBA)
     kind, size = drawn(wall.size)
-    return Shape(kind, size, wall.position, quat, WALL_RGBA)  # type: ignore[arg-type]
+    return Shape(kind, size, wall.position, quat, WALL_RGBA)
 
 
 def drawn_vehicle(geometry: Geometry, bodies: tuple[ContactBody, ...]) -> Geometry:

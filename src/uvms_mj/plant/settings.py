@@ -44,7 +44,7 @@ _MOST_ROWS = 100_000
 class Surface:
     """One table of ``[[walls]]``."""
 
-    shape: Annotated[Literal[tuple(SHAPES)], Lowercase]  # type: ignore[valid-type]
+    shape: Annotated[Literal[tuple(SHAPES)], Lowercase]  # type: ignore[valid-type]  # a table has the names
     position: Position
     """Of a plane, a point of its face; otherwise the centre [m]."""
     attitude_deg: Angles = doc("roll, pitch, yaw; at zero a plane faces -x, others stand [deg]", (0.0,) * 3)
