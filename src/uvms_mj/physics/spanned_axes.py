@@ -11,6 +11,8 @@ vehicle's size nor the thrusters' units change it. An axis with less than :data:
 count. Two digits leave 0.05 rad open, more digits less: no axis counts that the rounding of a file may have made.
 """
 
+import functools
+
 import numpy as np
 
 LEAST = 0.05
@@ -61,6 +63,12 @@ def pseudoinverse(B: np.ndarray, rows: np.ndarray | None = None, columns: np.nda
 
 def _scaled(B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Left singular vectors (6, 6), singular values and row scales (6,) of the scaled matrix."""
+    return _scaled_of(np.asarray(B, float).tobytes())
+
+
+@functools.lru_cache(maxsize=32)  # each run of a study asks for the same vehicle
+def _scaled_of(numbers: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    B = np.frombuffer(numbers).reshape(6, -1)
     force, moment = np.linalg.norm(B[:3], axis=0), np.linalg.norm(B[3:], axis=0)
     pushes = force > ROUNDED * moment.max(initial=0.0)
     L = float((moment[pushes] / force[pushes]).max(initial=0.0)) or 1.0
@@ -68,4 +76,6 @@ def _scaled(B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     scaled = scales[:, None] * B
     size = np.linalg.norm(scaled, axis=0)
     U, sigma, _ = np.linalg.svd(scaled / np.where(size > 0.0, size, 1.0))
+    for each in (U, sigma, scales):
+        each.flags.writeable = False
     return U, sigma, scales
