@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from random import Random
 
 import numpy as np
 import pytest
@@ -215,3 +216,48 @@ def test_a_part_of_a_new_array_in_a_loop_is_the_part(statement):
     same_or_lacking(
         f"def used(o):\n    o.seen[0] = 0.0\n    {statement}\n        {body}        o.seen[0] += 1.0\n", [OUT]
     )
+
+
+STATEMENTS = [
+    "{} = {}",
+    "{} = {} * 0.5",
+    "{} = {}.copy()",
+    "{} += {}",
+    "{}[i] += 3.0 + {}[1]",
+    "{} = same({})",
+    "{}, {} = {} * 0.5, {}",
+    "{}, {} = {}.copy(), {} + 1.0",
+    "{}, {}, {} = {}, {} * 0.5, {}",
+    "{}, {} = both6({} + 1.0)",
+    "{}, {} = swapped({}, {})",
+    "if {}[0] > {}[1]:\n            {} = {}",
+    "for j in range(2):\n            {} = {} * 0.5 + j",
+]
+BOTH6 = "def both6(x):\n    return x, x[:6]\n\n"
+
+
+def random_turns(random):
+    """A loop of five turns in which four names stand for new arrays, for each other's and for those of a record."""
+    lines = ["def program(g, o):", "    a, b, c, d = o.x, o.y + 1.0, o.x * 2.0, o.A[0]", "    for i in range(5):"]
+    for _ in range(random.randrange(2, 6)):
+        form = random.choice(STATEMENTS)
+        lines += ["        " + form.format(*random.choices("abcd", k=form.count("{}")))]
+    lines += [f"        o.seen[{k}] += {name}.sum()" for k, name in enumerate("abcd")]
+    return HELPERS + BOTH6 + SAME + "\n".join(lines) + "\n"
+
+
+def test_arrays_that_turns_of_a_loop_make_are_the_arrays_of_python():
+    """An array that a name has from an earlier turn keeps its numbers, whichever names take it over."""
+    random = Random(5)
+    assert sum(same_or_lacking(random_turns(random)) for _ in range(60)) >= 40
+
+
+def test_one_memory_is_enough_where_no_name_takes_over_an_array():
+    """In a loop, a free memory is sought at run time only where a name may stand for an array of another name."""
+    alone = "        x, n = o.x.copy(), g.k\n        x[0] += n\n        o.y += x\n"
+    shared = "        x, before = o.x.copy(), x\n        x[0] += i\n        o.y += before\n"
+    searches = []
+    for body in (alone, shared):
+        source = "def program(g, o):\n    x = o.y.copy()\n    for i in range(8):\n" + body
+        searches.append(Compiled(defined(source, dict(NAMES)), (GIVEN, OUT)).text.count("select"))
+    assert searches[0] == 0 < searches[1]

@@ -27,6 +27,7 @@ from .values import (
     Value,
     bundle,
     items_of,
+    leaves_of,
     parts_of,
     scalar,
     shown,
@@ -328,8 +329,8 @@ class Function(Lifetimes):
                 self.mistake(f"{len(items)} values can't be unpacked into {len(targets) - 1} names and a list")
             items = [*items[:first], bundle(items[first:last], LIST), *items[last:]]
             targets = [each.value if isinstance(each, ast.Starred) else each for each in targets]
-        if self.turning is not None:  # all of them before a name is bound to another array
-            items = [self.kept(item) for item in items]
+        if self.turning is not None and any(map(_may_be_a_names, items)):
+            items = [self.kept(item) for item in items]  # all of them before a name is bound to another array
         for target, item in zip(targets, items, strict=True):
             self.assign(target, item)
 
@@ -883,3 +884,8 @@ def _is_left(loop: ast.AST) -> bool:
             own = own and not isinstance(node, ast.For | ast.While)
             todo += [(each, own) for each in ast.iter_child_nodes(node)]
     return False
+
+
+def _may_be_a_names(value: Value) -> bool:
+    """Whether a part may be an array that a loop has made for a name."""
+    return any(leaf.kind.is_array and not leaf.fresh and not leaf.steady for leaf in leaves_of(value))

@@ -3,8 +3,9 @@
 As in Python, a name stands for an array, and several names may stand for one. An array that a statement makes is in
 memory which the function has for that statement. In a loop, the statement makes it again at each turn, while a name may
 still stand for the one before: ``before = x`` and then ``x = x + 1.0``. So an array that is bound to a name in a loop
-is copied to memory for which no name stands. If names are only bound to new arrays in a loop, one such memory is enough
-for each statement. Otherwise there is one more of them than there are names, and a free one is sought at run time.
+is copied to memory for which no name stands. If no name in a loop may stand for an array that another name has made
+there, one such memory is enough for each statement. Otherwise there is one more of them than there are names, and a
+free one is sought at run time.
 """
 
 import ast
@@ -76,13 +77,13 @@ class Turning:
 
     Attributes:
         names: names that are bound in it.
-        shared: whether a name in it may stand for another name's array.
+        taken: arrays that are not new, for which its names stand from some turn on.
         kept: for each array that a turn keeps, where its memory is to be chosen, where the code goes on, the slot for
             the memory's address, and its size [bytes].
     """
 
     names: set[str]
-    shared: bool = False
+    taken: list[Value] = field(default_factory=list)
     kept: list[tuple[ir.Block, ir.Block, ir.Value, int]] = field(default_factory=list)
 
 
@@ -260,7 +261,8 @@ class Lifetimes(Expressions):
         if value.fleeting:
             self.lack("it may be an array of this turn only; write .copy()")
         if not value.fresh:
-            self.turning.shared |= not value.steady
+            if not value.steady:
+                self.turning.taken.append(value)
             return value
         slot, size = self.entry.alloca(POINTER), value.kind.size * value.kind.base.itemsize
         choice, onward = self.at.append_basic_block(), self.at.append_basic_block()
@@ -286,9 +288,10 @@ class Lifetimes(Expressions):
     def finish_turnings(self) -> None:
         """Reserve the memory that loops keep arrays in, at the end of the function, when all names are known."""
         for turning in self.turnings:
+            shared = any(each.own for value in turning.taken for each in self.origins(value))
             for choice, onward, slot, size in turning.kept:
                 self.at.position_at_end(choice)
-                self.at.store(self._free_memory(size) if turning.shared else self.reserve(size), slot)
+                self.at.store(self._free_memory(size) if shared else self.reserve(size), slot)
                 self.at.branch(onward)
 
     def _free_memory(self, size: int) -> ir.Value:
