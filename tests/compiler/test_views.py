@@ -113,6 +113,11 @@ def limited(x, most):
         ("a, b = o.x, o.y\nfor i in range(5):\n    a, b = b, a\n    a[i] += 1.0", True),
         ("a, b = o.x, o.y\nfor i in range(5):\n    a, b = swapped(a, b)\n    a[i] += 1.0", True),
         ("a, b, c = o.x, o.y, o.A[0]\nfor i in range(4):\n    a, b, c = b, c, a + 1.0\no.seen[:6] = a + b - c", True),
+        (
+            "a, b, c = o.x, o.y, o.A[0]\nfor i in range(4):\n"
+            "    b, a = a, a + 1.0\n    b, a, c = c * 0.5, a * 0.5, b\n    o.seen[:6] += c",
+            True,
+        ),
         ("z = o.x\nif g.k > 0.0:\n    z = z + 1.0\no.x[0] = 8.0\no.seen[:6] = z", True),
         ("z = o.x\nfor i in range(3):\n    z = limited(z, 2.0 - i)\n    o.x[0] += 1.0\n    o.seen[i] = z[0]", None),
         (
