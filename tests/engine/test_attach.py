@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters
-from uvms_mj import InputError, attach
+from uvms_mj import InputError, Scenario, attach
+from uvms_mj.engine.simulation import Simulation
 from vehicles import load, place, random_parameters, vehicle_xml, water_of
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))
@@ -289,3 +290,35 @@ def test_a_small_vehicle_is_attached_without_a_warning_of_mujoco():
     finally:
         mujoco.set_mju_user_warning(before)
     assert not warned
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda option: setattr(option, "disableflags", int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)), "disable gravity"),
+        (lambda option: option.gravity.__setitem__(2, -3.7), "buoyancy has"),
+        (lambda option: setattr(option, "noslip_iterations", 3), "noslip"),
+        (lambda option: setattr(option, "density", 1000.0), "density"),
+    ],
+    ids=["flag", "gravity", "noslip", "density"],
+)
+def test_a_setting_that_is_changed_while_a_vehicle_is_attached_is_named(change, words):
+    """The weight and the buoyancy would be of two worlds."""
+    model, data = load(random_parameters(4))
+    attached = attach(model, data)
+    mujoco.mj_step(model, data)
+    assert np.isfinite(attached.wrench).all()
+    change(model.opt)
+    mujoco.mj_step(model, data)
+    with pytest.raises(RuntimeError, match=words):
+        attached.wrench  # noqa: B018
+    with pytest.warns(RuntimeWarning, match=words):
+        attached.detach()
+
+
+def test_a_setting_of_the_model_that_is_changed_within_a_simulation_ends_it():
+    with Simulation(Scenario.load("push_wall", {"simulation.duration": 1.0}), engine="mujoco") as sim:
+        sim.step(10)
+        sim.model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        with pytest.raises(RuntimeError, match="disable gravity"):
+            sim.step(10)

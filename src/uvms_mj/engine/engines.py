@@ -266,6 +266,8 @@ class MujocoEngine(Engine):
     def check(self, t: float, timestep: float) -> None:
         if abs(self._data.time - t) > 0.5 * timestep or self._model.opt.timestep != timestep:
             raise RuntimeError(_STEPPED)
+        if self._attachment is not None and (lost := self._attachment.lost()):
+            raise RuntimeError(lost)
 
     def step(self, n: int) -> None:
         run = self._run

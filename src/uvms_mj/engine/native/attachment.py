@@ -27,13 +27,14 @@ _attached: dict[int, "Attachment"] = {}
 
 
 class WaterLost(RuntimeError):
-    """mjcb_control was replaced, so that MuJoCo no longer computes the hydrodynamics."""
+    """mjcb_control or a setting of the model was changed, so that the hydrodynamics are not computed as attached."""
 
 
 _LOST = (
     "mjcb_control was replaced while a vehicle was attached: its hydrodynamics are no longer applied. Do not set "
     "mjcb_control between attach and detach"
 )
+_CHANGED = "a setting of the model was changed while a vehicle was attached"
 
 
 class Attachment:
@@ -46,7 +47,9 @@ class Attachment:
         "__weakref__",
         "_address",
         "_finalizer",
+        "_option",
         "_row",
+        "_settings",
         "body_id",
         "code",
         "image",
@@ -56,9 +59,17 @@ class Attachment:
     )
 
     def __init__(
-        self, vehicle: Vehicle, data: mujoco.MjData, body_id: int, water: Water, image: Image, code: int
+        self,
+        vehicle: Vehicle,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        body_id: int,
+        water: Water,
+        image: Image,
+        code: int,
     ) -> None:
         self.vehicle, self.body_id, self.water = vehicle, body_id, water
+        self._option, self._settings = model.opt, _settings(model.opt)
         self.image, self.plant, self.code = image, image.record("run")["plant"], code
         self._address = data._address
         self._row = _register(self)
@@ -72,10 +83,10 @@ class Attachment:
         It does not contain the added inertia, which is in mjData.M.
 
         Raises:
-            WaterLost: mjcb_control was replaced.
+            WaterLost: mjcb_control was replaced, or the model has a setting now that ``attach`` refuses.
         """
-        if self._finalizer.alive and not _installed():
-            raise WaterLost(_LOST)
+        if self._finalizer.alive and (lost := self.lost()):
+            raise WaterLost(lost)
         return self.plant["wrench"][0, :6].copy()
 
     @property
@@ -102,11 +113,23 @@ class Attachment:
     def detach(self) -> None:
         """Remove the hydrodynamics, from the next forward evaluation on. Calling it again has no effect.
 
-        Warns (RuntimeWarning) if mjcb_control was replaced in the meantime.
+        Warns (RuntimeWarning) if mjcb_control was replaced, or a setting of the model was changed to one that
+        ``attach`` refuses.
         """
-        if self._finalizer.alive and not _installed():
-            warnings.warn(_LOST, RuntimeWarning, stacklevel=2)
+        if self._finalizer.alive and (lost := self.lost()):
+            warnings.warn(lost, RuntimeWarning, stacklevel=2)
         self._finalizer()
+
+    def lost(self) -> str:
+        """Why the hydrodynamics are not those that were attached; empty if they are."""
+        if not _installed():
+            return _LOST
+        if _settings(self._option) == self._settings:
+            return ""
+        changed = [str(fault) for fault in _solver_faults(self._option)]
+        if self._option.gravity.tobytes() != self._settings[0]:
+            changed.append(f"gravity: is {self._option.gravity} now; buoyancy has {np.frombuffer(self._settings[0])}")
+        return f"{_CHANGED}: {'; '.join(changed)}" if changed else ""
 
     def __enter__(self) -> "Attachment":
         return self
@@ -139,12 +162,13 @@ def attach(
     attach each copy. The wrench is in ``qfrc_passive``, which MuJoCo computes anew in each evaluation.
     ``xfrc_applied`` is free for your own forces. Restoring a saved state does not apply the hydrodynamics twice. After
     ``mj_copyData`` into attached data, call ``mj_forward`` before any ``mj_forwardSkip``: the copied inertia and forces
-    may have the hydrodynamics in them. Gravity for buoyancy is read here, and once.
+    may have the hydrodynamics in them. The model's settings are read here, and once: gravity for buoyancy, and what is
+    refused below. Detach before you change them.
 
     In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are those of a vehicle without
     hydrodynamics. dm_control resets with actuation disabled: after ``physics.reset()``, call ``mj_forward`` before the
     first step. Your own ``mujoco.set_mjcb_control`` replaces the hydrodynamics: ``wrench`` then raises
-    :class:`WaterLost`, and ``detach`` warns.
+    :class:`WaterLost`, and ``detach`` warns. They do so for changed settings of the model, too.
 
     Args:
         model: a compiled model that contains the vehicle's coefficients (:mod:`uvms_mj.plant.vehicle`).
@@ -207,7 +231,7 @@ def immerse(
     if effects is not None:
         water.affect(effects)
     _fill_border(plant[0], model, data, body_id, vehicle)
-    return Attachment(vehicle, data, body_id, water, image, code)
+    return Attachment(vehicle, model, data, body_id, water, image, code)
 
 
 def _register(attachment: Attachment) -> int:
@@ -396,6 +420,12 @@ _FLAGS: Mapping[str, str] = {
     "enable diagexact": "computes contact softness from the inertia without the added mass; disable it",
     "enable fwdinv": "compares with mj_inverse, which does not know the hydrodynamics; disable it",
 }
+
+
+def _settings(option: mujoco.MjOption) -> tuple[bytes | float, ...]:
+    """Gravity, and what :func:`_solver_faults` looks at."""
+    numbers = (option.disableflags, option.enableflags, option.solver, option.integrator, option.noslip_iterations)
+    return option.gravity.tobytes(), *numbers, option.density, option.viscosity
 
 
 def refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
