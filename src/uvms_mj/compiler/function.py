@@ -72,6 +72,7 @@ class _Said:
         lists: names that stand for a list or a dict that it makes.
         handed, leaving: identities of the arguments of calls at once, and of loops that are left before their end.
         bound_once, unbound: names that one statement binds, and parameters that none does.
+        walrus: whether an expression binds a name.
     """
 
     lists: frozenset[str]
@@ -79,13 +80,15 @@ class _Said:
     leaving: frozenset[int]
     bound_once: frozenset[str]
     unbound: frozenset[str]
+    walrus: bool
 
 
 @functools.lru_cache(maxsize=4096)  # a tree that is kept keeps its identities
 def _said_by(tree: ast.FunctionDef) -> _Said:
     """To go through the tree for each combination of kinds would take a fifth of the translation."""
-    nodes, lists = list(ast.walk(tree)), _lists_of(tree)
-    stored = Counter(bindings(tree.body, lists))
+    nodes = list(ast.walk(tree))
+    lists, walrus = _lists_of(nodes), any(isinstance(each, ast.NamedExpr) for each in nodes)
+    stored = Counter(bindings(tree.body, lists, walrus))
     parameters = {each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)}
     calls = [each for each in nodes if isinstance(each, ast.Call) and _calls_at_once(each)]
     return _Said(
@@ -94,6 +97,7 @@ def _said_by(tree: ast.FunctionDef) -> _Said:
         frozenset(id(loop) for loop in nodes if _is_left(loop)),
         frozenset(name for name, times in stored.items() if times == 1) - parameters,
         frozenset(parameters) - stored.keys(),
+        walrus,
     )
 
 
@@ -119,11 +123,11 @@ class Function(Lifetimes):
         self.returns: list[tuple[ir.Block, Value]] = []
         said = _said_by(tree)
         self.lists, self.handed, self.leaving = said.lists, said.handed, set(said.leaving)
-        self.bound_once, self.unbound = said.bound_once, said.unbound
+        self.bound_once, self.unbound, self.walrus = said.bound_once, said.unbound, said.walrus
 
     def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
         """The names that statements bind; one that changes a list binds its name anew."""
-        return bindings(statements, self.lists)
+        return bindings(statements, self.lists, self.walrus)
 
     def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
         """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known.
@@ -761,10 +765,10 @@ class Function(Lifetimes):
 _LISTS = ast.List | ast.ListComp | ast.Dict | ast.DictComp
 
 
-def _lists_of(tree: ast.AST) -> frozenset[str]:
-    """Names that stand for a list or a dict that the function makes."""
+def _lists_of(nodes: Iterable[ast.AST]) -> frozenset[str]:
+    """Names that stand for a list or a dict that a function with these nodes makes."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue
         value = node.value
