@@ -25,6 +25,7 @@ from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .plant.effect import Effect
+from .plant.sea import Sea
 from .plant.settings import (
     OF_VEHICLE,
     Bumper,
@@ -74,6 +75,7 @@ class Scenario:
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
+    sea: Sea = Sea()
     tether: Tether = Tether()
     fins: tuple[Fin, ...] = ()
     drag: tuple[Drag, ...] = ()
@@ -103,6 +105,16 @@ class Scenario:
         behind = (self.joints, self.thrusters, *self.effects)
         stages = (*before, *task, self.controller, self.actuation, *behind)
         return tuple(stage for stage in stages if stage.runs)
+
+    @property
+    def steady_flow(self) -> bool:
+        """Whether the water at a place moves the same at all times."""
+        return self.current.steady and not self.sea.moves
+
+    @property
+    def constant_flow(self) -> bool:
+        """Whether the water moves the same at all times and places."""
+        return self.current.constant and not self.sea.moves
 
     @property
     def named_stages(self) -> dict[str, Stage]:

@@ -165,7 +165,7 @@ def experienced(trace: Trace) -> Experienced | str:
         return "the run diverged"
     if len(trace) < 4:
         return "fewer than four samples"
-    if not trace.scenario.current.constant and "v_c_W" not in trace.arrays:
+    if not trace.scenario.constant_flow and "v_c_W" not in trace.arrays:
         return "the motion of the water was not recorded: run the scenario itself, not a reset of another one"
     apart = float(np.diff(trace.t).max())
     if trace.header.row_steps > 1 and apart > ROWS_S:
@@ -194,7 +194,7 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
     true, nominal, factors = setup.vehicle, setup.nominal, trace.scenario.estimates
-    unsteady = not trace.scenario.current.constant
+    unsteady = not trace.scenario.constant_flow
     v_c_W = trace.v_c_W if unsteady else np.array(trace.scenario.current.velocity_W)
     nu, nu_c = trace.nu, _in_body(trace, v_c_W)
     nu_c_dot = np.zeros_like(nu_c)

@@ -57,6 +57,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .kernels import kernel
+from .waves import WAVE, add_wave
 
 RHO = 1000.0
 """Density of the water for these forces [kg/m^3]. Sea water has 2.5 % more, which is far less than their coefficients
@@ -103,13 +104,24 @@ PRODUCT = np.dtype(
 )
 """One product of velocities."""
 
-EFFECTS = {"tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
+EFFECTS = {"sea": WAVE, "tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
+
+FLOWS = ("sea",)
+"""The effects that move the water. The others add a wrench."""
 
 
 def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
     """Arrays of records, by how many there are of each effect."""
     return np.dtype([(name, kind, (counts.get(name, 0),)) for name, kind in EFFECTS.items()], align=True)
+
+
+@kernel
+def add_flows(effects, t, p_W, v, v_dot, gradient):
+    """Add the motion of the water by all effects that move it, at the place p_W (3,) [m, W] and the time t [s]: its
+    velocity to v (3,) [m/s, W], the time derivative there to v_dot (3,), and dv_i/dx_j to gradient (3, 3) [1/s]."""
+    for k in range(effects.sea.shape[0]):
+        add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
 
 
 @kernel

@@ -26,7 +26,7 @@ import math
 
 import numpy as np
 
-from .effects import add_effects
+from .effects import add_effects, add_flows
 from .hydrodynamics import relative_velocity
 from .kernels import kernel
 from .random import standard_normal
@@ -160,7 +160,7 @@ def flow(plant, numbers, t, p_WB, R_WB, nu):
     [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
     water = plant.water
     if water.unsteady != 0:
-        current_at(plant, numbers, t, p_WB, R_WB, nu)
+        flow_along(plant, numbers, t, p_WB, R_WB, nu)
     add_sines(plant.disturbance, t, water.tau_dist)
     add_table_and_noise(plant.disturbance, numbers, t, water.tau_dist, np.zeros(6))  # its rate is not used
     if plant.affected.shape[0] != 0:
@@ -178,23 +178,31 @@ def add_table_and_noise(series, numbers, t, value, rate):
 
 
 @kernel
-def current_at(plant, numbers, t, p_WB, R_WB, nu):
-    """Set v_c_W, v_c_dot_W and a_c_W of a current that is not constant.
+def flow_at(plant, numbers, t, p_W, v, v_dot, gradient):
+    """Set the motion of water that is not constant at the place p_W (3,) [m, W] and the time t [s]: its velocity v (3,)
+    [m/s, W], the time derivative v_dot (3,) there, and gradient (3, 3), the derivatives of v_i by x_j [1/s].
 
-    With the factor f(depth) and the velocity (u, w) at f = 1, u horizontal, v_c is (f u, w). Along the vehicle's path
-    and along that of the water it changes by f u_dot - v_z df/d(depth) u, with the vertical velocity v_z of the vehicle
-    or of the water.
+    With the factor f(depth) and the velocity (u, w) at f = 1, u horizontal, the current is (f u, w).
     """
-    v_c, along_path, of_water = plant.water.v_c_W, plant.water.v_c_dot_W, plant.water.a_c_W
-    add_sines(plant.current, t, v_c)
-    sine_rates(plant.current, t, along_path)
-    add_table_and_noise(plant.current, numbers, t, v_c, along_path)
-    of_water[:] = along_path
+    gradient[:] = 0.0
+    add_sines(plant.current, t, v)
+    sine_rates(plant.current, t, v_dot)
+    add_table_and_noise(plant.current, numbers, t, v, v_dot)
     if plant.shear_rows > 0:
         factor, slope = np.zeros(1), np.zeros(1)
-        add_interpolated(numbers, plant.shear, plant.shear_rows, -p_WB[2], factor, slope)
-        v_z = R_WB[2] @ nu[:3]
-        upwards = -slope[0] * v_c[:2]  # derivative by z
-        v_c[:2] *= factor[0]
-        along_path[:2] = factor[0] * along_path[:2] + v_z * upwards
-        of_water[:2] = factor[0] * of_water[:2] + v_c[2] * upwards
+        add_interpolated(numbers, plant.shear, plant.shear_rows, -p_W[2], factor, slope)
+        for i in range(2):
+            gradient[i, 2] = -slope[0] * v[i]
+            v[i] *= factor[0]
+            v_dot[i] *= factor[0]
+    add_flows(plant.effects, t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def flow_along(plant, numbers, t, p_WB, R_WB, nu):
+    """Set v_c_W, v_c_dot_W and a_c_W of water that is not constant: along the vehicle's path and along that of the
+    water its velocity changes by v_dot + (dv/dx) times the velocity of the vehicle, or of the water."""
+    water = plant.water
+    flow_at(plant, numbers, t, p_WB, water.v_c_W, water.a_c_W, water.gradient_W)
+    water.v_c_dot_W[:] = water.a_c_W + water.gradient_W @ (R_WB @ nu[:3])
+    water.a_c_W += water.gradient_W @ water.v_c_W

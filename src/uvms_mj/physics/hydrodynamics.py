@@ -60,12 +60,13 @@ from .tree import damping_wrench, gather_wrenches, momenta, move_links
 
 WATER = np.dtype(
     [
-        ("unsteady", "i8"),  # whether the current is not constant
+        ("unsteady", "i8"),  # whether the water does not move the same at all times and places
         # at the vehicle, at one instant
         ("fresh", "i8"),  # whether it is the instant in hand of a closed loop
         ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]
         ("v_c_dot_W", "f8", (3,)),  # its time derivative along the vehicle's path [m/s^2]; zero if it is constant
         ("a_c_W", "f8", (3,)),  # acceleration of the water [m/s^2]; zero if the current is constant
+        ("gradient_W", "f8", (3, 3)),  # of its velocity, dv_i/dx_j [1/s]
         ("tau_dist", "f8", (6,)),  # disturbance in B, with the effects [N, N m]
     ],
     align=True,

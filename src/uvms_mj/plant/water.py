@@ -13,6 +13,7 @@ from ..physics.effects import RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from .sea import Sea
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -210,25 +211,29 @@ class Drag:
         return self.position, self.forward, backward, self.by == "speed"
 
 
-EFFECT_TABLES: dict[str, Any] = {"tether": Tether, "fins": Fin, "drag": Drag}
+EFFECT_TABLES: dict[str, Any] = {"sea": Sea, "tether": Tether, "fins": Fin, "drag": Drag}
 """The table of each effect, or of each one of a list."""
 
 
-def effects_of(scenario: Any, vehicle: Any) -> np.ndarray:
+def effects_of(scenario: Any, vehicle: Any, gravity_W: np.ndarray) -> np.ndarray:
     """The records (1,) of the effects of a scenario and of the products of its vehicle."""
-    tables = {name: getattr(scenario, name) for name in EFFECT_TABLES}
-    return effect_records(tables | {"products": vehicle.products})
+    tables = {name: getattr(scenario, name) for name in EFFECT_TABLES} | {"products": vehicle.products}
+    face = scenario.wall.position if scenario.wall.present else None
+    return effect_records(tables, scenario.simulation.seed, gravity_W, face)
 
 
-def effect_records(tables: Mapping[str, Any]) -> np.ndarray:
+def effect_records(
+    tables: Mapping[str, Any], seed: int = 0, gravity_W: Any = (0.0, 0.0, -9.81), face: float | None = None
+) -> np.ndarray:
     """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
-    them."""
+    them. What is drawn at random has the seed; ``face`` is the x of [wall]."""
     found = dict[str, list[tuple]]()
     for name, table in tables.items():
-        if isinstance(table, tuple):
-            found[name] = [each.record for each in table]
-        elif table != type(table)():
-            found[name] = [table.record]
+        each = table if isinstance(table, tuple) else () if table == type(table)() else (table,)
+        if name == "sea":
+            found[name] = [row for sea in each for row in sea.records(seed, float(np.linalg.norm(gravity_W)), face)]
+        else:
+            found[name] = [one.record for one in each]
     records = np.zeros(1, effects_dtype({name: len(rows) for name, rows in found.items()}))
     for name, rows in found.items():
         if rows:

@@ -26,12 +26,14 @@ from ..control.theory.stability import zeta_limit
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
+from ..navigation import Perfect
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
+from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance, counted, effects_of
@@ -308,7 +310,7 @@ def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
             name,
             f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
         )
-        for name, n in counted(effects_of(scenario, setup.vehicle))
+        for name, n in counted(effects_of(scenario, setup.vehicle, setup.gravity_W))
         if n > there.get(name, 0)
     ]
     if scenario.task.frame != base.task.frame:
@@ -373,6 +375,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *posture_notes(setup),
             *task_notes(setup),
             *free_motion_notes(setup),
+            *_sea_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle))
@@ -455,7 +458,19 @@ def _timing_faults(setup: Setup) -> Iterator[Fault]:
 
 def _water_faults(setup: Setup) -> Iterable[Fault]:
     scenario = setup.scenario
-    return water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
+    h, g = scenario.simulation.timestep, float(np.linalg.norm(setup.gravity_W))
+    joints, start = len(setup.vehicle.arm.links), scenario.initial.position[2]
+    return [
+        *water_faults(scenario.current, scenario.disturbance, h),
+        *sea_faults(scenario.sea, h, g, joints, scenario.wall.present, start),
+    ]
+
+
+def _sea_notes(setup: Setup) -> Iterator[str]:
+    scenario, navigation = setup.scenario, setup.scenario.navigation
+    measured = "" if isinstance(navigation, Perfect) else navigation.label()
+    g, start = float(np.linalg.norm(setup.gravity_W)), scenario.initial.position[2]
+    return sea_notes(scenario.sea, g, setup.vehicle.displaced_mass, start, measured)
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

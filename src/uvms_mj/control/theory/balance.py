@@ -186,8 +186,8 @@ def _unknown(setup: Any, K: float, own: bool) -> str:
         return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
     if setup.rest_pose[0] is None:
         return "the reference does not come to rest"
-    if not scenario.current.steady:
-        return "the current is not constant"
+    if not scenario.steady_flow:
+        return "waves move the water" if scenario.current.steady else "the current is not constant"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
     if scenario.observer.runs and not is_shipped(scenario.observer):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import Fault, InputError, suggestion
 from ...physics.hydrodynamics import factor
+from ...plant.sea import sea_faults
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import EFFECT_TABLES, Current, Disturbance, counted, effect_records
 from ...setup.checks import water_faults
@@ -201,7 +202,7 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    motion = Motion.checked(vectors, current, disturbance, effects, vehicle, seed, model.opt.timestep)
+    motion = Motion.checked(vectors, current, disturbance, effects, vehicle, seed, model.opt)
     attachment = immerse(model, data, vehicle, effects=motion.effects)
     motion.apply(attachment.water)
     return attachment
@@ -338,10 +339,10 @@ class Motion:
         effects: Mapping[str, Any],
         vehicle: Vehicle,
         seed: int,
-        h: float,
+        option: mujoco.MjOption,
     ) -> "Motion":
         """Raises InputError if an argument is unknown or of another kind, if one of them is given in two ways, or if a
-        time step h [s] does not resolve the motion of the water."""
+        time step does not resolve the motion of the water."""
         kinds: list[tuple[str, Any, Any]] = [("current", current, Current), ("disturbance", disturbance, Disturbance)]
         effects = {name: tuple(each) if isinstance(each, list | tuple) else (each,) for name, each in effects.items()}
         choices = (*EFFECT_TABLES, *vectors, "current", "disturbance", "seed")
@@ -363,14 +364,18 @@ class Motion:
         if faults:
             raise InputError(faults, "attach")
         numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
-        faults = water_faults(current or Current(), disturbance or Disturbance(), h)
+        faults = water_faults(current or Current(), disturbance or Disturbance(), option.timestep)
         for name, vector in numbers.items():
             table, instead = ("current", current) if name == "current_W" else ("disturbance", disturbance)
             if instead is not None and vector.any():
                 faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
+        g, joints = float(np.linalg.norm(option.gravity)), len(vehicle.arm.links)
+        for sea in effects.get("sea", ()):
+            faults += sea_faults(sea, option.timestep, g, joints, False, np.nan)  # where it begins is not known
         if faults:
             raise InputError(faults, "attach")
-        return cls(numbers, current, disturbance, effect_records({**effects, "products": vehicle.products}), seed)
+        records = effect_records({**effects, "products": vehicle.products}, seed, option.gravity)
+        return cls(numbers, current, disturbance, records, seed)
 
     def apply(self, water: Water) -> None:
         """Set the motion of the water of a vehicle."""

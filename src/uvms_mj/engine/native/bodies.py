@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...control.design import Estimates
+from ...physics.effects import FLOWS
 from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...physics.tree import FRAME, LINK
@@ -190,16 +191,26 @@ class Water:
     def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
         self._image, self._plant, self._water = image, plant, plant["water"]
         self._series = {name: plant[name] for name in ("current", "disturbance")}
+        self._constant = True  # the current
         plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
 
     def flow(self, current: Current) -> None:
         """Set the current. A call of :meth:`seed` must follow."""
-        water, series = self._water, self._series["current"]
-        series["mean"] = water["v_c_W"] = current.velocity_W
+        series = self._series["current"]
+        series["mean"] = current.velocity_W
         series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
         self._vary("current", current)
         self._plant["shear"], self._plant["shear_rows"] = self._table("current.shear", current.shear)
-        water["unsteady"], water["v_c_dot_W"], water["a_c_W"] = not current.constant, 0.0, 0.0
+        self._constant = current.constant
+        self._begin()
+
+    def _begin(self) -> None:
+        """Say whether the water is computed at each instant, which it is from the next one on."""
+        water = self._water
+        water["unsteady"] = not self._constant or any(
+            self._plant["effects"][name].view(np.uint8).any() for name in FLOWS
+        )
+        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = self._series["current"]["mean"], 0.0, 0.0
         water["fresh"] = False
 
     def push(self, disturbance: Disturbance) -> None:
@@ -214,7 +225,7 @@ class Water:
             room = self._plant["effects"][name][0]
             room[:] = np.zeros((), room.dtype)
             room[: effects[name].size] = effects[name][0]
-        self._water["fresh"] = False
+        self._begin()
 
     def disturb(self, bias: Numbers, amplitude: Numbers, frequency_hz: Numbers) -> None:
         """Set the constant and the sinusoidal part of the disturbance, (6,) each, in B [N, N m, Hz]."""

@@ -88,7 +88,7 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
         found += [(signal, run[stages.base][signal.name.removesuffix("_m")]) for signal in MEASURED_MOTION]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.stages]
     found += [(signal, run[stages.behind]["tau_cmd"]) for signal in DELAYED if "delay" in stages.stages]
-    if not scenario.current.constant:
+    if not scenario.constant_flow:
         found += [(signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY]
     found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
     found += stages.commanded(run)

@@ -207,7 +207,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     scene, analytic = scene_of(header), header.analytic
     wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
     current = ros2.stamped("map", "v_c_W", 3)
-    meaning = "velocity of the current" if header.scenario.current.constant else "constant part of the current"
+    meaning = "velocity of the current" if header.scenario.constant_flow else "constant part of the current"
     shapes, around = vehicles(scene), surroundings(scene)
     topics = [
         ("/tf_static", "map", "m, 1", "pose of the wall's face in map", wall),

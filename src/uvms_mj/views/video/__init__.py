@@ -191,7 +191,7 @@ class _Frames:
         current = np.array(trace.scenario.current.velocity_W)
         speed = float(np.linalg.norm(current))
         if speed > 0.0:
-            part = "" if trace.scenario.current.constant else "constant part of the "
+            part = "" if trace.scenario.constant_flow else "constant part of the "
             lines.append((f"{part}current {speed:.2f} m/s", SKY))
             lead = trace.p_WB[0] if self._camera.view.lookat == "way" else trace.p_WB[now] + [-0.35, 0.0, 0.0]
             for start in lead + _STREAMS:
