@@ -92,7 +92,7 @@ def test_components_have_the_energy_of_the_spectrum_and_are_those_of_the_seed():
     amplitude = one["rate"] * (1.0 - one["bottom"]) / one["omega"]
     assert 4.0 * math.sqrt((amplitude**2).sum() / 2.0) == pytest.approx(1.2, rel=1e-12)
     assert len(np.unique(one["omega"])) == sea.components
-    headings = np.arctan2(one["k"][:, 1], one["k"][:, 0])
+    headings = np.arctan2(one["e"][:, 1], one["e"][:, 0])
     assert 0.1 < headings.std() < 0.8
     again = sea.records(3, G, None)
     assert Sea(height=2.4, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0).records(3, G, None)[0][0] == (

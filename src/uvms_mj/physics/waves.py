@@ -33,8 +33,8 @@ from .kernels import kernel
 WAVE = np.dtype(
     [
         ("rate", "f8"),  # a omega / (1 - b) [m/s]
-        ("k", "f8", (2,)),  # k e [1/m, W]
-        ("number", "f8"),  # k [1/m]
+        ("k", "f8"),  # [1/m]
+        ("e", "f8", (2,)),  # in W
         ("omega", "f8"),  # [rad/s]
         ("phase", "f8"),  # [rad]
         ("surface", "f8"),  # z of the mean surface in W [m]
@@ -49,26 +49,28 @@ WAVE = np.dtype(
 def add_wave(wave, t, p_W, v, v_dot, gradient):
     """Add the motion of the water at the place p_W (3,) [m, W] and the time t [s]: its velocity to v (3,) [m/s, W], the
     time derivative at this place to v_dot (3,), and the derivatives of v_i by x_j to gradient (3, 3) [1/s]."""
-    k, z = wave.number, min(p_W[2] - wave.surface, 0.0)
-    theta = wave.k[0] * p_W[0] + wave.k[1] * p_W[1] - wave.omega * t + wave.phase
-    above = math.exp(k * z)
-    below = wave.bottom / above
-    u, w = wave.rate * (above + below), wave.rate * (above - below)
+    k, omega, e_x, e_y, z = wave.k, wave.omega, wave.e[0], wave.e[1], min(p_W[2] - wave.surface, 0.0)
+    theta = k * (e_x * p_W[0] + e_y * p_W[1]) - omega * t + wave.phase
+    u = wave.rate * math.exp(k * z)
+    w = u
+    if wave.bottom != 0.0:
+        below = wave.bottom * wave.rate * wave.rate / u
+        u, w = u + below, w - below
     cosine, sine = math.cos(theta), math.sin(theta)
-    e_x, e_y = wave.k[0] / k, wave.k[1] / k
-    across = u * cosine
-    v[0] += across * e_x
-    v[1] += across * e_y
-    v[2] += w * sine
-    rate = wave.omega * u * sine
-    v_dot[0] += rate * e_x
-    v_dot[1] += rate * e_y
-    v_dot[2] -= wave.omega * w * cosine
-    stretch, shear = k * u * sine, k * w * cosine  # -du/de = dw/dz, du/dz = dw/de
-    gradient[0, 0] -= stretch * e_x * e_x
-    gradient[0, 1] -= stretch * e_x * e_y
-    gradient[1, 0] -= stretch * e_x * e_y
-    gradient[1, 1] -= stretch * e_y * e_y
+    along, up = u * cosine, w * sine
+    v[0] += along * e_x
+    v[1] += along * e_y
+    v[2] += up
+    along, up = u * sine, w * cosine
+    v_dot[0] += omega * along * e_x
+    v_dot[1] += omega * along * e_y
+    v_dot[2] -= omega * up
+    stretch, shear = k * along, k * up  # -du/de = dw/dz, du/dz = dw/de
+    s_x, s_y = stretch * e_x, stretch * e_y
+    gradient[0, 0] -= s_x * e_x
+    gradient[0, 1] -= s_x * e_y
+    gradient[1, 0] -= s_x * e_y
+    gradient[1, 1] -= s_y * e_y
     gradient[2, 0] += shear * e_x
     gradient[2, 1] += shear * e_y
     if z < 0.0:

@@ -178,11 +178,11 @@ def _records(sea: Sea, seed: int, gravity: float, face: float | None) -> list[tu
     for amplitude, omega, direction, phase in waves:
         k = wave_number(omega, gravity, sea.depth)
         bottom = 0.0 if sea.depth is None else math.exp(-2.0 * k * sea.depth)
-        k_x, k_y = k * math.cos(direction), k * math.sin(direction)
+        e_x, e_y = math.cos(direction), math.sin(direction)
         rate = amplitude * omega / (1.0 - bottom)
-        found.append((rate, (k_x, k_y), k, omega, phase, sea.surface, bottom))
+        found.append((rate, k, (e_x, e_y), omega, phase, sea.surface, bottom))
         if face is not None:  # the wave from the mirror image: no water crosses x = face
-            found.append((rate, (-k_x, k_y), k, omega, phase + 2.0 * k_x * face, sea.surface, bottom))
+            found.append((rate, k, (-e_x, e_y), omega, phase + 2.0 * k * e_x * face, sea.surface, bottom))
     return found
 
 
