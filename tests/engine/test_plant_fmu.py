@@ -130,6 +130,21 @@ def test_tables_of_water_and_walls_are_in_it(tmp_path):
         assert np.abs(sim.signals.v_c_W).max() > 0.0
 
 
+def test_waves_are_in_it_and_keep_their_seed(tmp_path):
+    sea = {"sea.height": 0.4, "sea.spectrum": "jonswap", "sea.components": 4, "sea.reflecting": True}
+    scenario = Scenario.load("push_wall", {"controller.name": "external", **sea})
+    with pytest.raises(InputError, match=r"sea\.seed: the waves follow simulation.seed"):
+        write_fmu(scenario, tmp_path / "sea.fmu")
+    write_fmu(scenario.updated({"sea.seed": 7}), tmp_path / "sea.fmu")
+    parameters = {"current.speed": 0.3, "simulation.seed": 5.0}
+    unit = Unit(tmp_path / "sea.fmu", parameters)
+    with Simulation(scenario.updated({"sea.seed": 7, **parameters, "simulation.seed": 5}), engine="free_body") as sim:
+        for _ in range(10):
+            unit.step(1000)
+            sim.step(1000)
+            np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
+
+
 @pytest.mark.parametrize("name", ["plant", "noisy"])
 def test_the_plant_is_that_of_a_simulation_bit_for_bit(plants, name):
     keys = {"controller.name": "external", "wall.position": 0.1, **(NOISY if name == "noisy" else {})}

@@ -269,6 +269,9 @@ class _Parts:
 
     def _keys(self) -> Iterator[tuple[int, str]]:
         """The places of the keys of random numbers, with their names."""
+        if self.scenario.sea.follows_seed:
+            wrong = "the waves follow simulation.seed, which is a parameter of an FMU, and are drawn before the run"
+            raise InputError(f"sea.seed: {wrong}; set it")
         seeds = (self.scenario.simulation.seed, 12345)
         images = [self._fixed({"simulation.seed": seed}) for seed in seeds]
         names = [

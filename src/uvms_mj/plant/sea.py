@@ -58,12 +58,20 @@ class Sea:
     components: Annotated[int, within(1, 200, "")] = doc("components of a spectrum [1]", 30)
     depth: Annotated[Number, within(0.1, 1e5, "m")] | None = doc("depth of the water; null: deep [m]", None)
     surface: Annotated[Number, within(-1e5, 1e5, "m")] = doc("z of the still surface in W [m]", 2.0)
+    seed: Annotated[int, within(0, 2**62, "")] | None = doc(
+        "seed of a spectrum's frequencies, phases and directions; null: simulation.seed [1]", None
+    )
     reflecting: bool = doc("true: [wall] throws the waves back, and they stand in front of it", False)
 
     @property
     def moves(self) -> bool:
         """Whether there are waves."""
         return self.height > 0.0
+
+    @property
+    def follows_seed(self) -> bool:
+        """Whether ``simulation.seed`` decides it."""
+        return self.moves and self.spectrum != "regular" and self.seed is None
 
     @property
     def bottom(self) -> float:
@@ -82,6 +90,7 @@ class Sea:
     def records(self, seed: int, gravity: float, face: float | None) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components, at a gravity [m/s^2]; ``face`` is the x
         of the wall that throws them back [m]."""
+        seed = seed if self.seed is None else self.seed
         return _records(self, seed, gravity, face if self.reflecting else None) if self.moves else []
 
 
