@@ -70,6 +70,9 @@ UNSTEADY = {
     "current.frequency_hz": [0.3, 0.5, 0.7],
     "current.deviation": [0.1, 0.1, 0.1],
     "current.shear": [[-1.0, 1.3], [1.0, 0.5]],
+    "sea.height": 0.3,
+    "sea.direction_deg": 25.0,
+    "sea.depth": 6.0,
     "tether.length": 10.0,
     "tether.position": [-0.2, 0.1, 0.0],
 }
