@@ -161,12 +161,24 @@ def test_wrong_fields_are_found_in_each_room(tmp_path, table, body, said):
         ("controller", 'states = {"x": 1}\nmemory = {"x": 2}', "'x' is both a state and memory"),
         ("controller", 'memory = {"x": 10_001}', "memory.x: 10001 must be a whole number"),
         ("controller", 'memory = {"x": (101, 100)}', "memory has 10100 numbers in all; at most 10000 are allowed"),
-        ("controller", 'memory = {"x": (3, 0)}', r"memory.x: \[3, 0\] must be .*, or a tuple of them, as in \(15, 15\)"),
+        (
+            "controller",
+            'memory = {"x": (3, 0)}',
+            r"memory.x: \[3, 0\] must be .*, or a tuple of them, as in \(15, 15\)",
+        ),
         ("controller", 'memory = {"x": ()}', r"memory.x: \[\] must be a whole number"),
         ("actuation", 'memory = {"x": ("joints", 2)}', "memory.x: 'joints' is not the number of thrusters"),
         ("controller", 'states = {"x": (3, 3)}', "states.x: .* is a shape, which memory may have; a state is a vector"),
-        ("navigation", 'memory = {"P": (2, 2)}\nstart_values = {"P": [1, 2, 3, 4]}', r"shape \(4,\); the state has \(2, 2\)"),
-        ("navigation", 'memory = {"P": (2, 2)}\nstart_values = {"P": [[1], [2, 3]]}', "must be a finite number or a list"),
+        (
+            "navigation",
+            'memory = {"P": (2, 2)}\nstart_values = {"P": [1, 2, 3, 4]}',
+            r"shape \(4,\); the state has \(2, 2\)",
+        ),
+        (
+            "navigation",
+            'memory = {"P": (2, 2)}\nstart_values = {"P": [[1], [2, 3]]}',
+            "must be a finite number or a list",
+        ),
     ],
 )
 def test_wrong_declarations_are_named(tmp_path, table, members, said):

@@ -38,7 +38,16 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, ClassVar, cast, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StrictBool, TypeAdapter, ValidationError, with_config
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    ValidationError,
+    with_config,
+)
 from typing_extensions import TypedDict
 
 from ..compiler.refusals import field_suggestion
@@ -261,7 +270,7 @@ class Stage:
 
     @classmethod
     def state_record(cls, counted: int = 0) -> np.ndarray:
-        """The states and then the memory, all zero, as a record array (1,) of float64 vectors; memory has its shapes."""
+        """The states and then the memory, all zero, as a record array (1,) of float64 arrays."""
         shapes = {name: _shape(size, counted) for name, size in {**cls.states, **cls.memory}.items()}
         fields = [(name, "f8", shape) for name, shape in shapes.items()]
         return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
