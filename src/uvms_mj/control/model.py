@@ -21,8 +21,7 @@ from ..physics.fossen import coriolis_rigid_body, restoring, turned_momentum
 from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import fused, kernel
-from ..physics.linear_algebra import product, transposed_product
-from ..physics.operational import base_rows, resolve, task_inertia
+from ..physics.operational import base_rows, task_inertia
 from ..physics.tree import (
     along_joint,
     compose_links,
@@ -155,7 +154,7 @@ class ModelAtBody(Stage):
         if N > 6:  # noqa: SIM102  # known when compiling: the inertia of a rigid vehicle is constant
             if given.instant % int(settings.every) == 0:
                 estimate_inertia(model, frames)
-        out.M_hat[:] = model.M.reshape(N, N)[:6, :6]
+        out.M_hat[:] = model.M[:6, :6]
 
 
 @dataclass(frozen=True)
@@ -221,7 +220,7 @@ class ResolveAtTool(ResolveAtBody):
     @fused
     def step(settings, state, given, state_dot, out):
         model = state.model
-        resolve(model.J_T, model.tau.shape[0], given.tau_cmd, model.tau)
+        model.tau[:] = model.J_T @ given.tau_cmd
         deliver(model, out, state.joints.tau_q_cmd)
 
 
@@ -271,8 +270,7 @@ def estimate_wrenches(model, frames, R_WB, q_dot):
 @kernel
 def estimate_inertia(model, frames):
     """Set M (N, N)."""
-    links, N = model.links, model.tau.shape[0]
-    M = model.M.reshape(N, N)
+    links, M = model.links, model.M
     compose_links(links, frames)
     whole(links[0].composite, model.M_BB)
     M[:6, :6] = model.M_BB
@@ -294,10 +292,9 @@ def estimate_inertia(model, frames):
 @kernel
 def place_tool(model, frames):
     """Set the pose of the tool in B, and J^T (N, 6)."""
-    tool, rows = model.tool, model.J_T.reshape(model.tau.shape[0], 6)
-    frame = frames[tool.link]
+    tool, rows, frame = model.tool, model.J_T, frames[model.tool.link]
     compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
-    base_rows(tool, model.J_T)
+    base_rows(tool, rows)
     above = tool.link
     for _ in range(frame.depth):  # the rows of all other joints are zero
         joint = frames[above]
@@ -308,21 +305,15 @@ def place_tool(model, frames):
 @kernel
 def estimate_lambda(model):
     """Set Lambda and M^-1 J^T from M and J."""
-    N, J_bar = model.tau.shape[0], model.J_bar
-    task_inertia(model.M, N, model.J_T, model.L, model.MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
+    task_inertia(model.M, model.J_T, model.L, model.MJ_T, model.Lambda, model.J_bar, model.manipulability)
 
 
 @kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
-    N = model.tau.shape[0]
-    Lambda, J_bar, Lambda_J_dot_zeta = model.Lambda, model.J_bar, np.zeros(6)
-    tool, link = model.tool, model.links[model.tool.link]
+    tool, link, J_bar = model.tool, model.links[model.tool.link], model.J_bar
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
-    transposed_product(J_bar, N, 6, model.C, out.C_hat_nu)
-    transposed_product(J_bar, N, 6, model.D, out.D_hat_nu)
-    transposed_product(J_bar, N, 6, model.g, out.g_hat)
-    product(Lambda, 6, 6, model.J_dot_zeta, 1, Lambda_J_dot_zeta)
-    out.C_hat_nu -= Lambda_J_dot_zeta
-    out.M_hat[:] = Lambda.reshape(6, 6)
+    out.C_hat_nu[:] = J_bar.T @ model.C - model.Lambda @ model.J_dot_zeta
+    out.D_hat_nu[:], out.g_hat[:] = J_bar.T @ model.D, J_bar.T @ model.g
+    out.M_hat[:] = model.Lambda

@@ -55,7 +55,7 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
-from ..physics.linear_algebra import cholesky, forward, symmetric_eigen
+from ..physics.linear_algebra import symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
@@ -243,19 +243,9 @@ class NaturalInertia(Stage):
 @kernel
 def natural_damping(M, K_d, damping_ratio, D_d):
     """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does."""
-    L, Y, A, V = M.flatten(), np.diag(np.sqrt(K_d)).flatten(), np.zeros(36), np.zeros(36)
-    cholesky(L, 6, L)
-    forward(L, 6, Y, 6)  # Y Y^T = L^-1 K_d L^-T
-    for i in range(6):
-        for j in range(i, 6):
-            for k in range(i + 1):  # Y is a lower triangle
-                A[6 * i + j] += Y[6 * i + k] * Y[6 * j + k]
-    symmetric_eigen(A, 6, V)
-    D_d[:] = 0.0
-    for k in range(6):
-        mode = np.zeros(6)  # L V
-        for i in range(6):
-            mode[i] = V[6 * k + i] / L[7 * i]  # L has the reciprocals of its diagonal
-            for j in range(i):
-                mode[i] += L[6 * i + j] * V[6 * k + j]
-        D_d += np.outer(2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0)) * mode, mode)
+    L, V = np.linalg.cholesky(M), np.zeros((6, 6))
+    Y = np.linalg.solve(L, np.diag(np.sqrt(K_d)))
+    A = Y @ Y.T  # L^-1 K_d L^-T
+    symmetric_eigen(A, V)
+    LV = L @ V.T
+    D_d[:] = 2.0 * damping_ratio * (LV * np.sqrt(np.maximum(np.diag(A), 0.0))) @ LV.T
