@@ -30,6 +30,12 @@ def to_body(R_WB, a_W, a_B):
 
 
 @kernel
+def skew(a):
+    """S(a) (3, 3) of a vector (3,), with S(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+@kernel
 def velocity_at(nu, p):
     """The velocity (3,) of the point p (3,) of a body that moves with nu = [v; omega] (6,), in its axes: v + omega x p.
     Of the rate of nu, it is the acceleration without the centripetal part."""
