@@ -26,9 +26,7 @@ class BiasedForce(Navigation):
         for i in range(3):
             state.force_error[i] = settings.bias[i] + settings.noise * standard_normal(given.key, given.instant, i)
             out.tau_contact_m_B[i] += state.force_error[i]
-        for i in range(3):
-            for j in range(3):
-                out.f_contact_m_W[i] += given.R_WB[i, j] * state.force_error[j]
+        out.f_contact_m_W += given.R_WB @ state.force_error
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from scipy.optimize import lsq_linear
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.actuation import Constrained, Weighted
 from uvms_mj.actuation.allocation import quadratic
+from uvms_mj.physics.kernels import record_of
 from uvms_mj.physics.spanned_axes import spanning
 
 FREE = {"engine": "free_body"}
@@ -16,14 +17,6 @@ HEAVY = [  # place and direction of the thrusters of the BlueROV2 Heavy, x forwa
     *((x, y, 0.0, 0.0, 0.0, 1.0) for x in (0.12, -0.12) for y in (0.218, -0.218)),
 ]
 HEAVY_B = np.array([[*row[3:], *np.cross(row[:3], row[3:])] for row in HEAVY]).T
-
-
-class Memory:
-    """The record of a stage's memory."""
-
-    def __init__(self, stage):
-        for name, size in type(stage).memory.items():
-            setattr(self, name, np.zeros(size))
 
 
 class Given:
@@ -37,7 +30,7 @@ def allocated(stage, B, tau_cmd, u_min, u_max):
     setup.nominal.B = B
     vars(settings).update(stage.constants(setup))
     given.tau_cmd, given.u_min, given.u_max = tau_cmd, u_min, u_max
-    stage.step(settings, Memory(stage), given, None, u)
+    stage.step(settings, record_of(stage.state_record(B.shape[1])), given, None, u)
     return u
 
 

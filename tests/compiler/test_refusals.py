@@ -192,6 +192,38 @@ def test_a_trusted_kernel_has_no_checks():
     assert "icmp ult" not in Compiled(law("out[s.n] = 2.0"), KINDS, checked=False).text
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+@pytest.mark.parametrize(
+    ("body", "wrong"),
+    [
+        ("out[:] = np.linalg.solve(A, b)", np.ones),
+        ("out[:] = np.linalg.inv(A) @ b", np.ones),
+        ("out[:] = np.linalg.solve(np.linalg.cholesky(A), b)", lambda shape: np.diag([1.0] * (shape[0] - 1) + [-1.0])),
+    ],
+)
+def test_a_kernel_solves_equations_and_has_nan_where_a_users_stage_raises(body, wrong, n, rng):
+    """Where the matrix is singular, or not positive definite, all of a kernel's result is NaN; else it is NumPy's."""
+    function = function_of("A, b, out", body, globals())
+    kinds = [np.dtype(("f8", (n, n))), *[np.dtype(("f8", (n,)))] * 2]
+    kernel, checked = Compiled(function, kinds, checked=False), Compiled(function, kinds)
+    X, b, out, exact = rng.normal(size=(n, n)), rng.normal(size=n), np.zeros(n), np.zeros(n)
+    A = X @ X.T + np.eye(n)
+    kernel(A, b, out)
+    function(A, b, exact)
+    np.testing.assert_allclose(out, exact, rtol=1e-12)
+    A = wrong((n, n)) if n > 1 else wrong((1, 1)) - np.ones((1, 1))
+    assert checked.place(checked(A, b, out))[0] == RAISED
+    with pytest.raises(np.linalg.LinAlgError):
+        function(A, b, out)
+    kernel(A, b, out)
+    assert np.isnan(out).all()
+
+
+def test_a_kernel_of_a_raise_is_refused():
+    with pytest.raises(Lacking, match=r"kernels do not raise; np.linalg has solve, inv and cholesky"):
+        Compiled(law("raise ValueError"), KINDS, checked=False)
+
+
 def test_a_number_that_changes_from_integer_to_float_is_a_float():
     body = "n = 0\nn = n + 0.5\nfor i in range(2):\n    out[i] = n"
     code, out = Compiled(law(body), KINDS), np.zeros(6)

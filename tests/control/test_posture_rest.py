@@ -7,7 +7,7 @@ import pytest
 
 from uvms_mj.control.theory.free_motion import PostureAtRest
 from uvms_mj.physics.frames import rotation_matrix
-from uvms_mj.physics.operational import posture, work_dtype
+from uvms_mj.physics.operational import posture
 from uvms_mj.physics.tree import MOST_JOINTS
 
 N, JOINTS = 11, 5
@@ -33,17 +33,11 @@ def test_it_demands_what_the_kernel_demands(seed):
         "joints": np.concatenate([rng.normal(size=JOINTS), np.zeros(MOST_JOINTS - JOINTS)]),
         "free_damping": 0.7,
     }
-    p_WB, R_WB, q, memory = (
-        rng.normal(size=3),
-        rotation_matrix(quat),
-        rng.normal(size=JOINTS),
-        np.zeros(1, work_dtype(JOINTS))[0],
-    )
-    work = SimpleNamespace(**{name: memory[name] for name in memory.dtype.names or ()})
+    p_WB, R_WB, q, a = rng.normal(size=3), rotation_matrix(quat), rng.normal(size=JOINTS), np.zeros(N)
     known = SimpleNamespace(p_WB=p_WB, quat_WB=quat, R_WB=R_WB)
-    posture(SimpleNamespace(**settings), known, np.zeros(N), q, N, M.ravel(), M_inv.ravel(), P.flatten(), work)
+    posture(SimpleNamespace(**settings), known, np.zeros(N), q, M, M_inv, P.copy(), a)
     at_rest = PostureAtRest.__new__(PostureAtRest)
     at_rest.settings, at_rest.n = settings, JOINTS
     demanded = at_rest(p_WB, R_WB, q, M_inv, P)
     assert np.abs(demanded).max() > 0.1
-    np.testing.assert_allclose(demanded, work.a[:N], atol=1e-9 * np.abs(demanded).max())
+    np.testing.assert_allclose(demanded, a, atol=1e-9 * np.abs(demanded).max())

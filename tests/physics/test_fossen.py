@@ -112,22 +112,3 @@ def test_restoring_wrench_is_the_gradient_of_the_potential(seed):
     restoring(mass, displaced_mass, r_g, r_b, gravity_W, R, g_eta)
     h = 1e-5
     assert np.isclose(nu @ g_eta, (potential(h) - potential(-h)) / (2 * h), rtol=1e-6, atol=1e-5)
-
-
-@given(seeds)
-def test_the_terms_take_columns_of_velocities_as_they_take_one(seed):
-    rng = np.random.default_rng(seed)
-    nu, R, M = rng.normal(size=(6, 4)), rng.normal(size=(3, 3, 4)), spd(seed)
-    r_g, r_b, gravity_W = rng.normal(size=(3, 3))
-    terms = (
-        lambda nu, R, out: coriolis_rigid_body(rigid_body(seed), nu, out),
-        lambda nu, R, out: coriolis_added_mass(M, nu, out),
-        lambda nu, R, out: damping(M, 2.0 * M, nu, out),
-        lambda nu, R, out: restoring(3.0, 2.0, r_g, r_b, gravity_W, R, out),
-    )
-    for term in terms:
-        columns, one = np.empty((6, 4)), np.empty(6)
-        term(nu, R, columns)
-        for i in range(4):
-            term(nu[:, i], R[:, :, i], one)
-            assert np.array_equal(columns[:, i], one)

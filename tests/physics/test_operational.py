@@ -18,9 +18,9 @@ def system(n: int, seed: int = 0):
 def computed(M, J):
     """Lambda, M^-1 J^T and the manipulability, by the kernels."""
     N, J_T = len(M), np.ascontiguousarray(J.T)
-    L, MJ_T, J_bar, w = np.zeros(N * N), np.zeros((N, 6)), np.zeros((N, 6)), np.zeros(1)
-    L_task, Lambda = np.zeros(36), np.zeros((6, 6))
-    operational.task_inertia(M.ravel(), N, J_T.ravel(), L, MJ_T.ravel(), L_task, Lambda.ravel(), J_bar.ravel(), w)
+    L, MJ_T, J_bar, w = np.zeros((N, N)), np.zeros((N, 6)), np.zeros((N, 6)), np.zeros(1)
+    Lambda = np.zeros((6, 6))
+    operational.task_inertia(M, J_T, L, MJ_T, Lambda, J_bar, w)
     np.testing.assert_allclose(J_bar, MJ_T @ Lambda, rtol=0, atol=1e-12 * np.abs(J_bar).max())
     return Lambda, MJ_T, float(w[0])
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION, posture, work_dtype
+from uvms_mj.physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION, posture
 
 LEVELS = (ATTITUDE, STATION, JOINTS)
 
@@ -27,9 +27,8 @@ MOST = 12
 """Most joints of a case. All cases have arrays of this size, so that one compilation serves them all."""
 
 
-WORK = work_dtype(MOST)
-_flat = np.dtype(("f8", ((6 + MOST) ** 2,)))
-KINDS = [np.dtype(("f8", (6 + MOST,))), np.dtype(("f8", (MOST,))), "i8", _flat, _flat, _flat, WORK]
+_vector, _matrix = (np.dtype(("f8", (6 + MOST,) * axes)) for axes in (1, 2))
+KINDS = [_vector, np.dtype(("f8", (MOST,))), _matrix, _matrix, _matrix, _vector]
 
 
 def conditioned(rng, rows, columns, low, high):
@@ -81,12 +80,14 @@ class Case:
             joints=padded(self.joints, MOST),
         )
         known = record(p_WB=self.p, quat_WB=self.quat, R_WB=rotation_matrix(self.quat))
-        zeta, q, work = padded(self.zeta, most), padded(self.q, MOST), np.zeros(1, WORK)
-        matrices = [padded(each, most * most) for each in (self.M, self.M_inv, self.P if P is None else P)]
-        arrays = [zeta, q, N, *matrices, work]
+        zeta, q, a = padded(self.zeta, most), padded(self.q, MOST), np.zeros(most)
+        matrices = [np.eye(most) for _ in range(3)]  # of further joints at rest, which are not coupled with the others
+        for matrix, own in zip(matrices, (self.M, self.M_inv, self.P if P is None else P), strict=True):
+            matrix[:N, :N] = own
         native = native_function(posture, [settings.dtype, known.dtype, *KINDS]).ctypes
-        native(*(each if isinstance(each, int) else each.ctypes.data for each in (settings, known, *arrays)))
-        return work["a"][0, :N].copy(), matrices[2][: N * N].reshape(N, N)
+        native(*(each.ctypes.data for each in (settings, known, zeta, q, *matrices, a)))
+        assert not a[N:].any()
+        return a[:N].copy(), matrices[2][:N, :N].copy()
 
     def demands(self):
         """The Jacobian and the demanded acceleration of each level, in order, in NumPy."""

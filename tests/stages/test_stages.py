@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import Gsta, InputError, Scenario, Simulation, simulate
+from uvms_mj import Gsta, InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.control import External, Ideal, ImpedanceTask
 from uvms_mj.control.task import tracking_errors
@@ -160,6 +160,25 @@ def test_wrong_fields_are_found_in_each_room(tmp_path, table, body, said):
         ("joints", 'memory = {"x": "thrusters"}', "memory.x: 'thrusters' is not the number of joints"),
         ("controller", 'states = {"x": 1}\nmemory = {"x": 2}', "'x' is both a state and memory"),
         ("controller", 'memory = {"x": 10_001}', "memory.x: 10001 must be a whole number"),
+        ("controller", 'memory = {"x": (101, 100)}', "memory has 10100 numbers in all; at most 10000 are allowed"),
+        (
+            "controller",
+            'memory = {"x": (3, 0)}',
+            r"memory.x: \[3, 0\] must be .*, or a tuple of them, as in \(15, 15\)",
+        ),
+        ("controller", 'memory = {"x": ()}', r"memory.x: \[\] must be a whole number"),
+        ("actuation", 'memory = {"x": ("joints", 2)}', "memory.x: 'joints' is not the number of thrusters"),
+        ("controller", 'states = {"x": (3, 3)}', "states.x: .* is a shape, which memory may have; a state is a vector"),
+        (
+            "navigation",
+            'memory = {"P": (2, 2)}\nstart_values = {"P": [1, 2, 3, 4]}',
+            r"shape \(4,\); the state has \(2, 2\)",
+        ),
+        (
+            "navigation",
+            'memory = {"P": (2, 2)}\nstart_values = {"P": [[1], [2, 3]]}',
+            "must be a finite number or a list",
+        ),
     ],
 )
 def test_wrong_declarations_are_named(tmp_path, table, members, said):
@@ -538,6 +557,32 @@ RIGHT = {
 STARTS = '{"decays": [1.0, -2.0, 3.0], "kept": 0.5}'
 
 
+@pytest.mark.parametrize("plain", [False, True])
+def test_memory_has_the_shape_that_the_class_declares(tmp_path, plain):
+    """A matrix that starts at [[1, 2], [3, 4]] is squared at each instant, and a row for each thruster counts them. A
+    reset returns to the start."""
+    body = RIGHT["thrusters"] + "\nstate.P[:] = state.P @ state.P\nstate.seen += 1.0\nstate.of_P[:] = state.P.ravel()"
+    body += "\nstate.of_seen[:] = state.seen.sum(axis=1)" + ("\nrepr(state)" if plain else "")
+    members = 'states = {"of_P": 4, "of_seen": "thrusters"}\nmemory = {"P": (2, 2), "seen": ("thrusters", 3)}'
+    members += '\nstart_values = {"P": [[1.0, 2.0], [3.0, 4.0]]}'
+    file = file_with(tmp_path, own("thrusters", body, members))
+    with Simulation(Scenario.load("push_wall", {"thrusters.name": file}), engine="free_body") as sim:
+        assert bool(sim.slow_stages) == plain
+        for _ in range(2):
+            sim.step(3)
+            assert sim.signals["of_P"].tolist() == np.linalg.matrix_power([[1, 2], [3, 4]], 8).ravel().tolist()
+            assert sim.signals["of_seen"].tolist() == [9.0] * 6
+            assert "P" not in sim.signals
+            sim.reset()
+
+
+def test_a_number_that_is_not_finite_in_a_matrix_is_named_with_its_place(tmp_path):
+    body = RIGHT["thrusters"] + "\nstate.P[1, 0] = np.log(-1.0)"
+    file = file_with(tmp_path, own("thrusters", body, 'memory = {"P": (2, 3)}'))
+    with pytest.raises(LawError, match=r"let state.P\[1, 0\] become nan"):
+        simulate(Scenario.load("push_wall", {"thrusters.name": file}), engine="free_body")
+
+
 def starting(tmp_path, table, starts=STARTS, size=3, plain=False):
     body = f"{RIGHT[table]}\nfor i in range(len(state.decays)):\n    state_dot.decays[i] = -2.0 * state.decays[i]\n"
     body += "for i in range(2):\n    state_dot.zero[i] = state.kept[i]"
@@ -583,7 +628,8 @@ def test_a_list_for_the_thrusters_has_their_number(tmp_path):
         ('{"decays": [1.0, 2.0]}', "start_values['decays'] has 2 numbers; the state has 3"),
         ('{"kept": [1.0, float("nan")]}', "start_values.kept: [1.0, nan] must be a finite number or a list of them"),
         ('{"zero": "one"}', "start_values.zero: 'one' must be a finite number or a list of them"),
-        ('{"zero": [[1.0, 2.0]]}', "start_values.zero: [[1.0, 2.0]] must be a finite number or a list of them"),
+        ('{"zero": [[1.0, 2.0]]}', "start_values['zero'] has the shape (1, 2); the state has (2,)"),
+        ('{"zero": [[1.0], [2.0, 3.0]]}', "start_values.zero: [[1.0], [2.0, 3.0]] must be a finite number or a list"),
         ('{"zero": True}', "start_values.zero: True must be a finite number or a list of them"),
         ("[1.0]", "start_values: [1.0] is not a table"),
     ],

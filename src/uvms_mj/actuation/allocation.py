@@ -21,7 +21,6 @@ ends at the solution.
 from __future__ import annotations  # so that help(Weighted) shows short type names
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
@@ -29,6 +28,7 @@ import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
+from ..physics.linear_algebra import backward, cholesky, forward
 from ..physics.spanned_axes import pseudoinverse, spanning
 from ..quantities import Number, of_length, within
 from ..stages.base import setting
@@ -40,15 +40,9 @@ _Weight = Annotated[Number, within(1e-3, 1e3, "")]
 @kernel
 def allocate(inverse, tau_cmd, u_min, u_max, u) -> bool:
     """Set u to inverse tau_cmd within the thrusters' limits, and return whether a limit binds."""
-    binds = False
-    for k in range(u.shape[0]):
-        total = 0.0
-        for i in range(6):
-            total += inverse[k, i] * tau_cmd[i]
-        u[k] = min(u_max[k], max(u_min[k], total))
-        if u[k] != total:
-            binds = True
-    return binds
+    free = inverse @ tau_cmd
+    u[:] = np.clip(free, u_min, u_max)
+    return bool(np.any(u != free))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +70,7 @@ class Weighted(Actuation):
 
 
 MOST_THRUSTERS = 16
-"""The solver's memory is of this size."""
+"""The solver is for so many thrusters."""
 _SMALL = 1e-6
 _ROUNDS = 10 * MOST_THRUSTERS
 _Weights = Annotated[tuple[Annotated[Number, within(1e-3, 1e3, "")], ...], of_length(6)]
@@ -90,9 +84,7 @@ class Constrained(Actuation):
 
     name = "constrained"
     records_loss: ClassVar[bool] = True
-    memory: ClassVar[Mapping[str, Any]] = {"L": MOST_THRUSTERS**2, "solved": 1, "solved_tau": 6} | dict.fromkeys(
-        ("wanted", "trial", "fixed", "solution"), MOST_THRUSTERS
-    )
+    memory: ClassVar[Mapping[str, Any]] = {"solved": 1, "solved_tau": 6, "solution": "thrusters"}
 
     def inverse(self, B: np.ndarray) -> np.ndarray:
         return pseudoinverse(B, rows=np.array(self.weights))
@@ -110,7 +102,7 @@ class Constrained(Actuation):
         if solved_before(given.tau_cmd, state, u):
             return
         if allocate(settings.inverse, given.tau_cmd, given.u_min, given.u_max, u):
-            nearest(settings.H, settings.linear, given.tau_cmd, given.u_min, given.u_max, state, u)
+            nearest(settings.H, settings.linear, given.tau_cmd, given.u_min, given.u_max, u)
         keep(given.tau_cmd, state, u)
 
 
@@ -126,7 +118,7 @@ def solved_before(tau_cmd, memory, u) -> bool:
     """Whether the last solution is for the same command; u is set to it. Commands are held for a control period."""
     if memory.solved[0] == 0.0 or np.any(tau_cmd != memory.solved_tau):
         return False
-    u[:] = memory.solution[: len(u)]
+    u[:] = memory.solution
     return True
 
 
@@ -134,90 +126,59 @@ def solved_before(tau_cmd, memory, u) -> bool:
 def keep(tau_cmd, memory, u):
     """Keep a command and its solution."""
     memory.solved[0] = 1.0
-    memory.solved_tau[:], memory.solution[: len(u)] = tau_cmd, u
+    memory.solved_tau[:], memory.solution[:] = tau_cmd, u
 
 
 @kernel
-def nearest(H, linear, tau_cmd, u_min, u_max, memory, u):
+def nearest(H, linear, tau_cmd, u_min, u_max, u):
     """Improve u, which is within its limits, to the solution of the bounded quadratic problem."""
-    n, wanted, fixed = u.shape[0], memory.wanted, memory.fixed
-    for k in range(n):
-        wanted[k] = 0.0
-        for i in range(6):
-            wanted[k] += linear[k, i] * tau_cmd[i]
-        fixed[k] = 0.0
-        if u[k] <= u_min[k]:
-            fixed[k] = -1.0
-        elif u[k] >= u_max[k]:
-            fixed[k] = 1.0
+    wanted = linear @ tau_cmd
+    fixed = np.where(u <= u_min, -1.0, np.where(u >= u_max, 1.0, 0.0))  # at which limit a thruster is held
+    trial = np.zeros_like(u)
     for _ in range(_ROUNDS):
-        solve_free(H, wanted, fixed, memory.L, memory.trial, u)
-        if move(memory.trial, u_min, u_max, fixed, u) and not release(H, wanted, u_min, u_max, fixed, u):
+        solve_free(H, wanted, fixed, u, trial)
+        if move(trial, u_min, u_max, fixed, u) and not release(H, wanted, u_min, u_max, fixed, u):
             break
 
 
 @kernel
-def solve_free(H, wanted, fixed, L, trial, u):
-    """Set trial to the minimum over the free thrusters, with the others at u, by Cholesky's method."""
-    n = u.shape[0]
-    for i in range(n):
-        total = u[i]
-        if fixed[i] == 0.0:
-            total = wanted[i]
-            for j in range(n):
-                if fixed[j] != 0.0:
-                    total -= H[i, j] * u[j]
-        for j in range(i + 1):
-            entry = 1.0 if i == j else 0.0
-            if fixed[i] == 0.0 and fixed[j] == 0.0:
-                entry = H[i, j]
-            for k in range(j):
-                entry -= L[i * MOST_THRUSTERS + k] * L[j * MOST_THRUSTERS + k]
-            L[i * MOST_THRUSTERS + j] = math.sqrt(entry) if i == j else entry / L[j * MOST_THRUSTERS + j]
-        for j in range(i):
-            total -= L[i * MOST_THRUSTERS + j] * trial[j]
-        trial[i] = total / L[i * MOST_THRUSTERS + i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            trial[i] -= L[j * MOST_THRUSTERS + i] * trial[j]
-        trial[i] /= L[i * MOST_THRUSTERS + i]
+def solve_free(H, wanted, fixed, u, trial):
+    """Set trial to the minimum over the free thrusters, with the others at u: H trial = wanted in the rows of the free
+    ones, trial = u in the others."""
+    free = np.where(fixed == 0.0, 1.0, 0.0)
+    L = free[:, None] * H * free + np.diag(1.0 - free)
+    trial[:] = np.where(fixed == 0.0, wanted - H @ ((1.0 - free) * u), u)
+    cholesky(L, L)
+    forward(L, trial)
+    backward(L, trial)
 
 
 @kernel
 def move(trial, u_min, u_max, fixed, u) -> bool:
     """Move u towards trial up to the first limit, and hold that thruster there. Returns whether u arrives at trial."""
     part, first = 1.0, -1
-    for k in range(u.shape[0]):
-        if fixed[k] == 0.0:
+    for k in range(len(u)):
+        if fixed[k] == 0.0 and not u_min[k] <= trial[k] <= u_max[k]:
             limit = u_max[k] if trial[k] > u[k] else u_min[k]
-            if (trial[k] > limit and trial[k] > u[k]) or (trial[k] < limit and trial[k] < u[k]):
-                allowed = (limit - u[k]) / (trial[k] - u[k])
-                if allowed < part:
-                    part = allowed
-                    first = k
-    for k in range(u.shape[0]):
-        if fixed[k] == 0.0:
-            u[k] = trial[k] if first < 0 else u[k] + part * (trial[k] - u[k])
-    if first >= 0:
-        up = trial[first] > u[first]
-        u[first] = u_max[first] if up else u_min[first]
-        fixed[first] = 1.0 if up else -1.0
-    return first < 0
+            allowed = (limit - u[k]) / (trial[k] - u[k])
+            if allowed < part:
+                part = allowed
+                first = k
+    if first < 0:
+        u[:] = np.where(fixed == 0.0, trial, u)
+        return True
+    u[:] = np.where(fixed == 0.0, u + part * (trial - u), u)
+    fixed[first] = 1.0 if trial[first] > u[first] else -1.0
+    u[first] = u_max[first] if fixed[first] > 0.0 else u_min[first]
+    return False
 
 
 @kernel
 def release(H, wanted, u_min, u_max, fixed, u) -> bool:
     """Free the thruster whose limit costs most. Returns whether there is one."""
-    worst, most = -1, 1e-12
-    for k in range(u.shape[0]):
-        if fixed[k] != 0.0 and u_min[k] < u_max[k]:
-            downhill = wanted[k]  # minus the gradient
-            for j in range(u.shape[0]):
-                downhill -= H[k, j] * u[j]
-            gain = -fixed[k] * downhill
-            if gain > most:
-                most = gain
-                worst = k
-    if worst >= 0:
-        fixed[worst] = 0.0
-    return worst >= 0
+    gain = np.where(u_min < u_max, -fixed * (wanted - H @ u), 0.0)  # downhill is minus the gradient
+    worst = np.argmax(gain)
+    if not gain[worst] > 1e-12:
+        return False
+    fixed[worst] = 0.0
+    return True

@@ -3,7 +3,6 @@
 import itertools
 import math
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -12,7 +11,8 @@ import numpy as np
 from ..control.design import Design
 from ..control.model import accelerated_frame, coefficients, model_wrenches
 from ..errors import Fault, InputError
-from ..physics.frames import rotation_matrix, to_body
+from ..physics.frames import rotation_matrix
+from ..physics.kernels import called_on, kernel
 from ..plant.build import task_inertias
 from ..records.header import Status
 from ..records.trace import Trace
@@ -191,6 +191,38 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.diff(values, axis=0) / np.diff(t)[:, None]
 
 
+_ROW = np.dtype(
+    [
+        *((name, "f8", (6,)) for name in ("nu", "nu_r")),
+        ("R_WB", "f8", (3, 3)),
+        *((name, "f8", (3,)) for name in ("a_c_W", "v_c_dot_W")),
+        *((name, "f8", (6,)) for name in ("C_hat_nu", "D_hat_nu", "g_hat", "C_nu_r", "D_nu_r", "g_eta")),
+    ],
+    align=True,
+)
+"""Motion and water of one row, and what follows."""
+_AT_ONCE = 256
+
+
+@kernel
+def row_wrenches(known, true, rows, n, unsteady):
+    """Set the wrenches of the first n rows, by the coefficients of the vehicle that is known and of the true one."""
+    for k in range(n):
+        row = rows[k]
+        model_wrenches(known, known.gravity_W, row.R_WB, row.nu, row.C_hat_nu, row.D_hat_nu, row.g_hat)
+        model_wrenches(true, true.gravity_W, row.R_WB, row.nu_r, row.C_nu_r, row.D_nu_r, row.g_eta)
+        if unsteady != 0:
+            accelerated_frame(true, row, row.R_WB, row.g_eta)
+
+
+def _record(values: dict[str, Any]) -> np.ndarray:
+    """A record (1,) of numbers and arrays."""
+    record = np.zeros(1, np.dtype([(name, "f8", np.shape(value)) for name, value in values.items()], align=True))
+    for name, value in values.items():
+        record[name] = value
+    return record
+
+
 def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
     true, nominal, factors = setup.vehicle, setup.nominal, trace.scenario.estimates
@@ -201,14 +233,18 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])
     if unsteady:
         nu_c_dot += _in_body(trace, trace.v_c_dot_W)
-    R_WB, out = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2), np.empty((2, 3, *nu.T.shape))
-    known, real = (SimpleNamespace(**coefficients(each, setup.gravity_W)) for each in (nominal, true))
-    model_wrenches(known, known.gravity_W, R_WB, nu.T, *out[0])
-    model_wrenches(real, real.gravity_W, R_WB, (nu - nu_c).T, *out[1])
+    rows, at_once = np.zeros(len(trace), _ROW), np.zeros(_AT_ONCE, _ROW)
+    rows["nu"], rows["nu_r"], rows["R_WB"] = nu, nu - nu_c, rotation_matrix(trace.quat_WB)
     if unsteady:
-        water = SimpleNamespace(a_c_W=trace.a_c_W.T, v_c_dot_W=trace.v_c_dot_W.T)
-        accelerated_frame(real, water, R_WB, np.empty((3, len(trace))), out[1, 2], np.empty(nu.T.shape))
-    (C_hat, D_hat, g_hat), (C, D, g) = np.swapaxes(out, 2, 3)  # (n, 6) each
+        rows["a_c_W"], rows["v_c_dot_W"] = trace.a_c_W, trace.v_c_dot_W
+    vehicles = (_record(coefficients(each, setup.gravity_W)) for each in (nominal, true))
+    set_wrenches = called_on(row_wrenches, *vehicles, at_once)
+    for first in range(0, len(rows), _AT_ONCE):
+        some = rows[first : first + _AT_ONCE]
+        at_once[: len(some)] = some
+        set_wrenches(len(some), int(unsteady))
+        some[:] = at_once[: len(some)]
+    C_hat, D_hat, g_hat, C, D, g = (rows[name] for name in _ROW.names[5:])
     return (
         trace.tau_dist
         + nu_c_dot @ true.M.T
@@ -221,6 +257,5 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
 
 def _in_body(trace: Trace, a_W: np.ndarray) -> np.ndarray:
     """(n, 6): a_W, (3,) or (n, 3), resolved in B and followed by three zeros."""
-    a_B = np.zeros((6, len(trace)))
-    to_body(np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2), a_W.T, a_B)
-    return a_B.T
+    R_BW = np.swapaxes(rotation_matrix(trace.quat_WB), 1, 2)
+    return np.hstack([_turned(R_BW, np.broadcast_to(a_W, (len(trace), 3))), np.zeros((len(trace), 3))])

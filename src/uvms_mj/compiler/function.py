@@ -435,7 +435,7 @@ class Function(Lifetimes):
 
     def _Raise(self, node: ast.Raise) -> None:
         if not self.unit.checked:
-            self.lack("kernels do not raise")
+            self.lack("kernels do not raise; np.linalg has solve, inv and cholesky for them, which give NaN")
         self.at.ret(WORD(self.code(RAISED)))
 
     def _Assert(self, node: ast.Assert) -> None:

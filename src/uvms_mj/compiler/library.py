@@ -6,6 +6,12 @@ import math
 import numpy as np
 
 
+def raises():
+    """Whether NumPy's error is raised here: known when compiling. A kernel of the package does not raise; where a
+    matrix is singular, or not positive definite, its result is NaN."""
+    return True
+
+
 def remainder(a, b):
     """``a % b`` of floats: with the sign of b."""
     rest = math.fmod(a, b)
@@ -74,10 +80,13 @@ def solve_all(A, B):
     n = len(A)
     order = np.arange(n)
     U, _ = factored(A, order)
+    X = np.zeros(B.shape)
     for i in range(n):
         if U[i, i] == 0.0:
-            raise np.linalg.LinAlgError("Singular matrix")
-    X = np.zeros(B.shape)
+            if raises():
+                raise np.linalg.LinAlgError("Singular matrix")
+            X[:] = np.nan
+            return X
     for c in range(B.shape[1]):
         for i in range(n):
             x = B[order[i], c] + 0.0
@@ -114,7 +123,10 @@ def cholesky(A):
         for k in range(j):
             square -= L[j, k] * L[j, k]
         if not square > 0.0:
-            raise np.linalg.LinAlgError("Matrix is not positive definite")
+            if raises():
+                raise np.linalg.LinAlgError("Matrix is not positive definite")
+            L[:] = np.nan
+            return L
         L[j, j] = math.sqrt(square)
         for i in range(j + 1, n):
             x = A[i, j] + 0.0

@@ -161,7 +161,7 @@ class Delay(Stage):
     Before the first one it is zero."""
 
     name = "delay"
-    memory: ClassVar = {"queue": 6 * (MOST_WAITING + 1)}
+    memory: ClassVar = {"queue": (MOST_WAITING + 1, 6)}
     room: ClassVar[Room] = Room("control", "delay", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
@@ -178,14 +178,13 @@ class Delay(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        queue = state.queue.reshape(MOST_WAITING + 1, 6)
         control, delay = int(settings.control), int(settings.delay)
         if given.instant % control == 0:
-            queue[given.instant // control % (MOST_WAITING + 1)] = given.tau_cmd
+            state.queue[given.instant // control % (MOST_WAITING + 1)] = given.tau_cmd
         if given.instant < delay:
             out[:] = 0.0
         else:
-            out[:] = queue[(given.instant - delay) // control % (MOST_WAITING + 1)]
+            out[:] = state.queue[(given.instant - delay) // control % (MOST_WAITING + 1)]
 
 
 def delay_faults(scenario: Any) -> Iterator[Fault]:

@@ -17,13 +17,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, matvec, restoring, turn_momentum
+from ..physics.fossen import coriolis_rigid_body, restoring, turned_momentum
 from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import fused, kernel
-from ..physics.linear_algebra import product, transposed_product
-from ..physics.operational import base_rows, resolve, task_inertia
-from ..physics.tree import along_joint, compose_links, joint_column, measured_frames, move_links, whole
+from ..physics.operational import base_rows, task_inertia
+from ..physics.tree import (
+    along_joint,
+    compose_links,
+    damping_wrench,
+    joint_column,
+    measured_frames,
+    move_links,
+    multiply,
+    whole,
+)
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
 from .task import tracking_errors
@@ -54,55 +62,40 @@ def model_wrenches(link, gravity, R, nu, C_nu, D_nu, g_eta):
     ``link`` is a record with M_RB, M_A, D_linear, D_quadratic, mass, displaced_mass, r_g and r_b, and whether M_A and
     the damping are diagonal; ``gravity`` (3,) [m/s^2] is in the axes in which R (3, 3) is the attitude of the link.
     """
-    C_A_nu, M_A, D, Q = np.zeros_like(C_nu), link.M_A, link.D_linear, link.D_quadratic
+    momentum, C_A_nu = np.zeros(6), np.zeros(6)
+    multiply(link.M_A, link.A_diagonal, nu, momentum)
+    turned_momentum(momentum, nu, C_A_nu)
     coriolis_rigid_body(link.M_RB, nu, C_nu)
-    if link.A_diagonal != 0:
-        for i in range(6):
-            C_A_nu[i] = M_A[i, i] * nu[i]
-        turn_momentum(nu, C_A_nu)
-    else:
-        coriolis_added_mass(M_A, nu, C_A_nu)
     C_nu += C_A_nu
-    if link.D_diagonal != 0:
-        for i in range(6):
-            D_nu[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
-    else:
-        damping(D, Q, nu, D_nu)
+    damping_wrench(link, nu, D_nu)
     restoring(link.mass, link.displaced_mass, link.r_g, link.r_b, gravity, R, g_eta)
 
 
 @kernel
-def reveal(coefficients, water, signals, truth, work):
-    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients; work is (6,) scratch.
+def reveal(coefficients, water, signals, truth):
+    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients.
 
     It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure. In water that
     accelerates, g(eta) has the weight in gravity minus v_c_dot and the buoyancy in gravity minus a_c, both in W: with
     it, eq. (10) has the force of the water's acceleration on every vehicle (:mod:`uvms_mj.physics.hydrodynamics`).
     """
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
-    relative_velocity(water, signals.R_WB, nu, nu_r)
-    to_body(signals.R_WB, water.v_c_W, work)
-    nu_c_dot[:3] = np.cross(work[:3], nu[3:])  # -omega x v_c
     gravity_W, R_WB = coefficients.gravity_W, signals.R_WB
+    relative_velocity(water, R_WB, nu, nu_r)
+    nu_c_dot[:3] = -np.cross(nu[3:], R_WB.T @ water.v_c_W)
     model_wrenches(coefficients, gravity_W, R_WB, nu_r, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
     if water.unsteady != 0:
-        to_body(signals.R_WB, water.v_c_dot_W, work)
-        nu_c_dot[:3] += work[:3]
-        accelerated_frame(coefficients, water, signals.R_WB, work, truth.g_eta, truth.tau_dist)
+        nu_c_dot[:3] += R_WB.T @ water.v_c_dot_W
+        accelerated_frame(coefficients, water, R_WB, truth.g_eta)
     truth.tau_dist[:] = water.tau_dist
 
 
 @kernel
-def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
-    """Set g_eta (6,) to the restoring wrench in the frame of water that accelerates; work and g_buoyancy are (6,)
-    scratch."""
-    r_g, r_b = coefficients.r_g, coefficients.r_b
-    for i in range(3):
-        work[i] = coefficients.gravity_W[i] - water.a_c_W[i]
-    restoring(0.0, coefficients.displaced_mass, r_g, r_b, work, R_WB, g_buoyancy)
-    for i in range(3):
-        work[i] = coefficients.gravity_W[i] - water.v_c_dot_W[i]
-    restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
+def accelerated_frame(coefficients, water, R_WB, g_eta):
+    """Set g_eta (6,) to the restoring wrench in the frame of water that accelerates."""
+    gravity_W, r_g, r_b, g_buoyancy = coefficients.gravity_W, coefficients.r_g, coefficients.r_b, np.zeros(6)
+    restoring(0.0, coefficients.displaced_mass, r_g, r_b, gravity_W - water.a_c_W, R_WB, g_buoyancy)
+    restoring(coefficients.mass, 0.0, r_g, r_b, gravity_W - water.v_c_dot_W, R_WB, g_eta)
     g_eta += g_buoyancy
 
 
@@ -119,7 +112,7 @@ class Truth(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         out.M[:] = settings.M
-        reveal(settings, state.plant.water, given, out, out.g_eta)
+        reveal(settings, state.plant.water, given, out)
 
 
 UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
@@ -161,7 +154,7 @@ class ModelAtBody(Stage):
         if N > 6:  # noqa: SIM102  # known when compiling: the inertia of a rigid vehicle is constant
             if given.instant % int(settings.every) == 0:
                 estimate_inertia(model, frames)
-        out.M_hat[:] = model.M.reshape(N, N)[:6, :6]
+        out.M_hat[:] = model.M[:6, :6]
 
 
 @dataclass(frozen=True)
@@ -227,7 +220,7 @@ class ResolveAtTool(ResolveAtBody):
     @fused
     def step(settings, state, given, state_dot, out):
         model = state.model
-        resolve(model.J_T, model.tau.shape[0], given.tau_cmd, model.tau)
+        model.tau[:] = model.J_T @ given.tau_cmd
         deliver(model, out, state.joints.tau_q_cmd)
 
 
@@ -255,10 +248,9 @@ def estimate_wrenches(model, frames, R_WB, q_dot):
     model_wrenches(base, model.gravity_W, R_WB, base.nu, base.F_C, base.F_D, base.F)
     for k in range(1, links.shape[0]):
         link, R, p = links[k], frames[k].R_BL, frames[k].p_BL
-        C_nu, D_nu, g_eta, M_a = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+        C_nu, D_nu, g_eta = np.zeros(6), np.zeros(6), np.zeros(6)
         model_wrenches(link, model.gravity_B, R, link.nu, C_nu, D_nu, g_eta)
-        matvec(link.M, link.a, M_a)
-        C_nu += link.coriolis * M_a
+        C_nu += link.coriolis * (link.M @ link.a)
         link.F_C[:], link.F_D[:], link.F[:] = 0.0, 0.0, 0.0
         add_wrench_from(R, p, C_nu, link.F_C)
         add_wrench_from(R, p, D_nu, link.F_D)
@@ -278,8 +270,7 @@ def estimate_wrenches(model, frames, R_WB, q_dot):
 @kernel
 def estimate_inertia(model, frames):
     """Set M (N, N)."""
-    links, N = model.links, model.tau.shape[0]
-    M = model.M.reshape(N, N)
+    links, M = model.links, model.M
     compose_links(links, frames)
     whole(links[0].composite, model.M_BB)
     M[:6, :6] = model.M_BB
@@ -301,10 +292,9 @@ def estimate_inertia(model, frames):
 @kernel
 def place_tool(model, frames):
     """Set the pose of the tool in B, and J^T (N, 6)."""
-    tool, rows = model.tool, model.J_T.reshape(model.tau.shape[0], 6)
-    frame = frames[tool.link]
+    tool, rows, frame = model.tool, model.J_T, frames[model.tool.link]
     compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
-    base_rows(tool, model.J_T)
+    base_rows(tool, rows)
     above = tool.link
     for _ in range(frame.depth):  # the rows of all other joints are zero
         joint = frames[above]
@@ -315,21 +305,15 @@ def place_tool(model, frames):
 @kernel
 def estimate_lambda(model):
     """Set Lambda and M^-1 J^T from M and J."""
-    N, J_bar = model.tau.shape[0], model.J_bar
-    task_inertia(model.M, N, model.J_T, model.L, model.MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
+    task_inertia(model.M, model.J_T, model.L, model.MJ_T, model.Lambda, model.J_bar, model.manipulability)
 
 
 @kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
-    N = model.tau.shape[0]
-    Lambda, J_bar, Lambda_J_dot_zeta = model.Lambda, model.J_bar, np.zeros(6)
-    tool, link = model.tool, model.links[model.tool.link]
+    tool, link, J_bar = model.tool, model.links[model.tool.link], model.J_bar
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
-    transposed_product(J_bar, N, 6, model.C, out.C_hat_nu)
-    transposed_product(J_bar, N, 6, model.D, out.D_hat_nu)
-    transposed_product(J_bar, N, 6, model.g, out.g_hat)
-    product(Lambda, 6, 6, model.J_dot_zeta, 1, Lambda_J_dot_zeta)
-    out.C_hat_nu -= Lambda_J_dot_zeta
-    out.M_hat[:] = Lambda.reshape(6, 6)
+    out.C_hat_nu[:] = J_bar.T @ model.C - model.Lambda @ model.J_dot_zeta
+    out.D_hat_nu[:], out.g_hat[:] = J_bar.T @ model.D, J_bar.T @ model.g
+    out.M_hat[:] = model.Lambda

@@ -16,9 +16,9 @@ from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
-from ..physics.kernels import fused, kernel
-from ..physics.linear_algebra import cholesky, inverse, product
-from ..physics.operational import FREEDOM, free_of_base, free_of_tool, posture
+from ..physics.kernels import fused
+from ..physics.linear_algebra import cholesky, inverse
+from ..physics.operational import FREEDOM, free_of_base, posture
 from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
 from ..quantities import STRICT, Angles, Number, Position, Step, doc, refusing, within
@@ -150,18 +150,15 @@ class PostureBelowTool(Stage):
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        model, own, q = state.model, state.model.posture, state.joints.q_m
-        N, M = model.tau.shape[0], model.M
-        measure(model, given, state.joints.q_dot_m)
-        inverse(model.L, N, own.M_inv)
-        free_of_tool(own.M_inv, model.MJ_T, model.J_bar, N, own.P)
-        product(own.P, N, N, own.h, 1, own.free)
-        product(model.J_bar, N, 6, model.J_dot_zeta, 1, own.a)
-        own.free += own.a
-        own.a[:] = -own.a
-        posture(settings, given, own.zeta, q, N, M, own.M_inv, own.P, own)
-        own.a += own.free
-        product(M, N, N, own.a, 1, out)
+        model, zeta, M_inv = state.model, np.zeros_like(out), np.zeros_like(state.model.M)
+        zeta[:6], zeta[6:] = given.nu, state.joints.q_dot_m
+        inverse(model.L, M_inv)
+        P = M_inv - model.J_bar @ model.MJ_T.T  # M^-1 - J_bar J M^-1
+        of_law = -(model.J_bar @ model.J_dot_zeta)
+        compensated = P @ (model.C + model.D + model.g) - of_law
+        a = of_law.copy()
+        posture(settings, given, zeta, state.joints.q_m, model.M, M_inv, P, a)
+        out[:] = model.M @ (a + compensated)
 
 
 @dataclass(frozen=True)
@@ -173,21 +170,12 @@ class PostureBesideBase(PostureBelowTool):
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        model, own, q = state.model, state.model.posture, state.joints.q_m
-        N, M, L = model.tau.shape[0], model.M, model.L
-        measure(model, given, state.joints.q_dot_m)
-        cholesky(M, N, L)
-        inverse(L, N, own.M_inv)
-        free_of_base(M, N, own.P_qq, own.X, own.P)
-        own.a[:] = 0.0
-        posture(settings, given, own.zeta, q, N, M, own.M_inv, own.P, own)
-        product(M, N, N, own.a, 1, out)
-        out[6:] += own.h[6:]
-
-
-@kernel
-def measure(model, given, q_dot):
-    """Set zeta and h (N,) of the posture's memory from the measurements at B and the law's model."""
-    own = model.posture
-    own.zeta[:6], own.zeta[6:] = given.nu, q_dot
-    own.h[:] = model.C + model.D + model.g
+        model, M = state.model, state.model.M
+        zeta, a, M_inv, P = np.zeros_like(out), np.zeros_like(out), np.zeros_like(M), np.zeros_like(M)
+        zeta[:6], zeta[6:] = given.nu, state.joints.q_dot_m
+        cholesky(M, model.L)
+        inverse(model.L, M_inv)
+        free_of_base(M, P)
+        posture(settings, given, zeta, state.joints.q_m, M, M_inv, P, a)
+        out[:] = M @ a
+        out[6:] += model.C[6:] + model.D[6:] + model.g[6:]

@@ -53,10 +53,9 @@ import numpy as np
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
-from ..physics.fossen import matvec
 from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
-from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
+from ..physics.linear_algebra import symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
@@ -108,15 +107,11 @@ class ImpedanceTask(Stage):
         F_1, F_2, A = settings.F_1, settings.F_2, settings.A
         if settings.integral and given.instant == 0:
             zeta[:] = -(nu_e + F_1 * eta_e) / F_2  # s = 0 in eq. (14)
-        demand = np.zeros(6)  # M_d w
-        matvec(given.D_d, nu_e, demand)
-        demand += given.K_d * eta_e - given.K_f * (given.tau_contact_m_B - given.F_d)
-        if settings.natural:
-            solve_natural(given.M_d, demand, w)
-        else:
-            matvec(settings.M_d_inv, demand, w)
-        matvec(given.M_hat, given.nu_d_dot - w, out.tau_nom)  # eq. (23)
-        out.tau_nom += given.C_hat_nu + given.D_hat_nu + given.g_hat - given.tau_contact_m_B
+        # M_d w
+        demand = given.K_d * eta_e + given.D_d @ nu_e - given.K_f * (given.tau_contact_m_B - given.F_d)
+        w[:] = np.linalg.solve(given.M_d, demand) if settings.natural else settings.M_d_inv @ demand
+        out.tau_nom[:] = given.M_hat @ (given.nu_d_dot - w) - given.tau_contact_m_B  # eq. (23)
+        out.tau_nom += given.C_hat_nu + given.D_hat_nu + given.g_hat
         eta_e_dot = np.zeros(6)
         pose_error_rate(given.quat_e, nu_e, eta_e_dot)
         state_dot.zeta[:] = A * zeta + (w + A * F_1 * eta_e + A * nu_e - F_1 * eta_e_dot) / F_2  # eqs. (15), (21)
@@ -127,22 +122,9 @@ class ImpedanceTask(Stage):
 @kernel
 def pose_error_rate(quat_e, nu_e, eta_e_dot):
     """Set eta_e_dot (6,), eq. (18), from the error quaternion (4,) and the error of the velocity (6,)."""
-    q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
-    p, q, r = nu_e[3], nu_e[4], nu_e[5]
+    omega_e = nu_e[3:]
     eta_e_dot[:3] = nu_e[:3]
-    eta_e_dot[3] = 0.5 * (q_w * p + q_y * r - q_z * q)  # U(q_e) omega_e, eq. (17)
-    eta_e_dot[4] = 0.5 * (q_w * q + q_z * p - q_x * r)
-    eta_e_dot[5] = 0.5 * (q_w * r + q_x * q - q_y * p)
-
-
-@kernel
-def solve_natural(M, force, w):
-    """Set w (6,) to M^-1 force, for M (6, 6) that changes."""
-    L = M.flatten()
-    w[:] = force
-    cholesky(L, 6, L)
-    forward(L, 6, w, 1)
-    backward(L, 6, w, 1)
+    eta_e_dot[3:] = 0.5 * (quat_e[0] * omega_e + np.cross(quat_e[1:], omega_e))  # U(q_e) omega_e, eq. (17)
 
 
 @kernel
@@ -261,19 +243,9 @@ class NaturalInertia(Stage):
 @kernel
 def natural_damping(M, K_d, damping_ratio, D_d):
     """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does."""
-    L, Y, A, V = M.flatten(), np.diag(np.sqrt(K_d)).flatten(), np.zeros(36), np.zeros(36)
-    cholesky(L, 6, L)
-    forward(L, 6, Y, 6)  # Y Y^T = L^-1 K_d L^-T
-    for i in range(6):
-        for j in range(i, 6):
-            for k in range(i + 1):  # Y is a lower triangle
-                A[6 * i + j] += Y[6 * i + k] * Y[6 * j + k]
-    symmetric_eigen(A, 6, V)
-    D_d[:] = 0.0
-    for k in range(6):
-        mode = np.zeros(6)  # L V
-        for i in range(6):
-            mode[i] = V[6 * k + i] / L[7 * i]  # L has the reciprocals of its diagonal
-            for j in range(i):
-                mode[i] += L[6 * i + j] * V[6 * k + j]
-        D_d += np.outer(2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0)) * mode, mode)
+    L, V = np.linalg.cholesky(M), np.zeros((6, 6))
+    Y = np.linalg.solve(L, np.diag(np.sqrt(K_d)))
+    A = Y @ Y.T  # L^-1 K_d L^-T
+    symmetric_eigen(A, V)
+    LV = L @ V.T
+    D_d[:] = 2.0 * damping_ratio * (LV * np.sqrt(np.maximum(np.diag(A), 0.0))) @ LV.T

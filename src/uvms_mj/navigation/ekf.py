@@ -1,18 +1,19 @@
 r"""An error-state Kalman filter of inertial unit, DVL, pressure, heading and a position fix, with its own sensors.
 
-Strapdown inertial navigation: increments of velocity and attitude, and quaternions.
+The stage simulates the sensors from the truth and runs the filter on them. The inertial unit decides the filter's rate.
+Between its samples the estimate of pose and velocity is held. Force and moment of the contact are measured in B by
+channels (:mod:`.channel`), by default perfectly at every time step.
 
-An inertial unit that integrates its rates on board and compensates coning and sculling gives, for each sample, the
-rotation vector from B at the last sample to B at this one, and the integral of the specific force in B at the last
+**Inertial unit.** One that integrates its rates on board and compensates coning and sculling gives, for each sample,
+the rotation vector from B at the last sample to B at this one, and the integral of the specific force in B at the last
 sample. Both follow from the attitudes and velocities at the two instants exactly, so that the errors of such a unit are
 its noise and its biases alone.
 
-Covariance of the error state of inertial navigation, 15 states.
-
-The error state is :math:`\delta x = [\delta p_W, \delta v_W, \delta\theta, \delta b_g, \delta b_a]`, truth minus
-estimate, with the attitude error as a rotation vector in B: :math:`R = \hat R\, Exp(\delta\theta)` (Sola, "Quaternion
-kinematics for the error-state Kalman filter", arXiv:1711.02508, sec. 5; Fossen (2021), sec. 14.4). Over an interval h
-with the increments of velocity and attitude, without their biases, dv and dtheta,
+**Covariance.** The error state of 15 numbers is :math:`\delta x = [\delta p_W, \delta v_W, \delta\theta, \delta b_g,
+\delta b_a]`, truth minus estimate, with the attitude error as a rotation vector in B: :math:`R = \hat R\,
+Exp(\delta\theta)` (Sola, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, sec. 5; Fossen
+(2021), sec. 14.4). Over an interval h with the increments of velocity and attitude, without their biases, dv and
+dtheta,
 
 .. math::
 
@@ -22,20 +23,11 @@ with the increments of velocity and attitude, without their biases, dv and dthet
     \delta p' &= \delta p + \tfrac{h}{2} (\delta v + \delta v'), \qquad
     \delta\theta' = Exp(d\theta)^\top \delta\theta - h\, \delta b_g - n_g
 
-A matrix (15, 15) is 225 numbers, row by row.
+**Corrections.** The filter takes each standard deviation for ``assumed_noise`` times the true one. A correction is
+applied to the estimate at once, so that the error state is zero again; the covariance's change of frame by half the
+corrected angle is left out, as usual (Sola, sec. 6.3).
 
-The steps of the aided inertial filter: its sensors, simulated from the truth, prediction and corrections.
-
-The kernels work on the settings and the state of :class:`uvms_mj.navigation.ekf.Ekf`. ``out`` has the estimated
-attitude. The filter takes each standard deviation for ``assumed_noise`` times the true one. A correction is applied to
-the estimate at once, so that the error state is zero again; the covariance's change of frame by half the corrected
-angle is left out, as usual (Sola, sec. 6.3).
-
-An error-state Kalman filter of inertial unit, DVL, pressure, heading and a position fix, with its own sensors.
-
-The stage simulates the sensors from the truth and runs the filter on them. The inertial
-unit decides the filter's rate. Between its samples the estimate of pose and velocity is held. Force and moment of the
-contact are measured in B by channels (:mod:`.channel`), by default perfectly at every time step.
+The kernels work on the settings and the state of :class:`Ekf`; ``out`` has the estimated attitude.
 """
 
 from __future__ import annotations
@@ -48,8 +40,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import Fault
-from ..physics.frames import multiply, rotation, to_body, to_world
+from ..physics.frames import multiply, rotation, skew, to_body, to_world
 from ..physics.kernels import kernel
+from ..physics.linear_algebra import cholesky, forward
 from ..physics.random import standard_normal
 from ..quantities import NonNegative, Positive, Step
 from ..stages.base import setting
@@ -59,26 +52,22 @@ from .sensors import channel_faults, channel_of, channel_settings
 
 
 @kernel
-def turned(quat, x, y, z, out):
-    """Set out = quat * Exp([x, y, z]) (4,), of unit length: quat turned by a rotation vector in its own frame [rad]."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    w, scale = math.cos(0.5 * angle), 0.5
-    if angle > 0.0:
-        scale = math.sin(0.5 * angle) / angle
-    multiply(quat[0], quat[1], quat[2], quat[3], w, scale * x, scale * y, scale * z, 0, out)
+def turned(quat, phi, out):
+    """Set out = quat * Exp(phi) (4,), of unit length: quat turned by a rotation vector (3,) in its own frame [rad]."""
+    angle = math.sqrt(phi @ phi)
+    scale = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    x, y, z = scale * phi
+    multiply(quat[0], quat[1], quat[2], quat[3], math.cos(0.5 * angle), x, y, z, 0, out)
     out /= math.sqrt(out @ out)
 
 
 @kernel
 def rotation_vector(start, end, out):
     """Set out (3,) [rad] so that end = start * Exp(out). Below 0.3 rad the relative error is below 1e-8."""
-    w = start @ end
-    out[0] = start[0] * end[1] - start[1] * end[0] - start[2] * end[3] + start[3] * end[2]
-    out[1] = start[0] * end[2] + start[1] * end[3] - start[2] * end[0] - start[3] * end[1]
-    out[2] = start[0] * end[3] - start[1] * end[2] + start[2] * end[1] - start[3] * end[0]
-    square = out @ out  # sin^2 of half the angle
+    w, v = start @ end, start[0] * end[1:] - end[0] * start[1:] - np.cross(start[1:], end[1:])  # conj(start) * end
+    square = v @ v  # sin^2 of half the angle
     scale = 2.0 + square * (1.0 / 3.0 + square * (3.0 / 20.0 + square * 5.0 / 56.0))  # of the arcsine
-    out *= scale if w >= 0.0 else -scale
+    out[:] = v * (scale if w >= 0.0 else -scale)
 
 
 @kernel
@@ -86,106 +75,71 @@ def increments(given, quat_before, v_before_W, gravity_W, interval, turn, push):
     """Set the true increments of an interval [s] that ends now: turn (3,) [rad], the rotation vector, and push (3,)
     [m/s], the integral of the specific force in B at the beginning. quat_before (4,) and v_before_W (3,) are the
     attitude and velocity there; they are set to those of now."""
+    v_W, R_before = given.R_WB @ given.nu[:3], np.zeros((3, 3))
     rotation_vector(quat_before, given.quat_WB, turn)
-    w, x, y, z = quat_before[0], quat_before[1], quat_before[2], quat_before[3]
-    v_W = np.zeros(3)
-    to_world(given.R_WB, given.nu, v_W)
-    a, b, c = v_W - v_before_W - interval * gravity_W
-    push[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y + w * z) * b + 2 * (x * z - w * y) * c
-    push[1] = 2 * (x * y - w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z + w * x) * c
-    push[2] = 2 * (x * z + w * y) * a + 2 * (y * z - w * x) * b + (1 - 2 * (x * x + y * y)) * c
+    rotation(quat_before, R_before)
+    push[:] = R_before.T @ (v_W - v_before_W - interval * gravity_W)
     v_before_W[:], quat_before[:] = v_W, given.quat_WB
 
 
 @kernel
-def transition(R, push, turn, interval, A, E):
-    """Set the blocks of F, (9,) each, row by row: A = -R [push]x of dv' over dtheta, and E = Exp(turn)^T."""
-    for i in range(3):
-        A[3 * i : 3 * i + 3] = np.cross(push, R[i])
-    x, y, z = turn[0], turn[1], turn[2]
-    square = x * x + y * y + z * z
+def transition(R, push, turn, A, E):
+    """Set the blocks of F, (3, 3) each: A = -R [push]x of dv' over dtheta, and E = Exp(turn)^T."""
+    square = turn @ turn
     angle = math.sqrt(square)
     s, c = 1.0, 0.5
     if angle > 1e-6:
         s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
-    E[0], E[1], E[2] = 1.0 - c * (y * y + z * z), c * x * y + s * z, c * x * z - s * y
-    E[3], E[4], E[5] = c * x * y - s * z, 1.0 - c * (x * x + z * z), c * y * z + s * x
-    E[6], E[7], E[8] = c * x * z + s * y, c * y * z - s * x, 1.0 - c * (x * x + y * y)
+    S = skew(turn)
+    A[:] = -R @ skew(push)
+    E[:] = np.eye(3) - s * S + c * (S @ S)
 
 
 @kernel
 def advance(P, R, A, E, h, out):
     """Set out = F P^T, (15, 15). Applied twice, it gives F P F^T."""
-    for i in range(15):
-        n = 15 * i
-        for k in range(3):
-            v, turned = P[n + 3 + k], -h * P[n + 9 + k]
-            new = v - h * (R[k, 0] * P[n + 12] + R[k, 1] * P[n + 13] + R[k, 2] * P[n + 14])
-            for j in range(3):
-                new += A[3 * k + j] * P[n + 6 + j]
-                turned += E[3 * k + j] * P[n + 6 + j]
-            out[15 * k + i] = P[n + k] + 0.5 * h * (v + new)
-            out[15 * (3 + k) + i] = new
-            out[15 * (6 + k) + i] = turned
-            out[15 * (9 + k) + i] = P[n + 9 + k]
-            out[15 * (12 + k) + i] = P[n + 12 + k]
+    X = P.T
+    v, theta, b_g, b_a = X[3:6], X[6:9], X[9:12], X[12:]
+    out[3:6] = v + A @ theta - h * (R @ b_a)
+    out[:3] = X[:3] + 0.5 * h * (v + out[3:6])
+    out[6:9] = E @ theta - h * b_g
+    out[9:] = X[9:]
 
 
 @kernel
 def add_noise(P, h, var_push, var_turn, var_gyro_walk, var_accelerometer_walk):
     """Add the noise of an interval: variances of the increments of velocity and attitude, and of the biases' steps."""
-    diagonal = P[::16]
-    diagonal[:3] += 0.25 * h * h * var_push
-    P[3:48:16] += 0.5 * h * var_push  # of position and velocity
-    P[45:90:16] += 0.5 * h * var_push
-    diagonal[3:6] += var_push
-    diagonal[6:9] += var_turn
-    diagonal[9:12] += var_gyro_walk
-    diagonal[12:] += var_accelerometer_walk
+    for i in range(3):
+        P[i, i] += 0.25 * h * h * var_push
+        P[i, 3 + i] += 0.5 * h * var_push
+        P[3 + i, i] += 0.5 * h * var_push
+        P[3 + i, 3 + i] += var_push
+        P[6 + i, 6 + i] += var_turn
+        P[9 + i, 9 + i] += var_gyro_walk
+        P[12 + i, 12 + i] += var_accelerometer_walk
 
 
 @kernel
-def correct(P, H, innovation, variance, column, correction) -> float:
+def correct(P, H, innovation, variance, correction) -> float:
     """Update P with one scalar measurement of row H (15,), and set the correction (15,) of the state.
 
     Independent measurements may be taken one after the other, so that no matrix is inverted. With the optimal gain
     P H^T / S the update is P - P H^T H P / S, and P stays symmetric. Returns the normalised innovation squared.
     """
-    S = variance
-    for i in range(15):
-        total = 0.0
-        for j in range(15):
-            total += P[15 * i + j] * H[j]
-        column[i] = total
-        S += H[i] * total
-    for i in range(15):
-        correction[i] = column[i] * (innovation / S)
-        for j in range(i, 15):
-            mean = 0.5 * (P[15 * i + j] + P[15 * j + i]) - column[i] * column[j] / S
-            P[15 * i + j] = mean
-            P[15 * j + i] = mean
+    column = P @ H
+    S = variance + H @ column
+    correction[:] = column * (innovation / S)
+    P[:] = 0.5 * (P + P.T) - np.outer(column, column) / S
     return innovation * innovation / S
 
 
 @kernel
-def normalised_square(P, error, L, y) -> float:
-    """error^T P^-1 error by Cholesky's factor, which is left in L; y (15,) is scratch. NaN if P is not positive
-    definite."""
-    result = 0.0
-    for i in range(15):
-        rest = error[i]
-        for j in range(i + 1):
-            total = P[15 * i + j]
-            for k in range(j):
-                total -= L[15 * i + k] * L[15 * j + k]
-            if i == j:
-                L[16 * i] = math.sqrt(total)
-            else:
-                L[15 * i + j] = total / L[16 * j]
-                rest -= L[15 * i + j] * y[j]
-        y[i] = rest / L[16 * i]
-        result += y[i] * y[i]
-    return result
+def normalised_square(P, error, L) -> float:
+    """error^T P^-1 error by Cholesky's factor, which is left in L (15, 15). NaN if P is not positive definite."""
+    y = error.copy()
+    cholesky(P, L)
+    forward(L, y)
+    return y @ y
 
 
 # first random number of an instant for each use; those from 64 on are of the force's channels
@@ -212,12 +166,12 @@ def begin(settings, state, given, out):
         state.b_a_true[i] = settings.accelerometer_bias * standard_normal(key, 0, _START + 12 + i)
         noise = settings.gyro_noise * standard_normal(key, 0, _IMU + i)
         state.omega[i] = given.nu[3 + i] + state.b_g_true[i] + noise
-        P[16 * i] = k * settings.initial_position * settings.initial_position
-        P[16 * (3 + i)] = k * settings.initial_velocity * settings.initial_velocity
-        P[16 * (6 + i)] = k * settings.initial_attitude * settings.initial_attitude
-        P[16 * (9 + i)] = k * settings.gyro_bias * settings.gyro_bias
-        P[16 * (12 + i)] = k * settings.accelerometer_bias * settings.accelerometer_bias
-    turned(given.quat_WB, state.correction[0], state.correction[1], state.correction[2], state.quat)
+        P[i, i] = k * settings.initial_position * settings.initial_position
+        P[3 + i, 3 + i] = k * settings.initial_velocity * settings.initial_velocity
+        P[6 + i, 6 + i] = k * settings.initial_attitude * settings.initial_attitude
+        P[9 + i, 9 + i] = k * settings.gyro_bias * settings.gyro_bias
+        P[12 + i, 12 + i] = k * settings.accelerometer_bias * settings.accelerometer_bias
+    turned(given.quat_WB, state.correction[:3], state.quat)
     state.quat_before[:] = given.quat_WB
     rotation(state.quat, out.R_WB)
 
@@ -244,19 +198,18 @@ def predict(settings, state, given, out):
     """Take the estimate and its covariance over the interval of a sample of the inertial unit."""
     measure_increments(settings, state, given)
     h, R, turn, push, p, v = settings.interval, out.R_WB, state.turn, state.push, state.p, state.v
-    transition(R, push, turn, h, state.A, state.E)
+    transition(R, push, turn, state.A, state.E)
     advance(state.P, R, state.A, state.E, h, state.work)
     advance(state.work, R, state.A, state.E, h, state.P)
     k = settings.assumed_noise * settings.assumed_noise
     a, g = settings.accelerometer_noise * h, settings.gyro_noise * h
     w, u = settings.gyro_walk, settings.accelerometer_walk
     add_noise(state.P, h, k * a * a, k * g * g, k * h * w * w, k * h * u * u)
-    for i in range(3):
-        new = v[i] + R[i, 0] * push[0] + R[i, 1] * push[1] + R[i, 2] * push[2] + h * settings.gravity_W[i]
-        p[i] += 0.5 * h * (v[i] + new)
-        v[i] = new
+    v_after = v + R @ push + h * settings.gravity_W
+    p += 0.5 * h * (v + v_after)
+    v[:] = v_after
     state.omega[:] = turn / h
-    turned(state.quat.copy(), turn[0], turn[1], turn[2], state.quat)
+    turned(state.quat.copy(), turn, state.quat)
     rotation(state.quat, R)
 
 
@@ -264,14 +217,14 @@ def predict(settings, state, given, out):
 def apply(state, innovation, sigma, out):
     """Correct the estimate by a scalar measurement of row H with a standard deviation, and clear H."""
     change = state.correction
-    state.squares[0] += correct(state.P, state.H, innovation, sigma * sigma, state.column, change)
+    state.squares[0] += correct(state.P, state.H, innovation, sigma * sigma, change)
     state.updates[0] += 1.0
     state.p += change[:3]
     state.v += change[3:6]
     state.b_g += change[9:12]
     state.omega -= change[9:12]
     state.b_a += change[12:]
-    turned(state.quat.copy(), change[6], change[7], change[8], state.quat)
+    turned(state.quat.copy(), change[6:9], state.quat)
     rotation(state.quat, out.R_WB)
     state.H[:] = 0.0
 
@@ -281,8 +234,7 @@ def velocity_fix(settings, state, given, out):
     """The DVL: velocity in B. R^T v changes by R^T dv + [R^T v]x dtheta."""
     H, R, sigma = state.H, out.R_WB, settings.assumed_noise * settings.dvl_noise
     for i in range(3):
-        v = np.zeros(3)
-        to_body(R, state.v, v)
+        v = R.T @ state.v
         measured = given.nu[i] + settings.dvl_noise * standard_normal(given.key, given.instant, _DVL + i)
         H[3:6] = R[:, i]
         next_axis, last_axis = (i + 1) % 3, (i + 2) % 3
@@ -329,10 +281,8 @@ def position_fix(settings, state, given, out):
 @kernel
 def estimation_error(state, given, error):
     """Set the error state (15,), truth minus estimate."""
-    v, phi = np.zeros(3), np.zeros(3)
-    to_world(given.R_WB, given.nu, v)
-    rotation_vector(state.quat, given.quat_WB, phi)
-    error[:3], error[3:6], error[6:9] = given.p_WB - state.p, v - state.v, phi
+    rotation_vector(state.quat, given.quat_WB, error[6:9])
+    error[:3], error[3:6] = given.p_WB - state.p, given.R_WB @ given.nu[:3] - state.v
     error[9:12], error[12:] = state.b_g_true - state.b_g, state.b_a_true - state.b_a
 
 
@@ -341,7 +291,7 @@ def publish(state, out):
     """Set the measured pose and velocity to the estimate, and the recorded standard deviations."""
     to_body(out.R_WB, state.v, out.nu)
     out.p_WB[:], out.quat_WB[:], out.nu[3:] = state.p, state.quat, state.omega
-    sigma = np.sqrt(state.P[::16])  # of the diagonal
+    sigma = np.sqrt(np.diag(state.P))
     state.sigma_p[:], state.sigma_v[:], state.sigma_theta[:] = sigma[:3], sigma[3:6], sigma[6:9]
     state.sigma_b_g[:], state.sigma_b_a[:] = sigma[9:12], sigma[12:]
 
@@ -388,8 +338,8 @@ class Ekf(_ForceSensor):
         **{"sigma_p": "m", "sigma_v": "m/s", "sigma_theta": "rad", "sigma_b_g": "rad/s", "sigma_b_a": "m/s^2"},
         **{"nees": "1", "nis": "1"},
     }
-    memory: ClassVar[Mapping[str, int]] = {
-        **{"P": 225, "work": 225, "H": 15, "column": 15, "correction": 15, "A": 9, "E": 9},
+    memory: ClassVar[Mapping[str, Any]] = {
+        **{"P": (15, 15), "work": (15, 15), "H": 15, "correction": 15, "A": (3, 3), "E": (3, 3)},
         **{"p": 3, "v": 3, "quat": 4, "omega": 3, "turn": 3, "push": 3, "quat_before": 4, "v_before": 3},
         **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
@@ -444,7 +394,7 @@ class Ekf(_ForceSensor):
         if state.updates[0] > 0.0:
             state.nis[0] = state.squares[0] / state.updates[0]
             estimation_error(state, given, state.correction)
-            state.nees[0] = normalised_square(state.P, state.correction, state.work, state.column)
+            state.nees[0] = normalised_square(state.P, state.correction, state.work)
         publish(state, out)
         to_world(out.R_WB, wrench, out.f_contact_m_W)
 

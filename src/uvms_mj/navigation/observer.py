@@ -35,7 +35,6 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.fossen import matvec
 from ..physics.frames import to_world
 from ..quantities import NonNegative, Number, Time, within
 from ..stages.base import Room, Stage, setting
@@ -136,8 +135,7 @@ class MomentumObserver(Observer):
     def step(settings, state, given, state_dot, out):
         residual, bias, wrench = state.residual, state.residual_bias, out.tau_contact_m_B
         h, part = given.period, 1.0 - math.exp(-given.period / settings.time_constant)
-        momentum, explained = np.zeros(6), given.C_hat_nu + given.D_hat_nu + given.g_hat
-        matvec(given.M_hat, given.nu, momentum)
+        momentum, explained = given.M_hat @ given.nu, given.C_hat_nu + given.D_hat_nu + given.g_hat
         if given.instant > 0:
             # motion and commanded thrust of the interval that ends now
             w = (momentum - state.momentum) / h - given.tau_hat + 0.5 * (explained + state.explained)
@@ -148,7 +146,7 @@ class MomentumObserver(Observer):
             state.averaged[0] += 1.0
             bias += (residual - bias) / state.averaged[0]
         wrench[:] = residual - bias
-        force = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
+        force = math.sqrt(wrench[:3] @ wrench[:3])
         limit = 0.5 * settings.threshold if state.in_contact[0] > 0.0 else settings.threshold
         state.in_contact[0] = 0.0 if calibrating or force < limit else 1.0
         if state.in_contact[0] == 0.0:

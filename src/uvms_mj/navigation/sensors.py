@@ -33,7 +33,7 @@ import numpy as np
 from annotated_types import Lt
 
 from ..errors import Fault
-from ..physics.frames import rotation, to_world
+from ..physics.frames import rotation, to_world, velocity_at
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
@@ -223,14 +223,7 @@ def felt_wrench(settings, given, start, wrench):
     m = settings.mass_behind
     if m > 0.0:
         nu, nu_dot, r = given.nu, given.nu_dot, settings.mass_behind_at
-        p, q, omega_z = nu[3], nu[4], nu[5]
-        v_x = nu[0] + q * r[2] - omega_z * r[1]  # velocity of the centre
-        v_y = nu[1] + omega_z * r[0] - p * r[2]
-        v_z = nu[2] + p * r[1] - q * r[0]
-        a_x = nu_dot[0] + nu_dot[4] * r[2] - nu_dot[5] * r[1] + q * v_z - omega_z * v_y
-        a_y = nu_dot[1] + nu_dot[5] * r[0] - nu_dot[3] * r[2] + omega_z * v_x - p * v_z
-        a_z = nu_dot[2] + nu_dot[3] * r[1] - nu_dot[4] * r[0] + p * v_y - q * v_x
-        f = -m * np.array([a_x, a_y, a_z])
+        f = -m * (velocity_at(nu_dot, r) + np.cross(nu[3:], velocity_at(nu, r)))  # of the centre
         wrench[:3] += f
         wrench[3:] += np.cross(r, f)
     wrench[:3] -= settings.depth_drift * (given.p_WB[2] - start[0])

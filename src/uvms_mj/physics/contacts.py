@@ -50,7 +50,7 @@ import math
 
 import numpy as np
 
-from .frames import add_wrench_from, compose_poses, motion_at, to_body, to_world
+from .frames import add_wrench_from, compose_poses, motion_at, to_world, velocity_at
 from .kernels import kernel
 from .surfaces import move, nearest_on_segment, signed_distance
 
@@ -210,12 +210,7 @@ def release(contact):
 @kernel
 def point_velocity(R_WB, nu, arm_W, v_W):
     """Set v_W (3,), the velocity in W of the point of the vehicle at arm_W (3,) from B's origin [m/s]."""
-    arm, v = np.zeros(3), np.zeros(3)
-    to_body(R_WB, arm_W, arm)
-    v[0] = nu[0] + nu[4] * arm[2] - nu[5] * arm[1]  # v + omega x arm
-    v[1] = nu[1] + nu[5] * arm[0] - nu[3] * arm[2]
-    v[2] = nu[2] + nu[3] * arm[1] - nu[4] * arm[0]
-    to_world(R_WB, v, v_W)
+    v_W[:] = R_WB @ velocity_at(nu, R_WB.T @ arm_W)
 
 
 @kernel
@@ -247,11 +242,11 @@ def friction(contact, f_n, v_t, timestep):
     if contact.touching != 0:
         xi += timestep * v_t
         xi -= (n[0] * xi[0] + n[1] * xi[1] + n[2] * xi[2]) * n  # the face may have turned
-    held = contact.tangential_stiffness * math.sqrt(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    held = contact.tangential_stiffness * math.sqrt(xi @ xi)
     if held > limit:
         xi *= limit / held
     f[:] = -contact.tangential_stiffness * xi - contact.tangential_damping * v_t
-    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    size = math.sqrt(f @ f)
     if size > limit:
         f *= limit / size
 
@@ -259,10 +254,8 @@ def friction(contact, f_n, v_t, timestep):
 @kernel
 def wrench_at_origin(R_WB, arm_W, f_W, tau):
     """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,)."""
-    arm = np.zeros(3)
-    to_body(R_WB, arm_W, arm)
-    to_body(R_WB, f_W, tau)
-    tau[3:] = np.cross(arm, tau[:3])
+    f = R_WB.T @ f_W
+    tau[:3], tau[3:] = f, np.cross(R_WB.T @ arm_W, f)
 
 
 CARRIER = np.dtype(

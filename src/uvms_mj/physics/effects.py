@@ -56,6 +56,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from .frames import velocity_at
 from .kernels import kernel
 from .waves import WAVE, add_wave
 
@@ -141,24 +142,20 @@ def add_effects(effects, nu_r, tau):
 @kernel
 def add_tether(tether, nu_r, tau):
     """Add the drag of a tether."""
-    r, w = tether.r, np.zeros(3)
-    w[0] = -(nu_r[0] + nu_r[4] * r[2] - nu_r[5] * r[1])
-    w[1] = -(nu_r[1] + nu_r[5] * r[0] - nu_r[3] * r[2])
-    w[2] = -(nu_r[2] + nu_r[3] * r[1] - nu_r[4] * r[0])
-    drag = tether.factor * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    tau[:3] += drag * w
-    tau[3:] += drag * np.cross(r, w)
+    w = -velocity_at(nu_r, tether.r)
+    f = tether.factor * math.sqrt(w @ w) * w
+    tau[:3] += f
+    tau[3:] += np.cross(tether.r, f)
 
 
 @kernel
 def add_fin(fin, nu_r, tau):
     """Add lift and drag of a fin."""
-    v, r, R = np.zeros(3), fin.r, fin.R_BF
-    v[:] = (nu_r[:3] + np.cross(nu_r[3:], r)) @ R
+    r, R = fin.r, fin.R_BF
+    v = R.T @ velocity_at(nu_r, r)
     v[2] = 0.0
     C_L, C_D = fin_coefficients(fin, math.atan2(v[1], v[0]))
-    lift = np.zeros(3)
-    lift[0], lift[1] = -C_L * v[1], C_L * v[0]  # e_z x v
+    lift = C_L * np.cross(np.array([0.0, 0.0, 1.0]), v)
     f = R @ (-fin.factor * math.sqrt(v @ v) * (lift + C_D * v))
     tau[:3] += f
     tau[3:] += np.cross(r, f)
@@ -183,14 +180,12 @@ def fin_coefficients(fin, alpha):
 @kernel
 def add_drag(drag, nu_r, tau):
     """Add the drag at a place."""
-    v, r, f = np.zeros(3), drag.r, np.zeros(3)
-    v[:] = nu_r[:3] + np.cross(nu_r[3:], r)
-    speed = math.sqrt(v @ v)
-    for i in range(3):
-        c = drag.forward[i] if v[i] > 0.0 else drag.backward[i]
-        f[i] = -c * (speed if drag.of_speed != 0 else abs(v[i])) * v[i]
+    v = velocity_at(nu_r, drag.r)
+    c = np.where(v > 0.0, drag.forward, drag.backward)
+    speed = math.sqrt(v @ v) * np.ones(3) if drag.of_speed != 0 else np.abs(v)
+    f = -c * speed * v
     tau[:3] += f
-    tau[3:] += np.cross(r, f)
+    tau[3:] += np.cross(drag.r, f)
 
 
 @kernel

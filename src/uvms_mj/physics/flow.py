@@ -92,6 +92,13 @@ def sine_rates(series, t, rate):
 
 
 @kernel
+def read(numbers, place, out):
+    """Set out (n,) to the numbers from a place on."""
+    for i in range(len(out)):
+        out[i] = numbers[place + i]
+
+
+@kernel
 def add_interpolated(numbers, first, rows, x, value, rate):
     """Add the linear interpolation of a table at x to value (n,), and its derivative to rate (n,).
 
@@ -112,12 +119,15 @@ def add_interpolated(numbers, first, rows, x, value, rate):
             high = middle
     inside = high > low and x >= numbers[first]
     here, there = first + low * width, first + high * width
-    for i in range(value.shape[0]):
-        value[i] += numbers[here + 1 + i]
-        if inside:
-            slope = (numbers[there + 1 + i] - numbers[here + 1 + i]) / (numbers[there] - numbers[here])
-            value[i] += slope * (x - numbers[here])
-            rate[i] += slope
+    y_0 = np.zeros_like(value)
+    read(numbers, here + 1, y_0)
+    value += y_0
+    if inside:
+        y_1, x_0, x_1 = np.zeros_like(value), numbers[here], numbers[there]
+        read(numbers, there + 1, y_1)
+        slope = (y_1 - y_0) / (x_1 - x_0)
+        value += slope * (x - x_0)
+        rate += slope
 
 
 @kernel
@@ -130,15 +140,15 @@ def add_gauss_markov(series, numbers, t, value, rate):
     if k // NODES != series.block:
         series.block = k // NODES
         draw_block(series, numbers, n)
-    f, at = x - k, series.nodes + k % NODES * n
-    for i in range(n):
-        before, here = numbers[at + i], numbers[at + n + i]
-        there, after = numbers[at + 2 * n + i], numbers[at + 3 * n + i]
-        b = 0.5 * (there - before)  # here + b f + c f^2 + d f^3
-        c = before - 2.5 * here + 2.0 * there - 0.5 * after
-        d = 0.5 * (after - before) + 1.5 * (here - there)
-        value[i] += series.deviation[i] * (here + f * (b + f * (c + f * d)))
-        rate[i] += series.deviation[i] * (b + f * (2.0 * c + f * 3.0 * d)) / series.spacing
+    f, nodes = x - k, np.zeros((4, n))
+    for j in range(4):
+        read(numbers, series.nodes + (k % NODES + j) * n, nodes[j])
+    before, here, there, after = nodes
+    b = 0.5 * (there - before)  # here + b f + c f^2 + d f^3
+    c = before - 2.5 * here + 2.0 * there - 0.5 * after
+    d = 0.5 * (after - before) + 1.5 * (here - there)
+    value += series.deviation * (here + f * (b + f * (c + f * d)))
+    rate += series.deviation * (b + f * (2.0 * c + f * 3.0 * d)) / series.spacing
 
 
 @kernel

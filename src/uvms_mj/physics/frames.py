@@ -20,17 +20,26 @@ BODY = "body"
 @kernel
 def to_world(R_WB, a_B, a_W):
     """Set the first three components of a_W = R_WB a_B."""
-    x, y, z = a_B[0], a_B[1], a_B[2]
-    for i in range(3):
-        a_W[i] = R_WB[i, 0] * x + R_WB[i, 1] * y + R_WB[i, 2] * z
+    a_W[:3] = R_WB @ a_B[:3]
 
 
 @kernel
 def to_body(R_WB, a_W, a_B):
     """Set the first three components of a_B = R_WB^T a_W."""
-    x, y, z = a_W[0], a_W[1], a_W[2]
-    for i in range(3):
-        a_B[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
+    a_B[:3] = R_WB.T @ a_W[:3]
+
+
+@kernel
+def skew(a):
+    """S(a) (3, 3) of a vector (3,), with S(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+@kernel
+def velocity_at(nu, p):
+    """The velocity (3,) of the point p (3,) of a body that moves with nu = [v; omega] (6,), in its axes: v + omega x p.
+    Of the rate of nu, it is the acceleration without the centripetal part."""
+    return nu[:3] + np.cross(nu[3:], p)
 
 
 @kernel
@@ -63,18 +72,14 @@ def compose_poses(R_1, p_1, R_2, p_2, R, p):
 def motion_at(R, p, motion, out):
     """Set out (6,) to a velocity or an acceleration (6,) at the origin of a frame as one at the origin and in the axes
     of a second frame, whose pose in the first is R (3, 3), p (3,) and which is fixed to the same body."""
-    v, omega = motion[:3], motion[3:]
-    to_body(R, v + np.cross(omega, p), out)
-    to_body(R, omega, out[3:])
+    out[:3], out[3:] = R.T @ velocity_at(motion, p), R.T @ motion[3:]
 
 
 @kernel
 def motion_from(R, p, motion, out):
     """Set out (6,), at the origin of a frame, to a velocity or an acceleration (6,) at the origin and in the axes of a
     second frame, whose pose in the first is R (3, 3), p (3,) and which is fixed to the same body."""
-    v, omega = np.zeros(3), np.zeros(3)
-    to_world(R, motion, v)
-    to_world(R, motion[3:], omega)
+    v, omega = R @ motion[:3], R @ motion[3:]
     out[:3], out[3:] = v + np.cross(p, omega), omega
 
 
@@ -83,17 +88,14 @@ def wrench_at(R, p, wrench, out):
     """Set out (6,) to a wrench (6,) at the origin of a frame as one at the origin and in the axes of a second frame,
     whose pose in the first is R (3, 3), p (3,)."""
     f, moment = wrench[:3], wrench[3:]
-    to_body(R, moment - np.cross(p, f), out[3:])
-    to_body(R, f, out)
+    out[:3], out[3:] = R.T @ f, R.T @ (moment - np.cross(p, f))
 
 
 @kernel
 def add_wrench_from(R, p, wrench, out):
     """Add to out (6,), a wrench at the origin of a frame, a wrench (6,) at the origin and in the axes of a second
     frame, whose pose in the first is R (3, 3), p (3,)."""
-    f, moment = np.zeros(3), np.zeros(3)
-    to_world(R, wrench, f)
-    to_world(R, wrench[3:], moment)
+    f, moment = R @ wrench[:3], R @ wrench[3:]
     out[:3] += f
     out[3:] += moment + np.cross(p, f)
 

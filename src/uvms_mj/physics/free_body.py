@@ -26,8 +26,8 @@ import math
 
 import numpy as np
 
-from .fossen import coriolis_rigid_body, matvec, restoring
-from .frames import multiply, to_body, to_world
+from .fossen import coriolis_rigid_body, restoring
+from .frames import multiply
 from .kernels import kernel
 
 
@@ -46,8 +46,8 @@ def free_acceleration(body, R_WB, nu, tau, qacc):
     turning[3:] = nu[3:]
     restoring(body.mass, 0.0, body.r_g, body.r_g, body.gravity_W, R_WB, g_eta)
     coriolis_rigid_body(body.M_RB, turning, C_nu)
-    matvec(body.M_inv, tau - g_eta - C_nu, qacc)
-    to_world(R_WB, qacc, qacc)
+    nu_dot = body.M_inv @ (tau - g_eta - C_nu)
+    qacc[:3], qacc[3:] = R_WB @ nu_dot[:3], nu_dot[3:]
 
 
 @kernel
@@ -62,17 +62,14 @@ def soft_contact(body, contact, depth, R_WB, qvel, qacc) -> float:
         qvel: (6,) velocity of the free joint.
         qacc: (6,) acceleration by all other forces, [m/s^2 in W, rad/s^2 in B].
     """
-    n, n_B, M_inv = contact.normal_W, np.zeros(3), body.M_inv
-    to_body(R_WB, n, n_B)
-    x, y, z = n_B[0], n_B[1], n_B[2]
-    per_force = M_inv[:, 0] * x + M_inv[:, 1] * y + M_inv[:, 2] * z  # acceleration by a unit force, in B
-    yielding = x * per_force[0] + y * per_force[1] + z * per_force[2]
-    a_0 = n[0] * qacc[0] + n[1] * qacc[1] + n[2] * qacc[2]
-    v_n = n[0] * qvel[0] + n[1] * qvel[1] + n[2] * qvel[2]
-    spring = contact.stiffness * depth - contact.damping * v_n
+    n = contact.normal_W
+    n_B = R_WB.T @ n
+    per_force = body.M_inv[:, :3] @ n_B  # acceleration by a unit force, in B
+    yielding, a_0 = n_B @ per_force[:3], n @ qacc[:3]
+    spring = contact.stiffness * depth - contact.damping * (n @ qvel[:3])
     f_n = max(0.0, (body.softness * spring - a_0) / (body.softness + yielding))
-    to_world(R_WB, per_force, per_force)
-    qacc += f_n * per_force
+    qacc[:3] += f_n * (R_WB @ per_force[:3])
+    qacc[3:] += f_n * per_force[3:]
     return f_n
 
 
@@ -81,10 +78,11 @@ def symplectic_step(qpos, qvel, qacc, timestep):
     """Advance the velocity qvel (6,), and with the new velocity the pose qpos (7,), as MuJoCo's Euler integrator."""
     qvel += timestep * qacc
     qpos[:3] += timestep * qvel[:3]
-    x, y, z = qvel[3], qvel[4], qvel[5]
-    rate = math.sqrt(x * x + y * y + z * z)
+    omega = qvel[3:]
+    rate = math.sqrt(omega @ omega)
     if rate == 0.0:
         return
     half = 0.5 * timestep * rate
     scale = math.sin(half) / rate
-    multiply(qpos[3], qpos[4], qpos[5], qpos[6], math.cos(half), scale * x, scale * y, scale * z, 3, qpos)
+    x, y, z = scale * omega
+    multiply(qpos[3], qpos[4], qpos[5], qpos[6], math.cos(half), x, y, z, 3, qpos)

@@ -54,7 +54,7 @@ import itertools
 import numpy as np
 
 from .effects import PRODUCT
-from .frames import add_wrench_from, to_body
+from .frames import add_wrench_from
 from .kernels import fused, kernel
 from .tree import damping_wrench, gather_wrenches, momenta, move_links
 
@@ -117,8 +117,7 @@ def factor(lower, L, D_inverse):
 @kernel
 def relative_velocity(water, R_WB, nu, nu_r):
     """Set nu_r (6,) to the velocity relative to the current, from nu (6,) [m/s, rad/s, B]."""
-    to_body(R_WB, water.v_c_W, nu_r)
-    nu_r[:3], nu_r[3:] = nu[:3] - nu_r[:3], nu[3:]
+    nu_r[:3], nu_r[3:] = nu[:3] - R_WB.T @ water.v_c_W, nu[3:]
 
 
 @fused
@@ -138,9 +137,9 @@ def water_wrench(plant, R_WB, nu, out):
     base.V[:], base.F[:], a[:] = nu_r, water.tau_dist, 0.0
     for k in range(plant.tau_effects.shape[0]):
         base.F += plant.tau_effects[k]
+    a[:3] = -(np.cross(nu_r[3:], nu_r[:3]))  # -(omega x v_r + R^T v_c_dot)
     if water.unsteady != 0:
-        to_body(R_WB, water.v_c_dot_W, a)
-    a[:3] = -(np.cross(nu_r[3:], nu_r[:3]) + a[:3])  # omega x v_r + R^T v_c_dot
+        a[:3] -= R_WB.T @ water.v_c_dot_W
     move_links(links, frames, plant.qvel, 6)
     subtract_water(base, base.F)
     add_buoyancy(base, plant, R_WB, base.r_b)
@@ -158,7 +157,7 @@ def subtract_water(link, out):
     """Subtract C_A nu_r + D nu_r + M_A a of a link from out (6,), at its origin in its axes."""
     C_nu, D_nu, M_a = np.zeros(6), np.zeros(6), np.zeros(6)
     momenta(link, C_nu, M_a)
-    damping_wrench(link, D_nu)
+    damping_wrench(link, link.nu, D_nu)
     out[:] = out - C_nu - D_nu - M_a
 
 
@@ -166,8 +165,8 @@ def subtract_water(link, out):
 def add_buoyancy(link, plant, R_WB, centre):
     """Add the buoyancy of a link to its wrench F about B's origin, at its centre (3,) in B: that of gravity minus the
     acceleration of the water."""
-    d, f = link.displaced_mass, np.zeros(3)
-    to_body(R_WB, -(d * plant.gravity_W) + d * plant.water.a_c_W, f)
+    d = link.displaced_mass
+    f = R_WB.T @ (-(d * plant.gravity_W) + d * plant.water.a_c_W)
     link.F[:3] += f
     link.F[3:] += np.cross(centre, f)
 

@@ -42,7 +42,7 @@ import math
 
 import numpy as np
 
-from .fossen import damping, matvec, turn_momentum
+from .fossen import damping, turned_momentum
 from .frames import add_wrench_from, compose_poses, motion_at, motion_from
 from .kernels import fused, kernel
 
@@ -139,33 +139,37 @@ def move_frame(link, frame):
 
 
 @kernel
+def multiply(M, is_diagonal, x, out):
+    """Set out (6,) to M x, for M (6, 6), which is known to be a diagonal unless ``is_diagonal`` is 0."""
+    if is_diagonal != 0:
+        out[:] = np.diag(M) * x
+    else:
+        out[:] = M @ x
+
+
+@kernel
 def momenta(link, C_nu, M_a):
     """Set C(nu) nu and M a (6,) of a link at its origin."""
-    M, nu, a = link.M, link.nu, link.a
-    if link.M_diagonal != 0:
-        for i in range(6):
-            C_nu[i], M_a[i] = M[i, i] * nu[i], M[i, i] * a[i]
-    else:
-        matvec(M, nu, C_nu)
-        matvec(M, a, M_a)
-    turn_momentum(nu, C_nu)
+    momentum = np.zeros(6)
+    multiply(link.M, link.M_diagonal, link.nu, momentum)
+    multiply(link.M, link.M_diagonal, link.a, M_a)
+    turned_momentum(momentum, link.nu, C_nu)
 
 
 @kernel
 def coriolis_wrench(link, out):
     """Set out (6,) to M a + C(nu) nu of a link at its origin, without the links that it carries."""
-    M_a = np.zeros(6)
-    momenta(link, out, M_a)
-    out[:] = link.coriolis * (out + M_a)
+    C_nu, M_a = np.zeros(6), np.zeros(6)
+    momenta(link, C_nu, M_a)
+    out[:] = link.coriolis * (C_nu + M_a)
 
 
 @kernel
-def damping_wrench(link, out):
-    """Set out (6,) to D(nu) nu of a link at its origin."""
-    D, Q, nu = link.D_linear, link.D_quadratic, link.nu
+def damping_wrench(link, nu, out):
+    """Set out (6,) to D(nu) nu of a link at its origin, for its velocity nu (6,) there."""
+    D, Q = link.D_linear, link.D_quadratic
     if link.D_diagonal != 0:
-        for i in range(6):
-            out[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
+        out[:] = np.diag(D) * nu + np.diag(Q) * (np.abs(nu) * nu)
     else:
         damping(D, Q, nu, out)
 

@@ -29,6 +29,7 @@ import dataclasses
 import functools
 import inspect
 import keyword
+import math
 import sys
 import types
 import weakref
@@ -37,7 +38,16 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, ClassVar, cast, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, StrictBool, TypeAdapter, ValidationError, with_config
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    ValidationError,
+    with_config,
+)
 from typing_extensions import TypedDict
 
 from ..compiler.refusals import field_suggestion
@@ -114,11 +124,11 @@ class Stage:
     """Sizes of the states by name; ``"thrusters"`` is the number of the vehicle's thrusters, and in a stage of the
     joints ``"joints"`` is their number."""
     memory: ClassVar[Mapping[str, Any]] = {}
-    """Sizes of further numbers that the stage keeps from instant to instant, by name, in the same record ``state``.
-    They do not advance, and they are not recorded: a queue of delayed samples, for example."""
+    """Sizes or shapes of further arrays that the stage keeps from instant to instant, by name, in the same record
+    ``state``: ``{"P": (15, 15), "queue": 100}``. They do not advance, and they are not recorded."""
     start_values: ClassVar[Mapping[str, Any]] = {}
     """Values of states and memory at the start of a run, by name, where they are not zero: one number for all entries,
-    or a list of the state's size. A reset returns to them."""
+    or a list of the state's size, of a matrix a list of its rows. A reset returns to them."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
     files: ClassVar[Sequence[str]] = ()
@@ -253,18 +263,16 @@ class Stage:
         its state, whose size may be the number of thrusters or joints."""
         record = cls.state_record(counted)
         for name, value in cls.start_values.items():
-            if np.size(value) not in (1, size := record[name].size):
-                wrong = f"{cls.label()}: start_values[{name!r}] has {np.size(value)} numbers; the state has {size}"
-                raise InputError([Fault(f"{cls.room.table}.name", wrong)])
+            if wrong := _wrong_start(name, value, record[name].shape[1:]):
+                raise InputError([Fault(f"{cls.room.table}.name", f"{cls.label()}: {wrong}")])
             record[name] = value
         return record
 
     @classmethod
     def state_record(cls, counted: int = 0) -> np.ndarray:
-        """The states and then the memory, all zero, as a record array (1,) of float64 vectors."""
-        given = {**cls.states, **cls.memory}
-        sizes = {name: counted if size == cls.room.counts else size for name, size in given.items()}
-        fields = [(name, "f8", (size,)) for name, size in sizes.items()]
+        """The states and then the memory, all zero, as a record array (1,) of float64 arrays."""
+        shapes = {name: _shape(size, counted) for name, size in {**cls.states, **cls.memory}.items()}
+        fields = [(name, "f8", shape) for name, shape in shapes.items()]
         return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
 
 
@@ -362,12 +370,43 @@ _SOUND: weakref.WeakSet[type[Stage]] = weakref.WeakSet()
 
 def no_numbers(value: Any) -> bool:
     """Whether a value is neither a finite number nor a list of them."""
-    numbers = np.asarray(value if isinstance(value, int | float | list | tuple | np.ndarray) else ())
-    return numbers.dtype.kind not in "if" or numbers.ndim > 1 or not numbers.size or not np.isfinite(numbers).all()
+    return _no_finite(value) or np.ndim(value) > 1
+
+
+def _no_finite(value: Any) -> bool:
+    """Whether a value is neither a finite number nor a list of them, or of rows of equal length."""
+    try:
+        numbers = np.asarray(value if isinstance(value, int | float | list | tuple | np.ndarray) else ())
+    except ValueError:  # rows of different lengths
+        return True
+    return numbers.dtype.kind not in "if" or not numbers.size or not np.isfinite(numbers).all()
+
+
+def _axes(size: Any) -> tuple[Any, ...]:
+    """The shape that a class declares by a size or a tuple of sizes, which may be numbers or "thrusters"."""
+    return tuple(size) if isinstance(size, tuple | list) else (size,)
+
+
+def _shape(size: Any, counted: int) -> tuple[int, ...]:
+    """The shape that a class declares, for a vehicle with so many thrusters or joints."""
+    return tuple(counted if isinstance(each, str) else each for each in _axes(size))
+
+
+def _wrong_start(name: str, value: Any, shape: tuple[int, ...]) -> str:
+    """What is wrong with the start value of a state or of memory of a shape; empty if it fits."""
+    if np.size(value) == 1 or np.shape(value) == shape:
+        return ""
+    if len(shape) == 1 and np.ndim(value) == 1:
+        return f"start_values[{name!r}] has {np.size(value)} numbers; the state has {shape[0]}"
+    return f"start_values[{name!r}] has the shape {np.shape(value)}; the state has {shape}"
 
 
 def _no_size(value: Any) -> bool:
     return value not in ("thrusters", "joints") and not (type(value) is int and 1 <= value <= _MOST)
+
+
+def _no_shape(value: Any) -> bool:
+    return not _axes(value) or any(map(_no_size, _axes(value)))
 
 
 def _field_name(name: str) -> str:
@@ -384,8 +423,16 @@ def _field_name(name: str) -> str:
 
 
 StateName = Annotated[str, AfterValidator(_field_name)]
-Size = Annotated[Any, refusing(_no_size, f'must be a whole number from 1 to {_MOST}, "thrusters" or "joints"')]
+_SIZE = f'must be a whole number from 1 to {_MOST}, "thrusters" or "joints"'
+_SHAPED = "is a shape, which memory may have; a state is a vector, since it is recorded: give its size"
+Size = Annotated[
+    Any,
+    refusing(_no_size, _SIZE),
+    refusing(lambda size: isinstance(size, tuple | list), _SHAPED, BeforeValidator),
+]
+Shape = Annotated[Any, refusing(_no_shape, f"{_SIZE}, or a tuple of them, as in (15, 15)")]
 Start = Annotated[Any, refusing(no_numbers, "must be a finite number or a list of them")]
+Rows = Annotated[Any, refusing(_no_finite, "must be a finite number or a list of them")]
 Text = Annotated[str, refusing(lambda text: not text.isprintable(), "must be printable")]
 
 
@@ -394,8 +441,8 @@ class Declared(TypedDict, total=False):
 
     name: Annotated[Text, Field(max_length=100)]
     states: dict[StateName, Size]
-    memory: dict[StateName, Size]
-    start_values: dict[str, Start]
+    memory: dict[StateName, Shape]
+    start_values: dict[str, Rows]
     units: dict[str, Text]
     uses_task: StrictBool
     uses_truth: StrictBool
@@ -480,10 +527,10 @@ def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
     if declared.get("uses_truth"):
         yield "uses_truth is reserved for ideal, the yardstick law"
     for called in ("states", "memory"):
-        sizes, counted = declared[called], cls.room.counts
-        if wrong := [name for name, size in sizes.items() if isinstance(size, str) and size != counted]:
-            yield f"{called}.{wrong[0]}: {sizes[wrong[0]]!r} is not the number of {counted}"
-        elif (total := sum(size for size in sizes.values() if size != counted)) > _MOST:
+        shapes, counted = {name: _axes(size) for name, size in declared[called].items()}, cls.room.counts
+        if wrong := [(name, n) for name, axes in shapes.items() for n in axes if isinstance(n, str) and n != counted]:
+            yield f"{called}.{wrong[0][0]}: {wrong[0][1]!r} is not the number of {counted}"
+        elif (total := sum(math.prod(_shape(axes, 1)) for axes in shapes.values())) > _MOST:
             yield f"{called} has {total} numbers in all; at most {_MOST} are allowed"
     sizes = {**cls.states, **cls.memory}
     yield from (f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states)
@@ -493,8 +540,9 @@ def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
                 hint = suggestion(name, of) if of else "the class declares no states"
                 yield f"{called} has {shortened(name)}, which is not a state; {hint}"
     for name, value in cls.start_values.items():
-        if isinstance(size := sizes.get(name), int) and np.size(value) not in (1, size):
-            yield f"start_values[{name!r}] has {np.size(value)} numbers; the state has {size}"
+        axes = _axes(sizes.get(name, cls.room.counts))  # the number of thrusters is not known here
+        if cls.room.counts not in axes and (fault := _wrong_start(name, value, axes)):
+            yield fault
 
 
 def _listed(cls: type[Stage]) -> tuple[Any, Path | None]:

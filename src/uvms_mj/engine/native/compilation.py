@@ -20,11 +20,12 @@ import sys
 import tempfile
 import threading
 import time
+import types
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -395,10 +396,13 @@ compilers.append(_on_arrays)
 
 @functools.cache
 def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeFunction:
-    """The function itself, to be called like machine code."""
+    """The function itself, to be called like machine code, with its arithmetic: products are summed in its order."""
+    from .twin import twin
+
+    plain = twin(cast(types.FunctionType, function))
 
     def call(*words: int) -> int:
-        result = function(*(at_address(word, dtype) for word, dtype in zip(words, dtypes, strict=True)))
+        result = plain(*(at_address(word, dtype) for word, dtype in zip(words, dtypes, strict=True)))
         return 0 if result is None else int(result)
 
     code = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(dtypes))(call)

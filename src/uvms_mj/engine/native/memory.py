@@ -236,9 +236,9 @@ class OwnMemory:
                     return f"set {name}[{i}] to {value}"
         for record in ("state_dot", "state"):
             for name in self.arrays[record].dtype.names or ():
-                for i, value in enumerate(self.arrays[record][name][0]):
+                for place, value in np.ndenumerate(self.arrays[record][name][0]):
                     if not math.isfinite(value):
-                        verb = "set" if record == "state_dot" else "let"
+                        verb, i = "set" if record == "state_dot" else "let", ", ".join(map(str, place))
                         return f"{verb} {record}.{name}[{i}] {'to' if verb == 'set' else 'become'} {value}"
         return ""
 

@@ -19,7 +19,7 @@ from ...physics.contacts import CARRIER, CONTACT, PAIR
 from ...physics.effects import effects_dtype
 from ...physics.flow import ROWS, varying
 from ...physics.hydrodynamics import WATER
-from ...physics.operational import TOOL, work_dtype
+from ...physics.operational import TOOL
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
 from ...stages.signals import (
@@ -178,7 +178,7 @@ def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: 
 
 def model_dtype(n: int) -> np.dtype:
     """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
-    (:mod:`uvms_mj.control.model`). Matrices are flat arrays, row by row; N = 6 + n."""
+    (:mod:`uvms_mj.control.model`), with N = 6 + n."""
     N = 6 + n
     return np.dtype(
         [
@@ -189,16 +189,14 @@ def model_dtype(n: int) -> np.dtype:
             ("armature", "f8", (n,)),  # inertia of the rotors
             ("gear", "f8", (n,)),  # viscous friction of the gears
             # of one instant
-            ("M", "f8", (N * N,)),
+            ("M", "f8", (N, N)),
             *((name, "f8", (N,)) for name in "CDg"),  # C zeta, D zeta and g
-            ("L", "f8", (N * N,)),  # Cholesky factor of M
-            *((name, "f8", (6 * N,)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
+            ("L", "f8", (N, N)),  # Cholesky factor of M
+            *((name, "f8", (N, 6)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
             ("tau_posture", "f8", (N,)),  # of the commanded torques, what the posture adds
             ("tau", "f8", (N,)),  # commanded wrench and torques
-            ("posture", work_dtype(n)),
             ("M_BB", "f8", (6, 6)),
-            ("L_task", "f8", (36,)),
-            ("Lambda", "f8", (36,)),
+            ("Lambda", "f8", (6, 6)),
             ("manipulability", "f8", (1,)),
             ("J_dot_zeta", "f8", (6,)),
             ("nu_T", "f8", (6,)),

@@ -454,7 +454,7 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
     model = memory.run["model"]
     estimate(model, setup.nominal, setup.scenario.estimates)
     if not memory.shape.resolves:  # the inertia of a rigid vehicle at B is constant
-        model["M"] = setup.design.M_hat.reshape(1, -1)
+        model["M"] = setup.design.M_hat
 
 
 def write_sensor(memory: RunMemory, setup: Setup) -> None:
