@@ -24,7 +24,7 @@ _NAMES = {
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.sea": "Sea",
-    "plant.water": "Current Disturbance Drag Fin Tether",
+    "plant.water": "Current Disturbance Drag Fin Pad Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -78,6 +78,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
+    from .plant.water import Pad as Pad
     from .plant.water import Tether as Tether
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog

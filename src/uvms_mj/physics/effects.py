@@ -58,6 +58,7 @@ import numpy as np
 
 from .frames import velocity_at
 from .kernels import kernel
+from .near_wall import PAD, add_pad_inertia, add_pad_wrench
 from .waves import WAVE, add_wave
 
 RHO = 1000.0
@@ -105,11 +106,11 @@ PRODUCT = np.dtype(
 )
 """One product of velocities."""
 
-EFFECTS = {"sea": WAVE, "tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
+EFFECTS = {"sea": WAVE, "pads": PAD, "tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
-FLOWS = ("sea",)
-"""The effects that move the water. The others add a wrench."""
+FLOWS, INERTIAS = ("sea",), ("pads",)
+"""The effects that move the water, and those that change the inertia. The others add a wrench."""
 
 
 def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
@@ -123,6 +124,20 @@ def add_flows(effects, t, p_W, v, v_dot, gradient):
     velocity to v (3,) [m/s, W], the time derivative there to v_dot (3,), and dv_i/dx_j to gradient (3, 3) [1/s]."""
     for k in range(effects.sea.shape[0]):
         add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def add_inertias(effects, p_WB, R_WB, M):
+    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B."""
+    for k in range(effects.pads.shape[0]):
+        add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
+
+
+@kernel
+def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
+    """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]."""
+    for k in range(effects.pads.shape[0]):
+        add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
 
 
 @kernel

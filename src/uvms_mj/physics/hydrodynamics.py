@@ -53,7 +53,7 @@ import itertools
 
 import numpy as np
 
-from .effects import PRODUCT
+from .effects import PRODUCT, add_inertia_wrenches
 from .frames import add_wrench_from
 from .kernels import fused, kernel
 from .tree import damping_wrench, gather_wrenches, momenta, move_links
@@ -149,6 +149,7 @@ def water_wrench(plant, R_WB, nu, out):
         subtract_water(link, part)
         add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
         add_buoyancy(link, plant, R_WB, frame.p_BL + frame.R_BL @ link.r_b)
+    add_inertia_wrenches(plant.effects, plant.qpos[:3], R_WB, nu, base.F)
     gather_wrenches(links, frames, out)
 
 

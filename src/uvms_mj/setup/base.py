@@ -71,7 +71,7 @@ class Setup:
     @functools.cached_property
     def effects(self) -> np.ndarray:
         """The records (1,) of the effects of the water, of the scenario and of the true vehicle."""
-        return effects_of(self.scenario, self.vehicle, self.gravity_W)
+        return effects_of(self.scenario, self.plant)
 
     @property
     def initial_joints(self) -> np.ndarray:

@@ -310,7 +310,7 @@ def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
             name,
             f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
         )
-        for name, n in counted(effects_of(scenario, setup.vehicle, setup.gravity_W))
+        for name, n in counted(effects_of(scenario, setup.plant))
         if n > there.get(name, 0)
     ]
     if scenario.task.frame != base.task.frame:
@@ -376,6 +376,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *task_notes(setup),
             *free_motion_notes(setup),
             *_sea_notes(setup),
+            *_pad_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle))
@@ -462,8 +463,20 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
     joints, start = len(setup.vehicle.arm.links), scenario.initial.position[2]
     return [
         *water_faults(scenario.current, scenario.disturbance, h),
+        *_pad_faults(setup),
         *sea_faults(scenario.sea, h, g, joints, scenario.wall.present, start),
     ]
+
+
+def _pad_faults(setup: Setup) -> Iterator[Fault]:
+    for k, pad in enumerate(setup.scenario.pads):
+        if pad.point is None and not setup.scenario.wall.present:
+            yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
+
+
+def _pad_notes(setup: Setup) -> Iterator[str]:
+    if setup.scenario.pads:
+        yield "notes on chatter, vibration and bounces do not know the water between pads and the wall"
 
 
 def _sea_notes(setup: Setup) -> Iterator[str]:

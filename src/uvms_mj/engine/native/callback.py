@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.effects import add_inertias
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
@@ -65,6 +66,7 @@ def add_inertia(plant, model, data):
         return
     compose_links(links, frames)
     whole(links[0].composite, plant.M_BB)
+    add_inertias(plant.effects, plant.qpos[:3], R_WB, plant.M_BB)
     added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
         M[i] += plant.added[i]

@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
+from ...physics.effects import add_inertias
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.free_body import free_acceleration, soft_contact, symplectic_step
 from ...physics.hydrodynamics import water_wrench
 from ...physics.kernels import kernel
+from ...physics.linear_algebra import cholesky, inverse
 from .compilation import NativeFunction, native_functions
 from .memory import call_code, floats
 from .record import (
@@ -394,6 +396,11 @@ def free_step(run, moving) -> bool:
     tau = plant.wrench + true.tau
     if run.pairs.shape[0] != 0:
         tau += plant.tau_applied_B
+    if plant.effects.pads.shape[0] != 0:
+        M = body.M_RB + plant.links[0].M
+        add_inertias(plant.effects, plant.qpos[:3], true.R_WB, M)
+        cholesky(M, M)
+        inverse(M, body.M_inv)
     free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
     if run.pairs.shape[0] != 0:
         pair, contact = run.pairs[0], run.pairs[0].contact
