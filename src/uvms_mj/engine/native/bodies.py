@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...control.design import Estimates
+from ...physics.effects import EFFECTS
 from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...physics.tree import FRAME, LINK
@@ -210,7 +211,7 @@ class Water:
 
     def affect(self, effects: np.ndarray) -> None:
         """Set the records (1,) of the effects, at most as many of each as there is room for."""
-        for name in effects.dtype.names or ():
+        for name in EFFECTS:  # and not their states, which go on
             room = self._plant["effects"][name][0]
             room[:] = np.zeros((), room.dtype)
             room[: effects[name].size] = effects[name][0]

@@ -13,6 +13,7 @@ from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
+from ...physics.effects import state_of
 from ...physics.spanned_axes import pseudoinverse
 from ...plant.water import counted
 from ...records.trace import Trace
@@ -40,6 +41,7 @@ from ...stages.signals import (
     Signal,
     band_signals,
     contact_signals,
+    deflection_signal,
     encoder_signals,
     joint_command_signal,
     joint_saturation_signal,
@@ -93,6 +95,9 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
     found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
     found += stages.commanded(run)
     found += zip(effect_signals(scenario.effects), run["plant"]["tau_effects"][0], strict=True)
+    if setup.advancing:
+        deltas = run["plant"]["effects"][state_of("fins")][0]
+        found.append((deflection_signal(deltas.size), deltas))
     found += recorded_joints(run, setup)
     found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
     found += recorded_tool(run, setup)
@@ -114,7 +119,7 @@ def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> li
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
+    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0))
     recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
