@@ -320,6 +320,12 @@ def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
     ]
     if len(scenario.effects) != len(base.effects):
         faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
+    else:
+        faults += [
+            Fault(f"effects[{i}].at", f"{place} can't change the frame of an effect; make a new Simulation")
+            for i, (new, old) in enumerate(zip(scenario.effects, base.effects, strict=True))
+            if new.at != old.at
+        ]
     if faults:
         raise InputError(faults)
 
