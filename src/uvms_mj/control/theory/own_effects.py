@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import error_text
-from ...physics.frames import add_wrench_from, attitude
+from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
 
+_SMALL = 1e-6
+"""Differences of pose and velocity for slopes [SI]."""
 _UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
 
 
@@ -70,6 +72,54 @@ class OwnEffects:
         q = np.array([1.0, 0.0, 0.0, 0.0])
         try:
             self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
+        except NotKnownAtRest as reason:
+            return str(reason)
+        return ""
+
+    def slopes(self, setup: Any) -> np.ndarray:
+        """The slopes (6, 12) of the wrench in B by displacement and rotation vector in B and by nu, about the desired
+        pose at rest in the mean current. Raises NotKnownAtRest."""
+        p, quat = np.array(setup.rest_pose[0] or setup.initial.position), setup.design.quat_d
+        v_c_W, R_0 = setup.scenario.current.steady_at(-p[2]), rotation_matrix(quat)
+
+        def wrench(x: np.ndarray) -> np.ndarray:
+            turned = quat_turned(quat, x[3:6])
+            R, nu_r = rotation_matrix(turned), x[6:].copy()
+            nu_r[:3] -= R.T @ v_c_W
+            return self.wrench(p + R_0 @ x[:3], turned, R, x[6:], nu_r, v_c_W)
+
+        steps = _SMALL * np.eye(12)
+        return np.column_stack([(wrench(x) - wrench(-x)) / (2.0 * _SMALL) for x in steps])
+
+    @property
+    def names(self) -> str:
+        return ", ".join(effect.label() for _, _, _, effect, _ in self._calls)
+
+    def longest_step(self, setup: Any) -> float:
+        """The time step of the run, or the longest of its halves, that resolves them by their slopes at rest [s].
+
+        A semi-implicit Euler step of M nu_dot = K x + D nu has eigenvalues with a negative real part beyond the unit
+        circle where a motion changes its sign in each step and grows."""
+        K, D = np.hsplit(np.linalg.solve(setup.vehicle.M, self.slopes(setup)), 2)
+        h = setup.scenario.simulation.timestep
+        while True:
+            by_nu = np.eye(6) + h * D
+            values = np.linalg.eigvals(np.block([[np.eye(6) + h * h * K, h * by_nu], [h * K, by_nu]]))
+            if not ((np.abs(values) > 1.0 + _SMALL) & (values.real < 0.0)).any():
+                return h
+            h /= 2.0
+
+    def feed(self, setup: Any) -> bool:
+        """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu."""
+        D = self.slopes(setup)[:, 6:] - setup.vehicle.D_linear
+        return bool((np.linalg.eigvals(np.linalg.solve(setup.vehicle.M, D)).real > _SMALL).any())
+
+    def not_in_the_loop(self, setup: Any) -> str:
+        """The reason why the loop about rest of a rigid vehicle does not know them; empty if it does."""
+        if reason := self.unknown():
+            return reason
+        try:
+            self.slopes(setup)
         except NotKnownAtRest as reason:
             return str(reason)
         return ""
