@@ -63,7 +63,10 @@ def compare(folder: Path) -> None:
     """Compare the signals of all runs with those in FOLDER."""
     differs = False
     for name in RUNS:
-        trace, before = run(name), np.load(folder / f"{name}.npz")
+        if not (saved := folder / f"{name}.npz").exists():
+            click.echo(f"{name}: was not saved")  # a scenario that is new
+            continue
+        trace, before = run(name), np.load(saved)
         apart = [
             signal
             for signal in before

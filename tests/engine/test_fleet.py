@@ -99,6 +99,10 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"navigation.position_noise": [[1e-3] * 3, [2e-3, 0.0, 0.0]]},
     ),
+    "fins that an actuator moves": (
+        {"controller.name": "pid", "fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.0], "mixing_deg": [0.1] * 6}]},
+        {"fins[0].lag": [0.1, 0.003]},
+    ),
     "a law from a file": ({"controller.name": "LAW"}, {"controller.k_p": [150.0, 250.0]}),
     "contact bodies, a path, lagging thrusters": (
         {

@@ -247,15 +247,18 @@ def stage_signals(table: str) -> tuple[Listing, Listing]:
 
 
 def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
-    """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints or contacts."""
-    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, joints_given
+    """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints, contacts or
+    fins."""
+    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, deflection_signal, joints_given
 
-    of_contacts = {signal.name for signal in contact_signals(0)}
-    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
+    counted = dict.fromkeys((signal.name for signal in contact_signals(0)), "contacts")
+    counted |= dict.fromkeys(
+        [*(signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))), *BAND["tau_q"]], "joints"
+    )
+    counted[deflection_signal(0).name] = "fins"
     rows = []
     for signal in listed:
-        counted = "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
-        shape = " x ".join(str(length) if length else counted for length in signal.shape)
+        shape = " x ".join(str(length or counted.get(signal.name, "thrusters")) for length in signal.shape)
         rows.append((signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning))
     return Listing(title, ("name", "shape", "unit", "frame", "meaning"), rows, fixed=("name", "shape"), width=80)
 
@@ -274,12 +277,22 @@ def recorded_signals() -> list[Listing]:
         band_signals,
         commanded_signal,
         contact_signals,
+        deflection_signal,
         pulse_signal,
         thruster_signal,
     )
 
     of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
-    own = (*RECORDED, *MEASURED_MOTION, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
+    own = (
+        *RECORDED,
+        *MEASURED_MOTION,
+        *SCHEDULED,
+        *DELAYED,
+        *contact_signals(0),
+        *of_thrusters,
+        *JOINT_SIGNALS,
+        deflection_signal(0),
+    )
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [
         signal_list("Recorded signals: trace.<name>; the states of the stages are recorded too", own),

@@ -310,20 +310,26 @@ def press_contacts(run):
 @kernel
 def place_carriers(run):
     """Set the pose and the velocity of each frame of contacts."""
-    true, frames = run.true, run.plant.frames
     for k in range(run.carriers.shape[0]):
-        carrier = run.carriers[k]
-        if frames.shape[0] > 1 and carrier.link != 0:
-            own = frames[carrier.link]
-            compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
-        ride(carrier, true.p_WB, true.R_WB, true.nu)
-        if frames.shape[0] > 1:
-            above = carrier.link
-            for _ in range(frames[carrier.link].depth):
-                carrier.V += frames[above].S * run.encoder.q_dot[above - 1]
-                above = frames[above].parent
-            run.plant.links[carrier.link].f_ext[:] = 0.0
-        arrive(carrier)
+        place_carrier(run, run.carriers[k])
+        if run.plant.frames.shape[0] > 1:
+            run.plant.links[run.carriers[k].link].f_ext[:] = 0.0
+
+
+@kernel
+def place_carrier(run, carrier):
+    """Set the pose and the velocity of a frame on a link."""
+    true, frames = run.true, run.plant.frames
+    if frames.shape[0] > 1 and carrier.link != 0:
+        own = frames[carrier.link]
+        compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
+    ride(carrier, true.p_WB, true.R_WB, true.nu)
+    if frames.shape[0] > 1:
+        above = carrier.link
+        for _ in range(frames[carrier.link].depth):
+            carrier.V += frames[above].S * run.encoder.q_dot[above - 1]
+            above = frames[above].parent
+    arrive(carrier)
 
 
 @kernel

@@ -37,6 +37,16 @@ stall angle without a jump:
 A plate has no front: the coefficients are those of :math:`\alpha` up to half a turn. The lift does no work, and the
 drag takes energy out at every angle.
 
+A fin may be moved by an actuator. Its deflection :math:`\delta`, beyond the fixed one, is a state of the effect. It
+follows a mix of the commanded wrench, within its limit, with a first-order lag T and a limited rate:
+
+.. math::
+
+    \delta_c = \mathrm{sat}_{\delta_{max}}(m^\top \tau_{cmd}), \qquad
+    \delta_{k+1} = \delta_k + \mathrm{sat}_{h \dot\delta_{max}}\left((1 - e^{-h/T})(\delta_c - \delta_k)\right).
+
+It turns the fin about the span through its centre of pressure, and no water's moment acts on the actuator.
+
 **Drag at a place.** With the velocity v of the place r relative to the water and a coefficient :math:`c_i` for each
 axis of B, one for motion along it and one for motion against it, the force is one of
 
@@ -53,6 +63,7 @@ hydrodynamic derivatives do that a vehicle's file has (SNAME 1950).
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -78,6 +89,11 @@ FIN = np.dtype(
         ("drag", "f8"),  # C_D0 [1]
         ("induced", "f8"),  # k [1]
         ("across", "f8"),  # C_90 [1]
+        # of the actuator
+        ("mixing", "f8", (6,)),  # m [rad/N, rad/(N m)]
+        ("lag", "f8"),  # T [s]
+        ("limit", "f8"),  # of delta, 0 for a fixed fin [rad]
+        ("rate", "f8"),  # of its change [rad/s]
     ],
     align=True,
 )
@@ -111,11 +127,21 @@ EFFECTS = {"sea": WAVE, "pads": PAD, "tether": TETHER, "fins": FIN, "drag": DRAG
 
 FLOWS, INERTIAS = ("sea",), ("pads",)
 """The effects that move the water, and those that change the inertia. The others add a wrench."""
+STATES: dict[str, tuple[int, ...]] = {"fins": ()}
+"""The shape of the states of each record of an effect that has states: of a fin its delta [rad]. They begin at zero,
+advance once a time step by :func:`advance_effects`, and a reset returns them."""
 
 
 def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
-    """Arrays of records, by how many there are of each effect."""
-    return np.dtype([(name, kind, (counts.get(name, 0),)) for name, kind in EFFECTS.items()], align=True)
+    """Arrays of records, by how many there are of each effect, and of the states of the records."""
+    fields: list[Any] = [(name, kind, (counts.get(name, 0),)) for name, kind in EFFECTS.items()]
+    fields += [(state_of(name), "f8", (counts.get(name, 0), *shape)) for name, shape in STATES.items()]
+    return np.dtype(fields, align=True)
+
+
+def state_of(effect: str) -> str:
+    """The name of the array of the states of an effect."""
+    return f"{effect}_state"
 
 
 @kernel
@@ -147,11 +173,19 @@ def add_effects(effects, nu_r, tau):
     for k in range(effects.tether.shape[0]):
         add_tether(effects.tether[k], nu_r, tau)
     for k in range(effects.fins.shape[0]):
-        add_fin(effects.fins[k], nu_r, tau)
+        add_fin(effects.fins[k], effects.fins_state[k], nu_r, tau)
     for k in range(effects.drag.shape[0]):
         add_drag(effects.drag[k], nu_r, tau)
     for k in range(effects.products.shape[0]):
         add_product(effects.products[k], nu_r, tau)
+
+
+@kernel
+def advance_effects(effects, tau_cmd, h):
+    """Advance the states of all effects by a time step h [s], in which tau_cmd (6,) is commanded [N, N m, B]."""
+    for k in range(effects.fins.shape[0]):
+        if effects.fins[k].limit > 0.0:
+            effects.fins_state[k] = deflected(effects.fins[k], effects.fins_state[k], tau_cmd, h)
 
 
 @kernel
@@ -164,16 +198,26 @@ def add_tether(tether, nu_r, tau):
 
 
 @kernel
-def add_fin(fin, nu_r, tau):
-    """Add lift and drag of a fin."""
+def add_fin(fin, delta, nu_r, tau):
+    """Add lift and drag of a fin with the deflection delta [rad] beyond the fixed one."""
     r, R = fin.r, fin.R_BF
     v = R.T @ velocity_at(nu_r, r)
     v[2] = 0.0
-    C_L, C_D = fin_coefficients(fin, math.atan2(v[1], v[0]))
+    C_L, C_D = fin_coefficients(fin, math.atan2(v[1], v[0]) - delta)
     lift = C_L * np.cross(np.array([0.0, 0.0, 1.0]), v)
     f = R @ (-fin.factor * math.sqrt(v @ v) * (lift + C_D * v))
     tau[:3] += f
     tau[3:] += np.cross(r, f)
+
+
+@kernel
+def deflected(fin, delta, tau_cmd, h) -> float:
+    """The deflection of a fin one time step h [s] after delta [rad]."""
+    wanted, kept = min(fin.limit, max(-fin.limit, fin.mixing @ tau_cmd)), 0.0
+    if fin.lag > 0.0:
+        kept = math.exp(-h / fin.lag)
+    most = fin.rate * h
+    return delta + min(most, max(-most, (1.0 - kept) * (wanted - delta)))
 
 
 @kernel

@@ -126,8 +126,9 @@ def water_wrench(plant, R_WB, nu, out):
     with the disturbance and the contact forces on the links behind joints, and without the part in the inertia matrix.
 
     Args:
-        plant: record with links, frames (1 + n,), water, tau_effects (k, 6), gravity_W, and qvel, whose entries from 6
-            on are those of the joints. ``nu_r`` is set to the velocity of the base relative to the water.
+        plant: record with links, frames (1 + n,), water, tau_effects (k, 6), effect_frames (k,) or none if all of them
+            act at B, gravity_W, and qvel, whose entries from 6 on are those of the joints. ``nu_r`` is set to the
+            velocity of the base relative to the water.
         R_WB: (3, 3).
         nu: (6,) velocity of the base in B [m/s, rad/s].
     """
@@ -135,8 +136,9 @@ def water_wrench(plant, R_WB, nu, out):
     base, nu_r, a = links[0], plant.nu_r, links[0].A
     relative_velocity(water, R_WB, nu, nu_r)
     base.V[:], base.F[:], a[:] = nu_r, water.tau_dist, 0.0
-    for k in range(plant.tau_effects.shape[0]):
-        base.F += plant.tau_effects[k]
+    if plant.effect_frames.shape[0] == 0:
+        for k in range(plant.tau_effects.shape[0]):
+            base.F += plant.tau_effects[k]
     a[:3] = -(np.cross(nu_r[3:], nu_r[:3]))  # -(omega x v_r + R^T v_c_dot)
     if water.unsteady != 0:
         a[:3] -= R_WB.T @ water.v_c_dot_W
@@ -150,6 +152,9 @@ def water_wrench(plant, R_WB, nu, out):
         add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
         add_buoyancy(link, plant, R_WB, frame.p_BL + frame.R_BL @ link.r_b)
     add_inertia_wrenches(plant.effects, plant.qpos[:3], R_WB, nu, base.F)
+    for k in range(plant.effect_frames.shape[0]):
+        at = plant.effect_frames[k]
+        add_wrench_from(at.R_BC, at.p_BC, plant.tau_effects[k], links[at.link].F)
     gather_wrenches(links, frames, out)
 
 

@@ -14,6 +14,9 @@ the water, the current and the thrusts::
             tau[:] = 0.0
             tau[0] = -settings.k * given.nu_r[0]
 
+It acts at B, or with ``at`` in the frame of a link or of a site of the vehicle: then pose, velocities and wrench are
+those of this frame, about its origin and in its axes, and the joints carry their part of it.
+
 It acts from its instant t_k on, as all forces of a step do; by default it has an instant at each time step. It may have
 states. A scenario lists effects, ``effects = [{name = "my_effect.py:Brush", k = 30.0}]``. Each wrench is a signal of
 the log. Shipped effects of the water have tables of their own (:mod:`uvms_mj.physics.effects`).
@@ -21,19 +24,28 @@ the log. Shipped effects of the water have tables of their own (:mod:`uvms_mj.ph
 
 from __future__ import annotations  # so that help(Effect) shows short type names
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.frames import to_body
-from ..stages.base import Room, Stage
+from ..errors import Fault, InputError, suggestion
+from ..physics.contacts import place_carrier
+from ..physics.frames import BODY, attitude, to_body
+from ..physics.kernels import kernel
+from ..stages.base import Room, Stage, shared
 from ..stages.signals import EFFECT_WRENCH, effect_given
+from .contacts import Carrier
 
 
 @dataclass(frozen=True)
 class Effect(Stage):
     """Base class of all effects. A setting and a state are declared as in any stage."""
+
+    at: str = shared(
+        BODY, "-", "link or site in whose frame it acts, for example a tool; default: the vehicle's frame B"
+    )
 
     every_step: ClassVar[bool] = True
     room: ClassVar[Room] = Room(
@@ -52,9 +64,44 @@ class Effect(Stage):
         """Set tau (6,) and state_dot from settings, state and given."""
         raise NotImplementedError
 
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The settings without the frame, which is no number."""
+        return {name: value for name, value in super().constants(setup).items() if name != "at"}
+
+    def carrier(self, vehicle: Any) -> Carrier:
+        """The frame in which it acts. Raises InputError if the vehicle has no link and no site of this name."""
+        names = [link.name for link in vehicle.arm.links]
+        if self.at == BODY:
+            return Carrier.of_link(-1)
+        if self.at in names:
+            return Carrier.of_link(names.index(self.at))
+        if (site := vehicle.arm.sites.get(self.at)) is None:
+            choices = suggestion(self.at, [BODY, *names, *vehicle.arm.sites])
+            raise InputError(
+                [Fault("effects.at", f"{self.at!r} is neither a link nor a site of the vehicle; {choices}")]
+            )
+        return Carrier(site.link, site.p, site.R)
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        try:
+            carrier = self.carrier(setup.vehicle)
+        except InputError as error:
+            yield from error.faults
+            return
+        if carrier.link >= 0 and setup.scenario.wrist.runs:
+            yield Fault("effects.at", f"{self.at!r} is on a link, and the wrist sensor knows no effect there")
+
+
+@kernel
+def at_frame(run, frame, given):
+    """Set pose and velocity of what an effect is given, B's, to those of a CARRIER record."""
+    place_carrier(run, frame)
+    given.p_WB[:], given.R_WB[:], given.nu[:] = frame.p_WC, frame.R_WC, frame.nu
+    attitude(frame.R_WC, given.quat_WB)
+
 
 class Surroundings(Stage):
-    """The record ``given`` of effects."""
+    """The records ``given`` of effects."""
 
     name = "surroundings"
     every_step = True
@@ -62,11 +109,17 @@ class Surroundings(Stage):
 
     @staticmethod
     def step(settings, run, given, state_dot, out):
-        true, produced = run.true, run.commands.u_cmd
-        given.p_WB[:], given.quat_WB[:], given.nu[:] = true.p_WB, true.quat_WB, true.nu
-        given.R_WB[:], given.v_c_W[:] = true.R_WB, true.v_c_W
-        to_body(true.R_WB, true.v_c_W, given.nu_r)
-        given.nu_r[:3], given.nu_r[3:] = true.nu[:3] - given.nu_r[:3], true.nu[3:]
-        if run.ideal == 0:
-            produced = run.thrust
-        given.u[:] = np.minimum(run.high, np.maximum(run.low, produced))
+        true = run.true
+        for k in range(run.around.shape[0]):
+            around, produced = run.around[k], run.commands.u_cmd
+            if run.plant.effect_frames.shape[0] != 0:
+                at_frame(run, run.plant.effect_frames[k], around)
+            else:
+                around.p_WB[:], around.quat_WB[:], around.nu[:] = true.p_WB, true.quat_WB, true.nu
+                around.R_WB[:] = true.R_WB
+            around.v_c_W[:] = true.v_c_W
+            to_body(around.R_WB, true.v_c_W, around.nu_r)
+            around.nu_r[:3], around.nu_r[3:] = around.nu[:3] - around.nu_r[:3], around.nu[3:]
+            if run.ideal == 0:
+                produced = run.thrust
+            around.u[:] = np.minimum(run.high, np.maximum(run.low, produced))

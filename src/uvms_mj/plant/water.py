@@ -10,7 +10,7 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
 from ..errors import InputError
-from ..physics.effects import RHO, effects_dtype
+from ..physics.effects import EFFECTS, RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
@@ -162,6 +162,8 @@ class Tether:
 
 _Area = Annotated[Number, within(1e-6, 1e4, "m^2")]
 _Coefficient = Annotated[Number, within(0.0, 100.0, "")]
+_Mixing = Annotated[tuple[Annotated[Number, within(-1e4, 1e4, "deg/N, deg/(N m)")], ...], of_length(6)]
+_OF_ACTUATOR = {"lag": 0.1, "limit_deg": 15.0, "rate_deg": None}
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -179,6 +181,28 @@ class Fin:
     drag_coefficient: _Coefficient = doc("C_D0, of the drag along the chord [1]", 0.01)
     induced_drag: _Coefficient = doc("k, induced drag over the square of the lift coefficient [1]", 0.1)
     drag_across: _Coefficient = doc("C_90, drag coefficient across the flow, beyond the stall [1]", 1.2)
+    mixing_deg: _Mixing | None = doc(
+        "of an actuator: deflection beyond deflection_deg over each entry of tau_cmd; default: none, the fin is fixed "
+        "[deg/N, deg/(N m)]",
+        None,
+    )
+    lag: Annotated[Number, within(0.0, 100.0, "s")] = doc("T, time constant of the actuator [s]", _OF_ACTUATOR["lag"])
+    limit_deg: Annotated[Number, within(0.1, 90.0, "deg")] = doc(
+        "largest deflection by the actuator, either way [deg]", _OF_ACTUATOR["limit_deg"]
+    )
+    rate_deg: Annotated[Number, within(1e-3, 1e5, "deg/s")] | None = doc(
+        "largest rate of the actuator; default: no limit [deg/s]", _OF_ACTUATOR["rate_deg"]
+    )
+
+    def __post_init__(self) -> None:
+        given = [key for key, default in _OF_ACTUATOR.items() if getattr(self, key) != default]
+        if self.mixing_deg is None and given:
+            raise ValueError(f"{', '.join(given)} of an actuator, which a fin has with mixing_deg")
+
+    @property
+    def advances(self) -> bool:
+        """Whether it has a state that advances."""
+        return self.mixing_deg is not None
 
     @property
     def record(self) -> tuple:
@@ -188,7 +212,11 @@ class Fin:
         )
         slope, stall = self.lift_slope, math.radians(self.stall_deg)
         drag = self.drag_coefficient, self.induced_drag, self.drag_across
-        return 0.5 * RHO * self.area, self.position, rotation_matrix(turned), slope, stall, *drag
+        plate = 0.5 * RHO * self.area, self.position, rotation_matrix(turned), slope, stall, *drag
+        if self.mixing_deg is None:
+            return *plate, np.zeros(6), 0.0, 0.0, 0.0
+        rate = math.inf if self.rate_deg is None else math.radians(self.rate_deg)
+        return *plate, np.radians(self.mixing_deg), self.lag, math.radians(self.limit_deg), rate
 
 
 _OneDrag = Annotated[Number, within(0.0, 1e6, "N s^2/m^2")]
@@ -274,4 +302,20 @@ def effect_records(
 
 def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
     """How many there are of each effect in :func:`effect_records` that there is."""
-    return tuple((name, records[name].size) for name in records.dtype.names or () if records[name].size)
+    return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
+
+
+def advancing(tables: Mapping[str, Any]) -> list[str]:
+    """The keys of the effects whose states advance from step to step, of tables, or lists of them, by their names."""
+    found = list[str]()
+    for name, table in tables.items():
+        if isinstance(table, tuple):
+            found += [f"{name}[{i}]" for i, each in enumerate(table) if getattr(each, "advances", False)]
+        elif getattr(table, "advances", False):
+            found.append(name)
+    return found
+
+
+def advancing_of(scenario: Any) -> list[str]:
+    """As :func:`advancing`, of a scenario."""
+    return advancing({name: getattr(scenario, name) for name in EFFECT_TABLES})

@@ -20,7 +20,7 @@ from ..plant.contacts import ContactAtRest, Contacts, Pair
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
-from ..plant.water import effects_of
+from ..plant.water import advancing_of, effects_of
 from ..scenario import Scenario
 from ..stages.base import Stage
 from .task_frame import task_start
@@ -72,6 +72,11 @@ class Setup:
     def effects(self) -> np.ndarray:
         """The records (1,) of the effects of the water, of the scenario and of the true vehicle."""
         return effects_of(self.scenario, self.plant)
+
+    @property
+    def advancing(self) -> list[str]:
+        """The keys of the effects of the water whose states advance from step to step."""
+        return advancing_of(self.scenario)
 
     @property
     def initial_joints(self) -> np.ndarray:

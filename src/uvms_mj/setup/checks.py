@@ -21,6 +21,7 @@ from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
+from ..control.theory.own_effects import OwnEffects
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
@@ -322,6 +323,12 @@ def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
     ]
     if len(scenario.effects) != len(base.effects):
         faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
+    else:
+        faults += [
+            Fault(f"effects[{i}].at", f"{place} can't change the frame of an effect; make a new Simulation")
+            for i, (new, old) in enumerate(zip(scenario.effects, base.effects, strict=True))
+            if new.at != old.at
+        ]
     if faults:
         raise InputError(faults)
 
@@ -379,7 +386,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *_pad_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
-    further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle))
+    further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle), *_effect_notes(setup))
     return [*radians_notes(scenario.to_dict()), *notes, *further]
 
 
@@ -405,6 +412,19 @@ def _thruster_notes(vehicle: Any) -> Iterator[str]:
         yield (
             f"the thrusters of {vehicle.body} give one axis, mostly {_mostly(axes[:, rank - 1])}, with {least:.2g} of "
             f"the strongest one: a wrench along it takes {1.0 / least:.2g} times the thrust"
+        )
+
+
+def _effect_notes(setup: Setup) -> Iterator[str]:
+    """A warning if the time step does not resolve the effects of a user's own."""
+    effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
+    own = OwnEffects(effects, setup)
+    if not effects or setup.not_rigid or own.not_in_the_loop(setup):
+        return  # what is not known is said of the loop
+    if (longest := own.longest_step(setup)) < h:
+        yield (
+            f"the time step of {h:g} s does not resolve {own.names}, by slopes at rest: a motion grows and changes its "
+            f"sign in each step; {longest:.3g} s do"
         )
 
 

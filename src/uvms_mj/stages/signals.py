@@ -263,6 +263,11 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def deflection_signal(n: int) -> Signal:
+    """Recorded if one of n fins has an actuator."""
+    return Signal("fin_deflections", (n,), "rad", "-", "deflection of each fin by its actuator, beyond deflection_deg")
+
+
 def contact_signals(n: int) -> tuple[Signal, ...]:
     """Recorded if there are n contacts beside that of the probe and [wall]."""
     return (

@@ -180,6 +180,8 @@ def _unknown(setup: Any, K: float, own: bool) -> str:
             return f"closed forms do not know {table.name}"
     if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):
         return reason
+    if moved := setup.advancing:
+        return f"closed forms do not know where an actuator moves {moved[0]}"
     if own and (reason := not_constant(setup)):
         return reason
     if setup.not_rigid and own:

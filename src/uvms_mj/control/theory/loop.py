@@ -13,6 +13,7 @@ Measurements and commands pass through the stages as in a run: each stage has it
 latest sample that has come to it. After N steps, the least common multiple of all periods, everything repeats. The
 eigenvalues of the matrix of these N steps decide: a motion grows with :math:`\ln |\lambda| / (N h)`. The model leaves
 out the loss of contact, quadratic damping, the restoring wrench, the attitude's effect on the directions, and limits.
+Effects of a user's own on a rigid vehicle are in it by their slopes over pose and velocity at rest.
 """
 
 import functools
@@ -24,6 +25,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
+from .own_effects import OwnEffects
 
 _MOST_INSTANTS = 100_000
 """Longest common period over which ages are averaged [steps]; of a longer one, its beginning."""
@@ -314,7 +317,8 @@ class Loop:
             self.force = -np.hstack([rest.stiffness, rest.damping])
         self.widths = self.m, self.m, len(self.force), self.m
         self.law = self._law(about, amplitudes, left, right, pushed, M_inv, rest)
-        self.step = self._step(-left @ M_inv @ setup.vehicle.D_linear @ right, left @ M_inv @ pushed)
+        drag = -left @ M_inv @ setup.vehicle.D_linear @ right
+        self.step = self._step(self._drawn(left @ M_inv, right) + np.hstack([0.0 * drag, drag]), left @ M_inv @ pushed)
         self._lines(period)
 
     def _law(
@@ -334,12 +338,21 @@ class Loop:
         by_s = law.by_s(np.array([S * right for S in amplitudes]))
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
-    def _step(self, drag: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-        """A time step of x, nu and the states of the lag, which the acceleration by the command follows."""
+    def _drawn(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Acceleration (m, 2 m) by a user's effects, from x and nu."""
+        effects = self.setup.scenario.effects
+        if not effects or self.setup.not_rigid:
+            return np.zeros((self.m, 2 * self.m))
+        slopes = OwnEffects(effects, self.setup).slopes(self.setup)
+        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right])
+
+    def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """A time step of x, nu and the states of the lag, which the acceleration by the command follows. The water's
+        acceleration by x and nu is ``drawn``."""
         m, one, lag = self.m, np.eye(self.m), self.setup.scenario.thrusters.lag_model(self.h)
         size = 2 * m + (m * len(lag["C"]) if lag else 0)
         acceleration, step = np.zeros((m, size + m)), np.eye(size + m)
-        acceleration[:, : 2 * m] = np.hstack([0.0 * one, drag]) + pushed @ self.force
+        acceleration[:, : 2 * m] = drawn + pushed @ self.force
         acceleration[:, 2 * m :] = np.hstack([np.kron(lag["C"], one), 0.0 * one]) if lag else one
         if lag:
             step[2 * m : size, 2 * m :] = np.kron(np.column_stack([lag["Phi"], lag["Gamma"]]), one)

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import error_text
+from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
 
+_SMALL = 1e-6
+"""Differences of pose and velocity for slopes [SI]."""
 _UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
 
 
@@ -37,21 +40,35 @@ class _Given:
         return self[name]
 
 
+def _at(frame: Any, at_B: dict[str, Any]) -> dict[str, Any]:
+    """What an effect in a frame on the base is given, from that at B."""
+    found = at_B | {"p_WB": at_B["p_WB"] + at_B["R_WB"] @ frame.p, "R_WB": at_B["R_WB"] @ frame.R}
+    for name in ("nu", "nu_r"):
+        v, omega = np.split(np.asarray(at_B[name]), 2)
+        found[name] = np.concatenate([(v + np.cross(omega, frame.p)) @ frame.R, omega @ frame.R])
+    found["quat_WB"] = np.array([1.0, 0.0, 0.0, 0.0])
+    attitude(found["R_WB"], found["quat_WB"])
+    return found
+
+
 class OwnEffects:
     """The effects of a scenario that a user has written."""
 
-    def __init__(self, effects: Sequence[Stage], setup: Any) -> None:
-        self._calls: list[tuple[Any, Any, Any, Stage]] = []
+    def __init__(self, effects: Sequence[Any], setup: Any) -> None:
+        self._calls: list[tuple[Any, Any, Any, Stage, Any]] = []
         for effect in effects:
             kind = type(effect)
             state = record_of(kind.start_record(len(setup.vehicle.thrusters)))
-            self._calls.append((kind.function(), record_of(effect.record(setup)), state, effect))
+            call = kind.function(), record_of(effect.record(setup)), state, effect, effect.carrier(setup.vehicle)
+            self._calls.append(call)
 
     def unknown(self) -> str:
         """The reason why they are not known at rest; empty if they are."""
-        for _, _, _, effect in self._calls:
+        for _, _, _, effect, frame in self._calls:
             if type(effect).states or type(effect).memory:
                 return f"the effect {effect.label()} has states"
+            if frame.link >= 0:
+                return f"the effect {effect.label()} acts on a link"
         q = np.array([1.0, 0.0, 0.0, 0.0])
         try:
             self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
@@ -59,12 +76,61 @@ class OwnEffects:
             return str(reason)
         return ""
 
+    def slopes(self, setup: Any) -> np.ndarray:
+        """The slopes (6, 12) of the wrench in B by displacement and rotation vector in B and by nu, about the desired
+        pose at rest in the mean current. Raises NotKnownAtRest."""
+        p, quat = np.array(setup.rest_pose[0] or setup.initial.position), setup.design.quat_d
+        v_c_W, R_0 = setup.scenario.current.steady_at(-p[2]), rotation_matrix(quat)
+
+        def wrench(x: np.ndarray) -> np.ndarray:
+            turned = quat_turned(quat, x[3:6])
+            R, nu_r = rotation_matrix(turned), x[6:].copy()
+            nu_r[:3] -= R.T @ v_c_W
+            return self.wrench(p + R_0 @ x[:3], turned, R, x[6:], nu_r, v_c_W)
+
+        steps = _SMALL * np.eye(12)
+        return np.column_stack([(wrench(x) - wrench(-x)) / (2.0 * _SMALL) for x in steps])
+
+    @property
+    def names(self) -> str:
+        return ", ".join(effect.label() for _, _, _, effect, _ in self._calls)
+
+    def longest_step(self, setup: Any) -> float:
+        """The time step of the run, or the longest of its halves, that resolves them by their slopes at rest [s].
+
+        A semi-implicit Euler step of M nu_dot = K x + D nu has eigenvalues with a negative real part beyond the unit
+        circle where a motion changes its sign in each step and grows."""
+        K, D = np.hsplit(np.linalg.solve(setup.vehicle.M, self.slopes(setup)), 2)
+        h = setup.scenario.simulation.timestep
+        while True:
+            by_nu = np.eye(6) + h * D
+            values = np.linalg.eigvals(np.block([[np.eye(6) + h * h * K, h * by_nu], [h * K, by_nu]]))
+            if not ((np.abs(values) > 1.0 + _SMALL) & (values.real < 0.0)).any():
+                return h
+            h /= 2.0
+
+    def feed(self, setup: Any) -> bool:
+        """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu."""
+        D = self.slopes(setup)[:, 6:] - setup.vehicle.D_linear
+        return bool((np.linalg.eigvals(np.linalg.solve(setup.vehicle.M, D)).real > _SMALL).any())
+
+    def not_in_the_loop(self, setup: Any) -> str:
+        """The reason why the loop about rest of a rigid vehicle does not know them; empty if it does."""
+        if reason := self.unknown():
+            return reason
+        try:
+            self.slopes(setup)
+        except NotKnownAtRest as reason:
+            return str(reason)
+        return ""
+
     def wrench(self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any) -> np.ndarray:
-        """The sum (6,) of their wrenches at a pose and a velocity. Raises NotKnownAtRest, also at one pose alone: a
-        branch may ask for the time."""
+        """The sum (6,) of their wrenches about B's origin in B, at a pose and a velocity. Raises NotKnownAtRest, also
+        at one pose alone: a branch may ask for the time."""
         total = np.zeros(6)
-        given = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
-        for function, settings, state, effect in self._calls:
+        at_B = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
+        for function, settings, state, effect, frame in self._calls:
+            given = at_B if frame.is_B else _at(frame, at_B)
             tau, dot = np.zeros(6), np.zeros(0)
             try:
                 with np.errstate(all="ignore"):  # as in a run
@@ -79,7 +145,10 @@ class OwnEffects:
             except Exception as error:  # a user's function may raise anything
                 wrong = f"the effect {effect.label()} can't be called at rest: {error_text(error)}"
                 raise NotKnownAtRest(wrong) from None
-            total += tau
+            if frame.is_B:
+                total += tau
+            else:
+                add_wrench_from(frame.R, frame.p, tau, total)
         if not np.isfinite(total).all():
             raise NotKnownAtRest("an effect is not finite at rest")
         return total

@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base import SteadyState
 from .loop import About, ForceAge, Loop, Timing
+from .own_effects import OwnEffects
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
@@ -60,7 +61,9 @@ class Stability:
     @functools.cached_property
     def unknown(self) -> str:
         """The reason why nothing is known of the loop; empty if its motions are."""
-        return Timing.of(self.setup).too_long
+        if (reason := Timing.of(self.setup).too_long) or not self.setup.scenario.effects or self.setup.not_rigid:
+            return reason
+        return OwnEffects(self.setup.scenario.effects, self.setup).not_in_the_loop(self.setup)
 
     @functools.cached_property
     def free(self) -> float:
@@ -75,6 +78,19 @@ class Stability:
         contacts = [each for each in self.setup.contacts_at_rest if each.normal.any()]  # none at the centre of a shape
         found = [(*self._ends(contact), contact) for contact in contacts]
         return max(found, key=lambda each: each[:3], default=(0.0, False, -math.inf, None))
+
+    @functools.cached_property
+    def _of_effects(self) -> str:
+        """The reason why a user's effects let no run come to rest, or why that is not known; empty if they may."""
+        setup = self.setup
+        if not setup.scenario.effects or setup.not_rigid:
+            return ""
+        own = OwnEffects(setup.scenario.effects, setup)
+        if own.longest_step(setup) < setup.scenario.simulation.timestep:
+            return f"the time step does not resolve {own.names}"
+        if self.layer == 0.0 and own.feed(setup):
+            return f"{own.names} feeds energy in about rest, and a super-twisting law is not known to hold it"
+        return ""
 
     def _growth(self, contact: Any, period: float | None = None) -> float:
         """Growth rate of a small motion [1/s], also at another control period [s]."""
@@ -114,8 +130,8 @@ class Stability:
     @property
     def free_reason(self) -> str:
         """The reason why the sampled law does not come to rest anywhere, or why that is not known; empty if it may."""
-        if self.unknown:
-            return self.unknown
+        if self.unknown or self._of_effects:
+            return self.unknown or self._of_effects
         what = "is unstable" if math.isinf(self.layer) else "chatters"
         return f"the sampled law {what} without contact" if self.free > GROWS else ""
 
@@ -140,6 +156,13 @@ class Stability:
         if self.unknown:
             yield f"whether {label} chatters or vibrates is not checked: {self.unknown}"
             return
+        effects, not_rigid = self.setup.scenario.effects, self.setup.not_rigid
+        if effects and not_rigid:
+            names = OwnEffects(effects, self.setup).names
+            yield (
+                f"what is said of chatter and vibration leaves out {names}: the loop has effects of a rigid vehicle at "
+                f"B in it, and {not_rigid}"
+            )
         swing, bounces, growth, contact = self.at_wall
         old = self.age is not None and self.age.share > SLOWLY_DAMPED
         if self.free > GROWS:

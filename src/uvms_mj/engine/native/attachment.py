@@ -15,7 +15,7 @@ from ...errors import Fault, InputError, suggestion
 from ...physics.hydrodynamics import factor
 from ...plant.sea import sea_faults
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, counted, effect_records
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, counted, effect_records
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control
@@ -361,6 +361,10 @@ class Motion:
         ]
         if not isinstance(seed, int) or not 0 <= seed < 2**63:
             faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
+        faults += [
+            Fault(key, "is moved by an actuator, which follows the tau_cmd of a run's law: leave mixing_deg out")
+            for key in advancing(effects)
+        ]
         if faults:
             raise InputError(faults, "attach")
         numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...control.design import Estimates
-from ...physics.effects import FLOWS
+from ...physics.effects import EFFECTS, FLOWS
 from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...physics.tree import FRAME, LINK
 from ...plant.arm import Link
-from ...plant.contacts import Contacts
+from ...plant.contacts import Carrier, Contacts
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance
 from ...setup.base import Setup
@@ -144,9 +144,9 @@ _OF_PAIR = (
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
 
 
-def place_carriers(run: np.ndarray, contacts: Contacts) -> None:
-    """Set the places of the frames of contacts on their links."""
-    for record, carrier in zip(run["carriers"][0], contacts.carriers, strict=True):
+def place_carriers(records: np.ndarray, carriers: Sequence[Carrier]) -> None:
+    """Set the places of frames on their links in CARRIER records (n,)."""
+    for record, carrier in zip(records, carriers, strict=True):
         record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
         record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
 
@@ -221,7 +221,7 @@ class Water:
 
     def affect(self, effects: np.ndarray) -> None:
         """Set the records (1,) of the effects, at most as many of each as there is room for."""
-        for name in effects.dtype.names or ():
+        for name in EFFECTS:  # and not their states, which go on
             room = self._plant["effects"][name][0]
             room[:] = np.zeros((), room.dtype)
             room[: effects[name].size] = effects[name][0]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
-from ...physics.effects import add_inertias
+from ...physics.effects import add_inertias, advance_effects
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.free_body import free_acceleration, soft_contact, symplectic_step
@@ -308,6 +308,8 @@ def complete_step(run):
     run.row.effort += run.timestep * run.true.tau * run.true.tau
     if run.has_task != 0:
         run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)
+    if run.plant.affected.shape[0] != 0:
+        advance_effects(run.plant.effects, run.allocation.tau_cmd, run.timestep)
     run.step += 1
     run.next = 0
 

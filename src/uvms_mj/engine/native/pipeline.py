@@ -386,12 +386,12 @@ class Pipeline:
         if scenario.thrusters.runs:
             self._add("inflow", Inflow(), self.field("true"), self.field("commands", "inflow"))
             self._add("thrusters", scenario.thrusters, self.field("commands"), self.field("thrust"))
+        wrenches, around = self.field("plant", "tau_effects"), self.field("around")
         for i, effect in enumerate(scenario.effects):
-            wrenches = self.field("plant", "tau_effects")
+            given = around.entry(i if self._shape.own_frames else 0)
             if i == 0:
-                self._add("surroundings", Surroundings(), self.field("around"), wrenches, whole=True)
-            own = Field(wrenches.offset + 48 * i, np.dtype(("f8", (6,))))
-            self._add(f"effects[{i}]", effect, self.field("around"), own)
+                self._add("surroundings", Surroundings(), given, wrenches, whole=True)
+            self._add(f"effects[{i}]", effect, given, wrenches.entry(i))
 
     @property
     def layout(self) -> np.dtype:

@@ -114,6 +114,7 @@ class Shape:
         resolves: whether the law's command is resolved, at a tool or with joints.
         effects: how many there are of each effect of the water that there is.
         own_effects: how many effects of a user's own there are.
+        own_frames: their number again if one of them acts in another frame than B, otherwise 0.
     """
 
     joints: int = 0
@@ -125,6 +126,7 @@ class Shape:
     resolves: bool = False
     effects: tuple[tuple[str, int], ...] = ()
     own_effects: int = 0
+    own_frames: int = 0
 
 
 def room_for(n: int) -> int:
@@ -133,8 +135,10 @@ def room_for(n: int) -> int:
 
 
 @functools.cache
-def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: int = 0) -> np.dtype:
-    """The vehicle in the water, with n joints and so many effects of each kind, and of a user's own."""
+def plant_dtype(
+    n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: int = 0, own_frames: int = 0
+) -> np.dtype:
+    """The vehicle in the water, with n joints so many effects of each kind and of a user's own, and their frames."""
     return np.dtype(
         [
             ("mujoco", MUJOCO),
@@ -151,7 +155,8 @@ def plant_dtype(n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: 
             ("water", WATER),
             ("effects", effects_dtype(dict(effects))),
             ("affected", "i8", (int(bool(effects)),)),  # empty without any effect
-            ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in B
+            ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
+            ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
             ("current", varying(3)),  # in W [m/s]
             ("disturbance", varying(6)),  # in B [N, N m]
             *_whole("shear", "shear_rows"),  # rows of [depth, factor]
@@ -230,7 +235,7 @@ def run_dtype(shape: Shape) -> np.dtype:
     """A run: the plant, and the closed loop around it."""
     n, m, pairs = shape.joints, shape.thrusters, shape.pairs
     fields = [
-        ("plant", plant_dtype(n, shape.effects, shape.own_effects)),
+        ("plant", plant_dtype(n, shape.effects, shape.own_effects, shape.own_frames)),
         ("body", BODY),
         ("address", "i8"),  # of this record, for the machine code of stages
         # settings
@@ -260,7 +265,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
         ("allocation", record_dtype(actuation_given(m))),
         ("commands", record_dtype(thrusters_given(m))),
-        ("around", record_dtype(effect_given(m))),  # what effects are given
+        ("around", record_dtype(effect_given(m)), (max(1, shape.own_frames),)),  # what effects are given, by frames
         ("tau_cmd", "i8"),  # place of the law's command
         ("has_task", "i8"),  # whether the impedance task sets s
         # thrusters
@@ -351,6 +356,13 @@ class Field:
     @property
     def place(self) -> int:
         return self.offset // 8
+
+    def entry(self, i: int) -> "Field":
+        """An entry of an array, along its first axis."""
+        kind: Any = self.dtype.subdtype
+        base, (_, *shape) = kind
+        part = np.dtype((base, tuple(shape))) if shape else base
+        return Field(self.offset + i * part.itemsize, part)
 
 
 class Image:

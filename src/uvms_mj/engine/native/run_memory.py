@@ -13,6 +13,8 @@ from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
+from ...physics.effects import state_of
+from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
 from ...plant.water import counted
 from ...records.trace import Trace
@@ -40,6 +42,7 @@ from ...stages.signals import (
     Signal,
     band_signals,
     contact_signals,
+    deflection_signal,
     encoder_signals,
     joint_command_signal,
     joint_saturation_signal,
@@ -93,6 +96,9 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
     found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
     found += stages.commanded(run)
     found += zip(effect_signals(scenario.effects), run["plant"]["tau_effects"][0], strict=True)
+    if setup.advancing:
+        deltas = run["plant"]["effects"][state_of("fins")][0]
+        found.append((deflection_signal(deltas.size), deltas))
     found += recorded_joints(run, setup)
     found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
     found += recorded_tool(run, setup)
@@ -114,7 +120,7 @@ def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> li
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
+    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0))
     recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
@@ -137,10 +143,13 @@ def effect_signals(effects: Sequence[Stage]) -> list[Signal]:
     class."""
     labels = ["".join(c if c.isalnum() else "_" for c in type(effect).__name__) for effect in effects]
     names = [f"tau_{each}_{i}" if labels.count(each) > 1 else f"tau_{each}" for i, each in enumerate(labels)]
-    return [
-        replace(EFFECT_WRENCH, name=name, meaning=f"wrench of the effect {effect.label()} at B's origin")
-        for name, effect in zip(names, effects, strict=True)
-    ]
+    found = []
+    for name, effect in zip(names, effects, strict=True):
+        at = getattr(effect, "at", BODY)
+        where, frame = ("B's origin", "B") if at == BODY else (f"the origin of {at}, in its axes", "-")
+        meaning = f"wrench of the effect {effect.label()} at {where}"
+        found.append(replace(EFFECT_WRENCH, name=name, frame=frame, meaning=meaning))
+    return found
 
 
 def state_signal(stage: Stage, name: str, size: int) -> Signal:
@@ -212,7 +221,8 @@ def shape_of(setup: Setup) -> Shape:
         pairs=room_for(max(len(contacts.pairs) + paper, least)),
         resolves=setup.at_tool or n > 0,
         effects=counted(setup.effects),
-        own_effects=len(setup.scenario.effects),
+        own_effects=len(effects := setup.scenario.effects),
+        own_frames=len(effects) if any(effect.at != BODY for effect in effects) else 0,
     )
 
 
@@ -287,7 +297,10 @@ class RunMemory:
         run["allocation"]["B"], run["allocation"]["B_pinv"] = nominal.B, pseudoinverse(nominal.B)
         real = setup.scenario.thrusters.runs
         run["ideal"], run["believed"] = not real, real or not np.array_equal(vehicle.B, nominal.B)
-        place_carriers(run, setup.contacts)
+        place_carriers(run["carriers"][0], setup.contacts.carriers)
+        if self.shape.own_frames:
+            frames = [effect.carrier(vehicle) for effect in setup.scenario.effects]
+            place_carriers(run["plant"]["effect_frames"][0], frames)
         if self.shape.joints:
             fill_joints(run, setup)
         fill_model(run["model"], setup)

@@ -1,0 +1,109 @@
+"""What a run says of chatter, vibration and its time step has the effects of a user's own in it, or says that not."""
+
+import numpy as np
+import pytest
+
+from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.loop import Loop
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.engine.native.loop import Diverged
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import checked, warnings_of
+
+EFFECTS = """
+from dataclasses import dataclass
+import numpy as np
+from uvms_mj import Effect, setting
+
+@dataclass(frozen=True)
+class Push(Effect):
+    k: float = setting(1.0, "N s/m", "force over the velocity along x; negative: drag")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.0
+        tau[0] = settings.k * given.nu_r[0]
+
+@dataclass(frozen=True)
+class Spring(Effect):
+    k: float = setting(1.0, "N/m", "stiffness along y")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.0
+        tau[:3] = -settings.k * given.p_WB[1] * given.R_WB[1]
+
+@dataclass(frozen=True)
+class Timed(Effect):
+    k: float = setting(1.0, "N", "force")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.0
+        tau[0] = settings.k * np.sin(given.t)
+"""
+H = 1e-3
+
+
+@pytest.fixture
+def run_with(tmp_path):
+    path = tmp_path / "e.py"
+    path.write_text(EFFECTS)
+
+    def made(name, k, law="impedance", **others) -> Scenario:
+        effects = [{"name": f"{path}:{name}", "k": k}]
+        base = {"simulation.timestep": H, "simulation.duration": 3.0, "effects": effects}
+        return Scenario.load("push_wall", base | others, law)
+
+    return made
+
+
+@pytest.mark.parametrize("law", ["impedance", "pid", "gsta"])
+def test_no_force_is_announced_where_an_effect_feeds_more_than_the_law_takes(run_with, law):
+    """GSTA announced 1.498 N, and its run had thousands."""
+    with pytest.warns(UserWarning, match="oscillate"):
+        trace = simulate(run_with("Push", 500.0, law), engine="free_body", log_rate=100.0)
+    assert np.abs(trace.nu).max() > 10.0
+    assert isinstance(trace.analytic, NoClosedForm)
+    assert isinstance(simulate(run_with("Push", -50.0, law), engine="free_body").analytic, SteadyState)
+
+
+def test_the_growth_of_the_loop_is_that_of_a_run(run_with):
+    calm = {"wall.present": False, "current.speed": 0.0, "initial.velocity": [1e-6, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    scenario = run_with("Push", 500.0, **calm | {"reference.target": [0.0, 0.0, 0.0]})
+    growth = Loop(set_up(scenario)).growths[0]
+    with Simulation(scenario, engine="free_body") as sim:
+        sim.step(200)
+        first = sim.signals.nu[0]
+        sim.step(100)
+        assert np.log(sim.signals.nu[0] / first) / 0.1 == pytest.approx(growth, rel=1e-3)
+    without = Loop(set_up(scenario.updated({"effects": []}))).growths[0]
+    assert without < 0.0 < growth
+
+
+@pytest.mark.parametrize(("name", "k"), [("Push", -8e4), ("Spring", 1e8)])
+@pytest.mark.filterwarnings("ignore:.*:uvms_mj.setup.checks.SamplingWarning")
+def test_a_time_step_that_does_not_resolve_an_effect_is_named_with_a_shorter_one_that_does(run_with, name, k):
+    scenario = run_with(name, k, "gsta")
+    setup = checked(scenario)
+    notes = [note for note in warnings_of(setup) if "does not resolve" in note]
+    assert len(notes) == 1
+    assert f"the time step of 0.001 s does not resolve {name}" in notes[0]
+    shorter = float(notes[0].rpartition("; ")[2].removesuffix(" s do"))
+    with Simulation(scenario, engine="free_body") as sim, pytest.raises(Diverged):
+        sim.step(3000)
+    fine = scenario.updated({"simulation.timestep": shorter, "controller.period": shorter})
+    assert not [note for note in warnings_of(checked(fine)) if "does not resolve" in note]
+    with Simulation(fine, engine="free_body") as sim:
+        sim.step(3000)
+        assert np.abs(sim.signals.nu).max() < 1.0
+    assert "the time step does not resolve" in str(steady_state(setup))
+
+
+def test_where_an_effect_is_not_in_the_loop_the_note_says_so(run_with):
+    notes = warnings_of(checked(run_with("Timed", 1.0)))
+    assert [note for note in notes if "is not checked: the wrench of an effect depends on the time" in note]
+    notes = warnings_of(checked(run_with("Push", -1.0, **{"vehicle.model": "bluerov2_alpha5"})))
+    assert [note for note in notes if "leaves out Push" in note and "has joints" in note]
+    assert not [note for note in warnings_of(checked(run_with("Push", -1.0))) if "Push" in note]
