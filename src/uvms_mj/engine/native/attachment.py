@@ -129,7 +129,7 @@ class Attachment:
             return ""
         changed = [str(fault) for fault in _solver_faults(self._option)]
         if self._option.gravity.tobytes() != self._settings[0]:
-            changed.append(f"gravity: is {self._option.gravity} now; buoyancy has {np.frombuffer(self._settings[0])}")
+            changed.append(f"gravity: is {self._option.gravity} now; buoyancy has {self.plant['gravity_W'][0]}")
         return f"{_CHANGED}: {'; '.join(changed)}" if changed else ""
 
     def __enter__(self) -> "Attachment":
