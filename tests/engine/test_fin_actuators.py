@@ -86,8 +86,9 @@ def test_an_actuator_never_passes_its_command_its_limit_or_its_rate(lag, limit, 
     )
     delta = part * fin.limit
     new, wanted = deflected(fin, delta, tau_cmd, h), np.clip(fin.mixing @ tau_cmd, -fin.limit, fin.limit)
-    assert abs(new - delta) <= fin.rate * h * (1.0 + 1e-12)
-    assert min(delta, wanted) - 1e-15 <= new <= max(delta, wanted) + 1e-15
+    rounding = 1e-15  # of the sum
+    assert abs(new - delta) <= fin.rate * h + rounding
+    assert min(delta, wanted) - rounding <= new <= max(delta, wanted) + rounding
 
 
 SERVO = {"fins": [RUDDER, RUDDER | {"position": [-0.3, 0.0, 0.1]}, {"area": 0.02, "position": [-0.3, 0.1, 0.0]}]}

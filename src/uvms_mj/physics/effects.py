@@ -214,7 +214,7 @@ def add_fin(fin, delta, nu_r, tau):
 def deflected(fin, delta, tau_cmd, h) -> float:
     """The deflection of a fin one time step h [s] after delta [rad]."""
     wanted, kept = min(fin.limit, max(-fin.limit, fin.mixing @ tau_cmd)), 0.0
-    if fin.lag > 0.0:
+    if 700.0 * fin.lag > h:  # nothing is kept of a shorter one
         kept = math.exp(-h / fin.lag)
     most = fin.rate * h
     return delta + min(most, max(-most, (1.0 - kept) * (wanted - delta)))
