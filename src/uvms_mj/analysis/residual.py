@@ -193,12 +193,13 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.diff(values, axis=0) / np.diff(t)[:, None]
 
 
+_WRENCHES = "C_hat_nu", "D_hat_nu", "g_hat", "C_nu_r", "D_nu_r", "g_eta"
 _ROW = np.dtype(
     [
         *((name, "f8", (6,)) for name in ("nu", "nu_r")),
         ("R_WB", "f8", (3, 3)),
         *((name, "f8", (3,)) for name in ("a_c_W", "v_c_dot_W")),
-        *((name, "f8", (6,)) for name in ("C_hat_nu", "D_hat_nu", "g_hat", "C_nu_r", "D_nu_r", "g_eta")),
+        *((name, "f8", (6,)) for name in _WRENCHES),
     ],
     align=True,
 )
@@ -246,7 +247,7 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
         at_once[: len(some)] = some
         set_wrenches(len(some), int(unsteady))
         some[:] = at_once[: len(some)]
-    C_hat, D_hat, g_hat, C, D, g = (rows[name] for name in _ROW.names[5:])
+    C_hat, D_hat, g_hat, C, D, g = (rows[name] for name in _WRENCHES)
     return (
         trace.tau_dist
         + nu_c_dot @ true.M.T

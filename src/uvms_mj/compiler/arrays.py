@@ -377,10 +377,16 @@ class Arrays(Scalars):
 
             return self._side_by_side(m, [partial(term, row) for row in rows], base, 3 if many else None)
 
-        many = self.unit.checked and int(np.prod((*left, *right[1:]), dtype=int)) > WRITTEN_OUT
+        many = (self.unit.checked or not self.unit.cells) and int(np.prod((*left, *right[1:]), dtype=int)) > WRITTEN_OUT
         if len(left) == 1 and len(right) == 1:
             return scalar(sums([[]], [])[0], base)
-        out = (self.temporary if many else self.made)(base, (*left[:-1], *right[1:]))
+        by_row = len(left) == 2 and left[0] > ROWS and not self.unit.checked and not self.unit.cells
+        out = (self.temporary if many or by_row else self.made)(base, (*left[:-1], *right[1:]))
+        if by_row:
+            self.turns(
+                WORD(left[0]), lambda i: self.each(right[1:], lambda j: self.put(sums([[i]], j)[0], out, [i, *j]))
+            )
+            return out
         self._fill_product(out, left[:-1], right[1:], sums, many)
         return out
 

@@ -55,7 +55,7 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..physics.frames import BODY, quat_error, to_body
 from ..physics.kernels import kernel
-from ..physics.linear_algebra import symmetric_eigen
+from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
@@ -109,7 +109,10 @@ class ImpedanceTask(Stage):
             zeta[:] = -(nu_e + F_1 * eta_e) / F_2  # s = 0 in eq. (14)
         # M_d w
         demand = given.K_d * eta_e + given.D_d @ nu_e - given.K_f * (given.tau_contact_m_B - given.F_d)
-        w[:] = np.linalg.solve(given.M_d, demand) if settings.natural else settings.M_d_inv @ demand
+        if settings.natural:
+            solve_natural(given.M_d, demand, w)
+        else:
+            w[:] = settings.M_d_inv @ demand
         out.tau_nom[:] = given.M_hat @ (given.nu_d_dot - w) - given.tau_contact_m_B  # eq. (23)
         out.tau_nom += given.C_hat_nu + given.D_hat_nu + given.g_hat
         eta_e_dot = np.zeros(6)
@@ -125,6 +128,16 @@ def pose_error_rate(quat_e, nu_e, eta_e_dot):
     omega_e = nu_e[3:]
     eta_e_dot[:3] = nu_e[:3]
     eta_e_dot[3:] = 0.5 * (quat_e[0] * omega_e + np.cross(quat_e[1:], omega_e))  # U(q_e) omega_e, eq. (17)
+
+
+@kernel
+def solve_natural(M, force, w):
+    """Set w (6,) to M^-1 force, for M (6, 6) that changes."""
+    L = np.zeros((6, 6))
+    cholesky(M, L)
+    w[:] = force
+    forward(L, w)
+    backward(L, w)
 
 
 @kernel

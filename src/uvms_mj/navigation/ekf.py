@@ -98,12 +98,13 @@ def transition(R, push, turn, A, E):
 @kernel
 def advance(P, R, A, E, h, out):
     """Set out = F P^T, (15, 15). Applied twice, it gives F P F^T."""
-    X = P.T
-    v, theta, b_g, b_a = X[3:6], X[6:9], X[9:12], X[12:]
-    out[3:6] = v + A @ theta - h * (R @ b_a)
-    out[:3] = X[:3] + 0.5 * h * (v + out[3:6])
-    out[6:9] = E @ theta - h * b_g
-    out[9:] = X[9:]
+    for i in range(15):  # a column of the result is F times a row of P
+        v, theta, b_g, b_a = P[i, 3:6], P[i, 6:9], P[i, 9:12], P[i, 12:]
+        v_after = v + A @ theta - h * (R @ b_a)
+        out[:3, i] = P[i, :3] + 0.5 * h * (v + v_after)
+        out[3:6, i] = v_after
+        out[6:9, i] = E @ theta - h * b_g
+        out[9:, i] = P[i, 9:]
 
 
 @kernel
@@ -129,7 +130,10 @@ def correct(P, H, innovation, variance, correction) -> float:
     column = P @ H
     S = variance + H @ column
     correction[:] = column * (innovation / S)
-    P[:] = 0.5 * (P + P.T) - np.outer(column, column) / S
+    for i in range(15):
+        for j in range(i, 15):
+            mean = 0.5 * (P[i, j] + P[j, i]) - column[i] * column[j] / S
+            P[i, j], P[j, i] = mean, mean
     return innovation * innovation / S
 
 

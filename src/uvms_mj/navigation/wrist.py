@@ -62,7 +62,7 @@ def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part)
         if moving != 0:
             coriolis_wrench(link, part)
             add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
-            damping_wrench(link, part)
+            damping_wrench(link, link.nu, part)
             add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
     for k in range(links.shape[0] - 1, first, -1):
         hand_down(links[k], links[frames[k].parent])
@@ -79,15 +79,10 @@ def felt_wrench(run, true, out):
     """Set out (6,) to the true wrench of the parent on the links behind the sensor, in S."""
     wrist, water, frames, q_dot, q_ddot = run.wrist, run.plant.water, run.plant.frames, run.encoder.q_dot, run.q_ddot
     rigid, wet, nu, nu_dot, first = wrist.rigid[0], wrist.wet[0], true.nu, true.nu_dot, wrist.sensor.link
-    v_c, v_c_dot = np.zeros(3), np.zeros(3)
-    to_body(true.R_WB, true.v_c_W, v_c)
-    to_body(true.R_WB, water.v_c_dot_W, v_c_dot)
+    v_c = true.R_WB.T @ true.v_c_W
     rigid.V[:], rigid.A[:] = nu, nu_dot
     wet.V[:3], wet.V[3:], wet.A[3:] = nu[:3] - v_c, nu[3:], nu_dot[3:]
-    p, q_B, r = nu[3], nu[4], nu[5]  # v_r_dot = v_dot + omega x v_c - R^T v_c_dot
-    wet.A[0] = nu_dot[0] + q_B * v_c[2] - r * v_c[1] - v_c_dot[0]
-    wet.A[1] = nu_dot[1] + r * v_c[0] - p * v_c[2] - v_c_dot[1]
-    wet.A[2] = nu_dot[2] + p * v_c[1] - q_B * v_c[0] - v_c_dot[2]
+    wet.A[:3] = nu_dot[:3] + np.cross(nu[3:], v_c) - true.R_WB.T @ water.v_c_dot_W  # v_r_dot
     to_body(true.R_WB, wrist.gravity_W, wrist.rigid_gravity_B)
     to_body(true.R_WB, wrist.gravity_W - water.a_c_W, wrist.wet_gravity_B)  # of the displaced water
     carried_wrench(wrist.rigid, frames, wrist.rigid_gravity_B, first, 1, q_dot, q_ddot, wrist.work)

@@ -140,15 +140,16 @@ def add_gauss_markov(series, numbers, t, value, rate):
     if k // NODES != series.block:
         series.block = k // NODES
         draw_block(series, numbers, n)
-    f, nodes = x - k, np.zeros((4, n))
-    for j in range(4):
-        read(numbers, series.nodes + (k % NODES + j) * n, nodes[j])
-    before, here, there, after = nodes
-    b = 0.5 * (there - before)  # here + b f + c f^2 + d f^3
-    c = before - 2.5 * here + 2.0 * there - 0.5 * after
-    d = 0.5 * (after - before) + 1.5 * (here - there)
-    value += series.deviation * (here + f * (b + f * (c + f * d)))
-    rate += series.deviation * (b + f * (2.0 * c + f * 3.0 * d)) / series.spacing
+    f, at, node = x - k, series.nodes + k % NODES * n, np.zeros(4)
+    for i in range(n):
+        for j in range(4):
+            node[j] = numbers[at + j * n + i]
+        before, here, there, after = node
+        b = 0.5 * (there - before)  # here + b f + c f^2 + d f^3
+        c = before - 2.5 * here + 2.0 * there - 0.5 * after
+        d = 0.5 * (after - before) + 1.5 * (here - there)
+        value[i] += series.deviation[i] * (here + f * (b + f * (c + f * d)))
+        rate[i] += series.deviation[i] * (b + f * (2.0 * c + f * 3.0 * d)) / series.spacing
 
 
 @kernel
