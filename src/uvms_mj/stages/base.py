@@ -56,6 +56,7 @@ from ..files import function_tree
 from ..physics.random import key_of
 from ..quantities import Step, refusing, unit_of
 from . import signals
+from .namespace import namespace_of
 from .signals import JOINT_SIGNALS, Signal
 
 
@@ -175,12 +176,10 @@ class Stage:
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """A stage of a user's file is loaded from it where it is unpickled, so that it is never older than the file."""
-        from .loader import loaded, settings_of
-        from .namespace import namespace_of
-
-        if namespace_of(type(self)) is None:
+        if (own := namespace_of(type(self))) is None:
             return super().__reduce_ex__(protocol)
-        return loaded, (self.room.table, type(self).source(), settings_of(self))
+        settings = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return own.unpickled, (self.room.table, type(self).source(), settings)
 
     def __copy__(self) -> Stage:
         return self
@@ -230,6 +229,10 @@ class Stage:
     def given(cls, thrusters: int = 0) -> tuple[Signal, ...]:
         """The signals that the function is given, for a vehicle with so many thrusters."""
         return cls.room.given(thrusters)
+
+    def period_in(self, scenario: Any) -> float:
+        """Time between two instants of the stage in a run of a :class:`uvms_mj.scenario.Scenario` [s]."""
+        return self.period or (scenario.simulation.timestep if self.every_step else scenario.control_period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
