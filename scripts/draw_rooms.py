@@ -171,6 +171,8 @@ BETWEEN = {
 """Stages that a run has only if its scenario asks for them, from the last to the first, by the stage before them."""
 BEFORE = ("tool", "true attitude", ARM)
 """The stage before all others, of a run with a tool."""
+AFTER = ("surroundings, effects", "effects = [...]", STAGE)
+"""The stages after all others, of a run with effects of a user's own."""
 STEP = 0.47
 """Height of an optional stage, with the space to the next one."""
 
@@ -194,6 +196,7 @@ def instant() -> Figure:
             arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
         _optional(ax, between, high + 0.2, (low + high) / 2 + 0.06, BETWEEN.get(name, []))
     _optional(ax, width / 2, 1.85, 1.85, [BEFORE], 1.1)
+    _optional(ax, 10.6, 1.62, 1.42, [AFTER], 2.2)
     _legend(ax, 2.9, high + 0.2 + 4 * STEP)
     right = (len(CHAIN) - 1) * pitch + width
     box(ax, 0.0, 0.72, right, 0.7, WATER)

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
+from draw_rooms import AFTER, BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from page_numbers import page
+from uvms_mj.engine.native.pipeline import INSTANT
+from uvms_mj.scenario import STAGE_LISTS, STAGES
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -50,9 +52,17 @@ def test_the_drawing_of_an_instant_has_the_stages_of_the_table_in_their_order():
     drawn = [BEFORE[0]]
     for stage, *_ in CHAIN:
         drawn += [stage, *(name for name, *_ in reversed(BETWEEN.get(stage, [])))]
-    assert re.findall(r"^\| ([a-z, ]+) \|", table, re.MULTILINE) == drawn
+    drawn.append(AFTER[0])
+    assert re.findall(r"^\| ([a-z]+) \|", table, re.MULTILINE) == [name for box in drawn for name in box.split(", ")]
     picture = page("architecture").with_name("instant.svg").read_text()
     assert all(f">{name}</text>" in picture for name in drawn)
+
+
+def test_the_table_of_stages_on_the_page_is_that_of_the_loop():
+    table = page("architecture").read_text().split("| stage | table | in a run |")[1].split("\n\n")[0]
+    shown = [tuple(cell.strip() for cell in row.split("|")[1:4]) for row in table.splitlines()[2:]]
+    written = {name: f"`[{name}]`" for name in (*STAGES, "task")} | {name: f"`{name}`" for name in STAGE_LISTS}
+    assert shown == [(each.term or each.name, written.get(each.name, ""), each.when) for each in INSTANT]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)

@@ -100,12 +100,9 @@ class Scenario:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The stages of the loop in the order of an instant."""
+        """The stages that run: the task, if the law uses it, and those of the tables and lists that name them."""
         task = (self.task,) if self.controller.uses_task else ()
-        before = (self.navigation, self.encoder, self.wrist, self.reference, self.observer)
-        behind = (self.joints, self.thrusters, *self.effects)
-        stages = (*before, *task, self.controller, self.actuation, *behind)
-        return tuple(stage for stage in stages if stage.runs)
+        return tuple(stage for stage in (*task, *self.named_stages.values()) if stage.runs)
 
     @property
     def steady_flow(self) -> bool:

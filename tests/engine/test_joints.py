@@ -203,6 +203,15 @@ def test_an_encoder_with_a_period_is_held_between_its_samples(scenario):
 # errors
 
 
+def test_a_servo_runs_at_every_step_under_a_slow_law(scenario):
+    """200 rad/s are unstable at the control period, 0.02 s, at which the servo does not run."""
+    own = {"joints.name": "position", "joints.target": [0.1, 0.0], "controller.period": 0.02}
+    with Simulation(scenario(own)) as simulation:
+        stages = simulation._memory.stages
+        steps = dict(zip(stages.stages, stages.rows["period_steps"], strict=True))
+    assert (steps["joints"], steps["controller"]) == (1, round(0.02 / simulation.scenario.simulation.timestep))
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [

@@ -25,6 +25,7 @@ class Actuation(Stage):
     u (n,) is the thrust of each thruster [N]."""
 
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
+    every_step: ClassVar[bool] = True
 
     room: ClassVar[Room] = Room(
         name="actuation",

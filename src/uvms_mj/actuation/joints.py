@@ -292,7 +292,7 @@ class Servo(Joints):
         if not at_body(setup):
             instead = "follows a given motion, and the law at a tool commands torques; choose torque"
             yield Fault("joints.name", f"{self.label()!r} {instead}")
-        period = self.period or setup.scenario.control_period
+        period = self.period_in(setup.scenario)
         if self.velocity_bandwidth * period > FASTEST:
             limit = f"unstable at a period of {period:g} s, which allows {FASTEST / period:g} rad/s"
             yield Fault("joints.velocity_bandwidth", f"{self.velocity_bandwidth:g} rad/s is {limit}")

@@ -239,6 +239,10 @@ class Inflow(Stage):
         "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
     )
 
+    def period_in(self, scenario: Any) -> float:
+        """The period of the thrusters [s]."""
+        return scenario.thrusters.period_in(scenario)
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         B = setup.vehicle.B
         return {"columns": (B * B[:3].any(axis=0)).T}

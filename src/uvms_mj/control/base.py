@@ -171,6 +171,10 @@ class Delay(Stage):
         period, delay = round(scenario.control_period / h), round(scenario.controller.delay / h)
         return period, delay, math.gcd(period, delay)
 
+    def period_in(self, scenario: Any) -> float:
+        """The greatest common divisor of the control period and the delay [s]."""
+        return self.steps(scenario)[2] * scenario.simulation.timestep
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The control period and the delay in periods of the stage."""
         period, delay, own = self.steps(setup.scenario)

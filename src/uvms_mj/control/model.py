@@ -34,6 +34,7 @@ from ..physics.tree import (
 )
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
+from .base import Delay
 from .task import tracking_errors
 
 
@@ -124,6 +125,7 @@ class ToolAttitude(Stage):
     """The true attitude of the tool, for the record. ``state`` is the record of the run."""
 
     name = "tool"
+    every_step: ClassVar[bool] = True
     room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
 
     @staticmethod
@@ -202,6 +204,10 @@ class ResolveAtBody(Stage):
 
     name = "resolve_at_body"
     room: ClassVar[Room] = Room("control", "resolution", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    def period_in(self, scenario: Any) -> float:
+        """The period at which a command arrives [s]."""
+        return scenario.control_period if scenario.controller.delay is None else Delay().period_in(scenario)
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

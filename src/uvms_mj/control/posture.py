@@ -144,6 +144,11 @@ class PostureBelowTool(Stage):
         (Signal("tau_posture", (0,), "N, N m", "B", "wrench on the base and torques of the joints"),),
     )
 
+    def period_in(self, scenario: Any) -> float:
+        """``posture.period`` in whole control periods [s]."""
+        control = scenario.control_period
+        return control * max(1, round(scenario.posture.period / control))
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return posture_constants(setup)
 

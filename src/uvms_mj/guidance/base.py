@@ -78,7 +78,7 @@ class Guidance(Stage):
         why they are not known before the run."""
         if self.states or self.memory:
             return "the reference has states, so that its way is not known before the run"
-        period = self.period or setup.scenario.control_period
+        period = self.period_in(setup.scenario)
         try:
             with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
                 found = samples(self, setup, [round(t / period) for t in times.tolist()])
@@ -124,7 +124,7 @@ def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
 def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
     """A warning if p_d_dot is clearly not the derivative of p_d, from the differences over one period at the beginnings
     of :data:`_TRIALS` equal parts of the run."""
-    period = stage.period or setup.scenario.control_period
+    period = stage.period_in(setup.scenario)
     instants = [round(k * setup.scenario.simulation.duration / (_TRIALS * period)) for k in range(_TRIALS)]
     found = samples(stage, setup, [instant + late for instant in instants for late in (0, 1)])
     change = (found["p_d"][1::2] - found["p_d"][::2]) / period
@@ -140,7 +140,7 @@ def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
 def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
     initial pose. What the stage leaves unset is nan."""
-    initial, period = setup.initial, stage.period or setup.scenario.control_period
+    initial, period = setup.initial, stage.period_in(setup.scenario)
     settings, given = record_of(stage.record(setup)), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
     given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period

@@ -30,7 +30,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -90,6 +90,10 @@ class MotionOnly(Stage):
 
     name = "sensed"
     room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + MEASURED, MEASURED[:4])
+
+    def period_in(self, scenario: Any) -> float:
+        """The period of navigation [s]."""
+        return scenario.navigation.period_in(scenario)
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

@@ -149,6 +149,10 @@ class WristLoad(Stage):
     name = "felt"
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
 
+    def period_in(self, scenario: Any) -> float:
+        """The period of the wrist sensor [s]."""
+        return scenario.wrist.period_in(scenario)
+
     @staticmethod
     def step(settings, state, given, state_dot, out):
         felt_wrench(state, given, out)
@@ -160,6 +164,10 @@ class WristCompensation(Stage):
 
     name = "derived"
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + MEASURED[:4], MEASURED[4:])
+
+    def period_in(self, scenario: Any) -> float:
+        """The period of navigation [s]."""
+        return scenario.navigation.period_in(scenario)
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -253,12 +261,12 @@ class WristSensor(_Channels):
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The packed channels by quantity."""
-        step = self.period or setup.scenario.control_period
+        step = self.period_in(setup.scenario)
         return {quantity: channel_of(self, quantity).pack(step) for quantity in QUANTITIES}
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         yield from super().faults(setup)
-        yield from channel_faults(self, QUANTITIES, self.period or setup.scenario.control_period)
+        yield from channel_faults(self, QUANTITIES, self.period_in(setup.scenario))
 
     @staticmethod
     def step(settings, state, given, state_dot, reading):

@@ -231,6 +231,10 @@ class Stage:
         """The signals that the function is given, for a vehicle with so many thrusters."""
         return cls.room.given(thrusters)
 
+    def period_in(self, scenario: Any) -> float:
+        """Time between two instants of the stage in a run of a :class:`uvms_mj.scenario.Scenario` [s]."""
+        return self.period or (scenario.simulation.timestep if self.every_step else scenario.control_period)
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
         :class:`uvms_mj.setup.base.Setup`. A user's settings do not depend on it."""

@@ -215,8 +215,7 @@ class OfUnit:
         yield from faults
         experiment, simulation = self.unit.description.defaultExperiment, self.unit.description.coSimulation
         step = float(experiment.stepSize) if experiment is not None and experiment.stepSize else None
-        scenario = setup.scenario
-        period = self.period or (scenario.simulation.timestep if self.every_step else scenario.control_period)
+        period = self.period_in(setup.scenario)
         if step and not simulation.canHandleVariableCommunicationStepSize and abs(period - step) > 1e-9 * step:
             yield Fault(f"{room.table}.period", f"{period:g} s: the FMU takes steps of {step:g} s only")
 

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from ...control.task import NaturalInertia, Schedule
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
-from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...plant.effect import Surroundings
 from ...scenario import Scenario
@@ -269,13 +269,136 @@ def _shape(value: Any) -> tuple[int, ...]:
     return value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
 
 
+@dataclass(frozen=True)
+class Place:
+    """The place of a stage in an instant.
+
+    Attributes:
+        name: its name in the loop: the table of a scenario that chooses it, if there is one.
+        when: in which runs it is, in words.
+        chosen: the stage of a run, the stages of a list, or None, from its setup.
+        given, out: what it is given and what it sets, parts of the record of the run.
+        whole: whether its function has the record of the run in place of states.
+        term: its name in the field, if that is another one.
+    """
+
+    name: str
+    when: str
+    chosen: Callable[[Setup], Stage | tuple[Stage, ...] | None]
+    given: "Callable[[Pipeline], Field]"
+    out: "Callable[[Pipeline], Field]"
+    whole: bool = False
+    term: str = ""
+
+
+def _true(loop: "Pipeline") -> Field:
+    return loop.field("true")
+
+
+def _signals(signals: tuple[Signal, ...]) -> "Callable[[Pipeline], Field]":
+    """Consecutive signals of the record that the law is given."""
+    return lambda loop: loop.part("signals", signals)
+
+
+def _base(signals: tuple[Signal, ...]) -> "Callable[[Pipeline], Field]":
+    """Consecutive signals of the record of what is known at B."""
+    return lambda loop: loop.part(loop.base, signals)
+
+
+def _field(*names: str) -> "Callable[[Pipeline], Field]":
+    return lambda loop: loop.field(*names)
+
+
+def _tool(setup: Setup) -> Stage | None:
+    return ToolAttitude() if setup.at_tool and not setup.contacts.carriers[0].is_B else None
+
+
+def _posture(setup: Setup) -> Stage | None:
+    if not setup.vehicle.arm.links or not type(setup.interface).torque_controlled:
+        return None
+    return PostureBelowTool() if setup.at_tool else PostureBesideBase()
+
+
+def _resolution(setup: Setup) -> Stage | None:
+    if setup.at_tool:
+        return ResolveAtTool()
+    return ResolveAtBody() if setup.vehicle.arm.links else None
+
+
+def _measured(loop: "Pipeline") -> Field:
+    """Where navigation sets the measurements."""
+    return loop.part("sensed" if loop.observed else loop.base, MEASURED)
+
+
+def _encoded(loop: "Pipeline") -> Field:
+    return loop.part("joints", encoder_signals(loop.shape.joints))
+
+
+INSTANT = (
+    Place("tool", "with a task at a tool", _tool, _true, _field("quat_WT"), whole=True),
+    Place("navigation", "always", lambda setup: setup.scenario.navigation, _true, _measured),
+    Place("sensed", "with an observer", lambda setup: MotionOnly() if setup.scenario.observer.runs else None,
+          _field("sensed"), _signals(MEASURED[:4])),
+    Place("encoder", "with joints and an encoder that is not perfect",
+          lambda setup: setup.scenario.encoder if setup.vehicle.arm.links else None, _field("encoder"), _encoded),
+    Place("felt", "with a wrist sensor", lambda setup: WristLoad() if setup.scenario.wrist.runs else None,
+          _true, _field("wrist", "given", "wrench_S"), whole=True),
+    Place("wrist", "with a wrist sensor", lambda setup: setup.scenario.wrist,
+          _field("wrist", "given"), _field("wrist", "reading")),
+    Place("derived", "with a wrist sensor", lambda setup: WristCompensation() if setup.scenario.wrist.runs else None,
+          _base(CLOCK + MEASURED[:4]), _base(MEASURED[4:]), whole=True),
+    Place("model", "always", lambda setup: ModelAtTool() if setup.at_tool else ModelAtBody(),
+          _base(CLOCK + MEASURED), _signals(UP_TO_ESTIMATES), whole=True),
+    Place("posture", "with joints whose motors obey torques", _posture,
+          _base(CLOCK + MEASURED), _field("model", "tau_posture"), whole=True),
+    Place("reference", "always", lambda setup: setup.scenario.reference,
+          _signals(CLOCK + MEASURED), _signals(REFERENCE), term="guidance"),
+    Place("tracking", "always", lambda setup: Tracking(), _signals(CLOCK + MEASURED + REFERENCE), _signals(ERRORS)),
+    Place("observer", "if `observer.name` is not `none`", lambda setup: setup.scenario.observer,
+          _signals(OBSERVER_GIVEN), _signals(MEASURED[4:])),
+    Place("schedule", "with `[[impedance.schedule]]`",
+          lambda setup: Schedule() if setup.scenario.impedance.schedule else None,
+          _signals(CLOCK), _signals(SCHEDULED)),
+    Place("natural", 'with `impedance.M_d = "natural"`',
+          lambda setup: NaturalInertia() if setup.scenario.impedance.natural else None,
+          _signals(TASK_GIVEN), _signals(IMPEDANCE[:2])),
+    Place("task", "unless the law sets `uses_task = False`",
+          lambda setup: setup.scenario.task if type(setup.scenario.controller).uses_task else None,
+          _signals(TASK_GIVEN), _signals(TASK)),
+    Place("truth", "for the yardstick `ideal`",
+          lambda setup: Truth() if type(setup.scenario.controller).uses_truth else None,
+          _true, _signals(TRUTH), whole=True),
+    Place("controller", "always; `external`: the caller", lambda setup: setup.scenario.controller,
+          lambda loop: loop.given_to(loop.controller), lambda loop: loop.field(loop.law, "tau_cmd"), term="law"),
+    Place("delay", "with `controller.delay`",
+          lambda setup: Delay() if setup.scenario.controller.delay is not None else None,
+          _field("command"), lambda loop: loop.field(loop.behind, "tau_cmd")),
+    Place("resolution", "with joints or a tool", _resolution,
+          _field("delayed"), _field("allocation", "tau_cmd"), whole=True),
+    Place("actuation", "always; `external`: the caller", lambda setup: setup.scenario.actuation,
+          _field("allocation"), _field("commands", "u_cmd"), term="allocation"),
+    Place("joints", "with joints", lambda setup: setup.interface if setup.vehicle.arm.links else None,
+          _field("joints"), _field("tau_q_demand")),
+    Place("inflow", "with real thrusters", lambda setup: Inflow() if setup.scenario.thrusters.runs else None,
+          _true, _field("commands", "inflow")),
+    Place("thrusters", "if `thrusters.name` is not `ideal`", lambda setup: setup.scenario.thrusters,
+          _field("commands"), _field("thrust")),
+    Place("surroundings", "with `effects`", lambda setup: Surroundings() if setup.scenario.effects else None,
+          lambda loop: loop.field("around").entry(0), _field("plant", "tau_effects"), whole=True),
+    Place("effects", "with `effects`", lambda setup: setup.scenario.effects,
+          _field("around"), _field("plant", "tau_effects")),
+)  # fmt: skip
+"""The stages in the order of an instant. A run has those that are chosen, run and are not set from outside; each says
+its period (:meth:`uvms_mj.stages.base.Stage.period_in`)."""
+
+
 class Pipeline:
     """The stages of a run, chosen and compiled before it has memory, and then bound to it.
 
     Attributes:
         stages: the stages by table, in the order of an instant; ``running`` are the stages alone, and ``apart`` those
             with memory of their own.
-        at_tool: whether the task's frame is a site.
+        at_tool: whether the task's frame is a site; ``observed``, whether an observer gives the contact force.
         control: index of the law, or of the stage that would follow it.
         actuation: index of the first stage that is given the law's command.
         controller: the law.
@@ -286,41 +409,20 @@ class Pipeline:
     """
 
     def __init__(self, setup: Setup, shape: Shape) -> None:
-        scenario, self._setup, self._shape = setup.scenario, setup, shape
-        self.controller = controller = scenario.controller
+        scenario, self._setup, self.shape = setup.scenario, setup, shape
+        self.controller = scenario.controller
         self._run = run_dtype(shape)
         self.stages: dict[str, CompiledStage] = {}
-        self.at_tool = scenario.task.frame != BODY
+        self.at_tool, self.observed = setup.at_tool, scenario.observer.runs
         self.base = "base" if self.at_tool else "signals"
-        late = controller.delay is not None
         self.behind = "delayed" if shape.resolves else "allocation"
-        self.law = "command" if late else self.behind
-        self._measure(scenario)
-        self._add(
-            "reference", scenario.reference, self.part("signals", CLOCK + MEASURED), self.part("signals", REFERENCE)
-        )
-        known = self.part("signals", CLOCK + MEASURED + REFERENCE)
-        self._add("tracking", Tracking(), known, self.part("signals", ERRORS))
-        observed = self.part("signals", OBSERVER_GIVEN)
-        self._add("observer", scenario.observer, observed, self.part("signals", MEASURED[4:]))
-        if scenario.impedance.schedule:
-            self._add("schedule", Schedule(), self.part("signals", CLOCK), self.part("signals", SCHEDULED))
-        task_given = self.part("signals", TASK_GIVEN)
-        if scenario.impedance.natural:
-            self._add("natural", NaturalInertia(), task_given, self.part("signals", IMPEDANCE[:2]))
-        if type(controller).uses_task:
-            self._add("task", scenario.task, task_given, self.part("signals", TASK))
-        if type(controller).uses_truth:
-            self._add("truth", Truth(), self.field("true"), self.part("signals", TRUTH), whole=True)
-        self.control = len(self.stages)
-        self._add("controller", controller, self._given_to(controller), self.field(self.law, "tau_cmd"))
-        self.actuation = len(self.stages)
-        if late:
-            self._add("delay", Delay(), self.field("command"), self.field(self.behind, "tau_cmd"))
-        if shape.resolves:
-            resolution = ResolveAtTool() if self.at_tool else ResolveAtBody()
-            self._add("resolution", resolution, self.field("delayed"), self.field("allocation", "tau_cmd"), whole=True)
-        self._actuate(scenario)
+        self.law = "command" if scenario.controller.delay is not None else self.behind
+        for each in INSTANT:
+            if each.name == "controller":
+                self.control = len(self.stages)
+            self._add(each, each.chosen(setup))
+            if each.name == "controller":
+                self.actuation = len(self.stages)
         self.running = tuple(self.stages.values())
         self.apart = [stage for stage in self.running if stage.apart]
         self._libraries: list[Any] = [(table, stage) for table, stage in self.stages.items() if stage.library]
@@ -333,7 +435,7 @@ class Pipeline:
         """Consecutive signals of a record of the run as a record of their own."""
         return Field(Field.of(self._run, name, signals[0].name).offset, record_dtype(signals))
 
-    def _given_to(self, controller: Controller) -> Field:
+    def given_to(self, controller: Controller) -> Field:
         """What a law is given: the record of signals, or the beginning of it and the truth."""
         signals = type(controller).given()
         whole = self.field("signals")
@@ -343,55 +445,21 @@ class Pipeline:
         kind: Any = {"names": names, "formats": list(formats), "offsets": list(offsets)}
         return Field(whole.offset, np.dtype(kind | {"itemsize": whole.dtype.itemsize}))
 
-    def _add(self, table: str, stage: Stage, given: Field, out: Field, whole: bool = False) -> None:
-        """Add a stage; one with ``whole`` works on the whole record of the run in place of states."""
-        if stage.external or not stage.runs:
-            return
-        counted = self._shape.joints if stage.room.counts == "joints" else self._shape.thrusters
-        kind, run = type(stage), with_numbers(self._run)
-        states, start = (0, None) if whole else (kind.state_size(counted), kind.start_record(counted))
-        self.stages[table] = CompiledStage(
-            stage, stage.record(self._setup), start, given, out, states, run, self._shape.joints > 0
-        )
-
-    def _measure(self, scenario: Scenario) -> None:
-        """Add the stages that measure, and the law's model of what they measure."""
-        shape, base, observed = self._shape, self.base, scenario.observer.runs
-        if self.at_tool and not self._setup.contacts.carriers[0].is_B:
-            self._add("tool", ToolAttitude(), self.field("true"), self.field("quat_WT"), whole=True)
-        measured = self.part("sensed" if observed else base, MEASURED)
-        self._add("navigation", scenario.navigation, self.field("true"), measured)
-        if observed:
-            self._add("sensed", MotionOnly(), self.field("sensed"), self.part("signals", MEASURED[:4]))
-        interface = self._setup.interface if shape.joints else None
-        if interface is not None:
-            encoded = self.part("joints", encoder_signals(shape.joints))
-            self._add("encoder", scenario.encoder, self.field("encoder"), encoded)
-        if scenario.wrist.runs:
-            self._add("felt", WristLoad(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
-            self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
-            known, derived = self.part(base, CLOCK + MEASURED[:4]), self.part(base, MEASURED[4:])
-            self._add("derived", WristCompensation(), known, derived, whole=True)
-        known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
-        self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
-        if interface is not None and type(interface).torque_controlled:
-            posture = PostureBelowTool() if self.at_tool else PostureBesideBase()
-            self._add("posture", posture, known, self.field("model", "tau_posture"), whole=True)
-
-    def _actuate(self, scenario: Scenario) -> None:
-        """Add the stages behind the command: allocation, joints and thrusters."""
-        self._add("actuation", scenario.actuation, self.field("allocation"), self.field("commands", "u_cmd"))
-        if self._shape.joints:
-            self._add("joints", self._setup.interface, self.field("joints"), self.field("tau_q_demand"))
-        if scenario.thrusters.runs:
-            self._add("inflow", Inflow(), self.field("true"), self.field("commands", "inflow"))
-            self._add("thrusters", scenario.thrusters, self.field("commands"), self.field("thrust"))
-        wrenches, around = self.field("plant", "tau_effects"), self.field("around")
-        for i, effect in enumerate(scenario.effects):
-            given = around.entry(i if self._shape.own_frames else 0)
-            if i == 0:
-                self._add("surroundings", Surroundings(), given, wrenches, whole=True)
-            self._add(f"effects[{i}]", effect, given, wrenches.entry(i))
+    def _add(self, at: Place, chosen: Stage | tuple[Stage, ...] | None) -> None:
+        """Add the stage of a place, or the stages of a list, whose outputs lie one behind the other."""
+        listed = isinstance(chosen, tuple)
+        for i, stage in enumerate(chosen if listed else (chosen,)):
+            if stage is None or stage.external or not stage.runs:
+                continue
+            name, given, out = at.name, at.given(self), at.out(self)
+            if listed:
+                name, out = f"{at.name}[{i}]", out.entry(i)
+                given = given.entry(i if given.dtype.shape[0] > 1 else 0)  # of each, or of all
+            counted = self.shape.joints if stage.room.counts == "joints" else self.shape.thrusters
+            kind, run = type(stage), with_numbers(self._run)
+            states, start = (0, None) if at.whole else (kind.state_size(counted), kind.start_record(counted))
+            settings, fused = stage.record(self._setup), self.shape.joints > 0
+            self.stages[name] = CompiledStage(stage, settings, start, given, out, states, run, fused)
 
     @property
     def layout(self) -> np.dtype:
@@ -417,10 +485,10 @@ class Pipeline:
         if thrusters.runs or scenario.actuation.records_loss:
             found.append((TAU_LOST, run["tau_lost"]))
         if thrusters.runs:
-            found.append((commanded_signal(self._shape.thrusters), self.u_cmd))
+            found.append((commanded_signal(self.shape.thrusters), self.u_cmd))
             if getattr(thrusters, "takes_pulses", False):
                 pulses = self.stages["thrusters"].state["command"][0]
-                found.append((pulse_signal(self._shape.thrusters), pulses))
+                found.append((pulse_signal(self.shape.thrusters), pulses))
         return found
 
     @property
@@ -473,18 +541,9 @@ class Pipeline:
 
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
-        h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h}
-        periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.stages else h
-        periods |= {"tool": h, "resolution": periods["delay"] if "delay" in self.stages else control}
-        periods["posture"] = control * max(1, round(scenario.posture.period / control))
-        periods |= {table: h for table, stage in self.stages.items() if type(stage.stage).every_step}
-        chosen = {table: stage.period for table, stage in scenario.named_stages.items()}
-        periods |= {table: period for table, period in chosen.items() if period is not None}
-        periods["sensed"] = periods.get("navigation", control)
-        periods["felt"], periods["derived"] = periods.get("wrist", control), periods["sensed"]
-        periods["inflow"] = periods.get("thrusters", h)
-        steps = [round(periods.get(table, control) / h) for table in self.stages]
+        h, named = scenario.simulation.timestep, scenario.named_stages
+        stages = (named.get(table, stage.stage) for table, stage in self.stages.items())
+        steps = [round(stage.period_in(scenario) / h) for stage in stages]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
     def write_keys(self, scenario: Scenario) -> None:
