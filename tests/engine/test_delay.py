@@ -69,7 +69,12 @@ def test_both_commands_are_in_the_log(tmp_path):
 
 def test_each_stage_has_the_period_of_the_table_on_the_page_and_those_beside_it_follow():
     """``sampling.md``: what measures runs with the law or at every step, what acts at every step."""
-    own = {"controller.period": 0.01, "controller.delay": 0.004, "navigation.name": "sensors", "thrusters.period": 0.002}
+    own = {
+        "controller.period": 0.01,
+        "controller.delay": 0.004,
+        "navigation.name": "sensors",
+        "thrusters.period": 0.002,
+    }
     own |= {"observer.name": "momentum_observer", "vehicle.model": "bluerov2_heavy", "thrusters.name": "t200"}
     with Simulation(Scenario.load("push_wall", SHORT | own), engine="free_body") as sim:
         found = dict(zip(sim._stages.stages, sim._stages.rows["period_steps"].tolist(), strict=True))
