@@ -11,7 +11,7 @@ import functools
 import itertools
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -364,8 +364,7 @@ def refuse(setup: Setup) -> None:
     if len(setup.scenario.effects) > _MOST_EFFECTS:
         wrong = f"has {len(setup.scenario.effects)} effects; at most {_MOST_EFFECTS} are possible"
         faults.append(Fault("effects", wrong))
-    for check in (_timing_faults, task_faults, wall_faults, _water_faults, posture_faults):
-        faults += check(setup)
+    faults += [fault for check in CHECKS for fault in check(setup)]
     if faults:
         raise InputError(faults, "scenario")
 
@@ -375,17 +374,7 @@ def warnings_of(setup: Setup) -> list[str]:
     overflows."""
     scenario, vehicle = setup.scenario, setup.vehicle
     with no_overflow(scenario):
-        notes = [
-            *wall_notes(setup),
-            *stage_notes(scenario.reference, setup),
-            *_sampling_notes(setup),
-            *posture_notes(setup),
-            *task_notes(setup),
-            *free_motion_notes(setup),
-            *_sea_notes(setup),
-            *_pad_notes(setup),
-            *stage_notes(scenario.controller, setup),
-        ]
+        notes = [note for notes in NOTES for note in notes(setup)]
     further = (*_thruster_notes(vehicle), *_afloat_notes(setup), *notes_on_damping(vehicle), *_effect_notes(setup))
     return [*radians_notes(scenario.to_dict()), *notes, *further]
 
@@ -546,3 +535,16 @@ def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[F
             )
             faults.append(Fault(f"current.table[{i + 1}]", wrong))
     return faults
+
+
+CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
+    *(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),
+)
+"""The errors of a run beside those of its stages."""
+NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
+    wall_notes,
+    lambda setup: stage_notes(setup.scenario.reference, setup),
+    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _pad_notes),
+    lambda setup: stage_notes(setup.scenario.controller, setup),
+)
+"""The warnings of a run."""
