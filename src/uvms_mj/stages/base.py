@@ -56,6 +56,7 @@ from ..files import function_tree
 from ..physics.random import key_of
 from ..quantities import Step, refusing, unit_of
 from . import signals
+from .namespace import namespace_of
 from .signals import JOINT_SIGNALS, Signal
 
 
@@ -175,12 +176,10 @@ class Stage:
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """A stage of a user's file is loaded from it where it is unpickled, so that it is never older than the file."""
-        from .loader import loaded, settings_of
-        from .namespace import namespace_of
-
-        if namespace_of(type(self)) is None:
+        if (own := namespace_of(type(self))) is None:
             return super().__reduce_ex__(protocol)
-        return loaded, (self.room.table, type(self).source(), settings_of(self))
+        settings = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return own.unpickled, (self.room.table, type(self).source(), settings)
 
     def __copy__(self) -> Stage:
         return self

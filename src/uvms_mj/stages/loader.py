@@ -60,7 +60,7 @@ class Choice(Generic[_Stage]):
         own = namespace_of(cls)
         if own is None:
             return stage
-        namespace = namespaces.setdefault(own.folder, Namespace(own.folder))
+        namespace = namespaces.setdefault(own.folder, Namespace(own.folder, own.unpickled))
         return stage_of(self.stage_class(stage.source(), namespace, cls), settings_of(stage), self.shipped)
 
     def stage_class(
@@ -262,7 +262,7 @@ _HINTS = {
 def load_file(path: Path, key: str, function: str = "", namespace: Namespace | None = None) -> ModuleType:
     """Load a user's file anew, with the modules beside it, into a namespace, by default one of its own; of C and of a
     library, make a module with the class of a function. Raises InputError with this key."""
-    namespace = namespace or Namespace(path.parent)
+    namespace = namespace or Namespace(path.parent, loaded)
     if path.suffix != ".py":
         function = function or path.stem
         name = f"{namespace.name}.{path.stem.replace('.', '_')}_{function}"

@@ -19,7 +19,7 @@ import sysconfig
 import threading
 import weakref
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -40,6 +40,7 @@ class Namespace:
 
     Args:
         folder: the folder of the user's file.
+        unpickled: makes a stage of the namespace again where it is unpickled, from its table, source and settings.
         codes: the code of modules that are not read again, by their path.
 
     Attributes:
@@ -48,7 +49,8 @@ class Namespace:
             machine code.
     """
 
-    def __init__(self, folder: Path, codes: dict[str, CodeType] | None = None) -> None:
+    def __init__(self, folder: Path, unpickled: Callable[..., Any], codes: dict[str, CodeType] | None = None) -> None:
+        self.unpickled = unpickled
         self.folder, self.name = folder, f"{PREFIX}{next(_numbers)}"
         self.codes = {} if codes is None else codes
         self.modules: dict[str, ModuleType] = {}
@@ -67,7 +69,7 @@ class Namespace:
 
     def again(self) -> "Namespace":
         """A new namespace with the same code: what the modules have kept is not in it."""
-        return Namespace(self.folder, self.codes)
+        return Namespace(self.folder, self.unpickled, self.codes)
 
     def load(self, path: Path) -> ModuleType:
         """The module of a file of Python in the folder, which may raise anything."""
