@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from twin import TwinParameters
 from uvms_mj import InputError, Scenario, attach, simulate
-from uvms_mj.physics.hydrodynamics import damping_notes, linear_gain, quadratic_gain
 from uvms_mj.plant.coefficients import KNOWN_NUMERICS
+from uvms_mj.plant.dissipation import damping_notes, linear_gain, quadratic_gain
 from uvms_mj.plant.vehicle import Vehicle
 from vehicles import dissipative, random_parameters, vehicle_xml
 

@@ -8,8 +8,8 @@ import pytest
 
 from edited_vehicles import BLUEROV, INERTIAL, mjcf, plant
 from uvms_mj import InputError
-from uvms_mj.physics.hydrodynamics import quadratic_gain
 from uvms_mj.plant.coefficients import Part, strip_theory
+from uvms_mj.plant.dissipation import quadratic_gain
 from uvms_mj.plant.vehicle import Vehicle
 from uvms_mj.plant.vehicle_files import known_attributes
 

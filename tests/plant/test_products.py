@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from twin import TwinParameters
 from uvms_mj import InputError, Scenario, attach, simulate
 from uvms_mj.physics.effects import PRODUCT
-from uvms_mj.physics.hydrodynamics import damping_notes, quadratic_gain
 from uvms_mj.plant.description import described, rows
+from uvms_mj.plant.dissipation import damping_notes, quadratic_gain
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.own_vehicle import copied
 from uvms_mj.plant.vehicle import Vehicle

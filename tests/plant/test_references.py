@@ -14,7 +14,7 @@ import pytest
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import attach
 from uvms_mj.physics.frames import body_acceleration, quat_from_euler_deg
-from uvms_mj.physics.hydrodynamics import damping_notes
+from uvms_mj.plant.dissipation import damping_notes
 from vehicles import load, place, vehicle_xml
 
 DATA = Path(__file__).parents[1] / "data"

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Scenario, attach, simulate
 from uvms_mj.files import shipped
-from uvms_mj.physics.hydrodynamics import damping_notes
+from uvms_mj.plant.dissipation import damping_notes
 from uvms_mj.plant.mjcf import Mjcf
 
 VEHICLES = sorted(shipped("models"))

@@ -23,9 +23,9 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.effects import PRODUCT
 from ..physics.frames import rotation_matrix
-from ..physics.hydrodynamics import damping_notes
 from .arm import Arm, Body, read_arm, rigid_inertia
 from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric, wrong_numerics
+from .dissipation import damping_notes
 from .products import Product, read_products
 
 if TYPE_CHECKING:
