@@ -1,7 +1,7 @@
 """Each row of "Where to add something" is shown by a test that follows it: with a toy here, or where its subject is."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -11,17 +11,20 @@ from click.testing import CliRunner
 
 from page_numbers import page
 from two_joints import STILL, two_joints
-from uvms_mj import Scenario, actuation, cli, control, guidance, navigation, simulate
+from uvms_mj import Scenario, Trace, actuation, cli, control, guidance, navigation, simulate
 from uvms_mj.actuation import Actuation, Joints, Thrusters, pseudo_inverse
 from uvms_mj.analysis import summary
 from uvms_mj.cli.plot import FONTS
 from uvms_mj.control import Controller
+from uvms_mj.engine.native import pipeline
 from uvms_mj.errors import Fault, InputError
 from uvms_mj.guidance import Guidance, station_keep
 from uvms_mj.navigation import Observer
+from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.setup import checks
 from uvms_mj.setup.base import set_up
-from uvms_mj.stages.base import setting
+from uvms_mj.stages.base import Room, Stage, setting
+from uvms_mj.stages.signals import CLOCK, REFERENCE, Signal
 from uvms_mj.views.figures import style
 
 TESTS = Path(__file__).parent
@@ -47,7 +50,8 @@ SHOWN = {
     "metric: a number that a study keeps, or that `run` prints": (HERE, NUMBER),
     "fonts of figures": (HERE, "test_fonts_are_an_entry_of_the_figures_and_of_the_command"),
     "command": (HERE, "test_a_command_is_a_function_that_is_added"),
-    "signal": ("records/test_signals.py", "test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own"),
+    "signal": (HERE, "test_a_signal_is_recorded_where_its_owner_says_so"),
+    "stage of the loop": (HERE, "test_a_stage_of_the_loop_is_a_class_and_a_place"),
     "function of NumPy in the language": ("compiler/test_functions.py", "test_no_function_is_left_out"),
     "processor that the loop is emitted for": (
         "engine/test_other_targets.py",
@@ -216,6 +220,52 @@ def test_a_number_is_a_function_and_an_entry(monkeypatch):
 
 def test_fonts_are_an_entry_of_the_figures_and_of_the_command():
     assert tuple(style.FONTS) == FONTS
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_signal_is_recorded_where_its_owner_says_so(monkeypatch, tmp_path, engine):
+    """The estimated restoring wrench of the law's model, of which no topic of a log knows."""
+    g_hat = Signal("g_hat", (6,), "N, N m", "B", "estimated restoring wrench")
+    shown = {"model": lambda loop, run: [(g_hat, loop.signals["g_hat"])]}
+    places = tuple(replace(each, records=shown.get(each.name, each.records)) for each in pipeline.INSTANT)
+    monkeypatch.setattr(pipeline, "INSTANT", places)
+    run = simulate(
+        Scenario.load(
+            "push_wall", SHORT | {"vehicle.model": "bluerov2_heavy", "initial.attitude_deg": [10.0, 20.0, 0.0]}
+        ),
+        engine=engine,
+    )
+    setup = set_up(run.scenario)
+    restoring = setup.start.restoring(rotation_matrix(run.quat_WB[0]), setup.gravity_W)
+    assert np.abs(restoring).max() > 1.0
+    assert run.g_hat[0] == pytest.approx(restoring, abs=1e-12)
+    run.save(tmp_path / "run.mcap")
+    assert np.array_equal(Trace.load(tmp_path / "run.mcap").g_hat, run.g_hat)
+
+
+@ships
+@dataclass(frozen=True)
+class Lift(Stage):
+    """Moves the reference up, after guidance has set it."""
+
+    name = "lift"
+    room = Room("guidance", "lift", lambda thrusters: CLOCK, REFERENCE)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        out.p_d[2] += 0.25
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_stage_of_the_loop_is_a_class_and_a_place(monkeypatch, engine):
+    own = SHORT | {"reference.target": [1.2, 0.0, 0.5], "controller.period": 0.002, "simulation.duration": 0.1}
+    before = simulate(Scenario.load("push_wall", own), engine=engine, log_rate="full")
+    place = pipeline.Place("lift", "always", lambda setup: Lift(), *map(pipeline._signals, (CLOCK, REFERENCE)))
+    at = [each.name for each in pipeline.INSTANT].index("tracking")
+    monkeypatch.setattr(pipeline, "INSTANT", (*pipeline.INSTANT[:at], place, *pipeline.INSTANT[at:]))
+    after = simulate(before.scenario, engine=engine, log_rate="full")
+    assert np.array_equal(after.p_d, before.p_d + np.array([0.0, 0.0, 0.25]))
+    assert np.allclose(after.eta_e[0] - before.eta_e[0], [0.0, 0.0, -0.25, 0.0, 0.0, 0.0], atol=1e-15)
 
 
 def test_a_command_is_a_function_that_is_added(monkeypatch):

@@ -10,16 +10,27 @@ from typing import Any
 import numpy as np
 
 from ...control.design import Estimates
-from ...physics.effects import EFFECTS, FLOWS
+from ...physics.effects import EFFECTS, FLOWS, state_of
 from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...physics.tree import FRAME, LINK
 from ...plant.arm import Link
-from ...plant.contacts import Carrier, Contacts
+from ...plant.contacts import Carrier
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance
 from ...setup.base import Setup
-from ...stages.signals import Signal, contact_signals
+from ...stages.signals import (
+    MANIPULABILITY,
+    TOOL,
+    UNSTEADY,
+    Signal,
+    contact_signals,
+    deflection_signal,
+    joint_saturation_signal,
+    joint_signals,
+    joint_torque_signal,
+    thruster_signal,
+)
 from .record import Image
 
 DAMPING = ("D_linear", "D_quadratic")
@@ -172,13 +183,31 @@ def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
     run["surface_count"], run["pair_count"] = len(surfaces), len(pairs)
 
 
-def recorded_contacts(run: np.ndarray, contacts: Contacts) -> Iterator[tuple[Signal, np.ndarray]]:
-    """The signals of the contacts beside that of the probe and [wall], each with its memory; none without one."""
-    n, first = len(contacts.pairs), int(contacts.paper is not None)
-    if n:
+def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, np.ndarray]]:
+    """The recorded signals of the plant, each with its memory: the motion of the water unless its flow is constant,
+    the contacts beside that of the probe and ``[wall]``, the thrusts, the angles of fins that move, the joints and the
+    tool."""
+    contacts, u, true = setup.contacts, run["u"], run["true"]
+    if not setup.scenario.constant_flow:
+        yield from ((signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY)
+    if n := len(contacts.pairs):
+        first = int(contacts.paper is not None)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
-        memory = (run["push"], forces, depths, run["true"]["tau_springs_B"])
-        yield from zip(contact_signals(n), memory, strict=True)
+        yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
+    yield thruster_signal(u.size), u
+    if setup.advancing:
+        deltas = run["plant"]["effects"][state_of("fins")][0]
+        yield deflection_signal(deltas.size), deltas
+    if n := len(setup.vehicle.arm.links):
+        yield from zip(joint_signals(n), (run["encoder"]["q"], run["encoder"]["q_dot"]), strict=True)
+        yield joint_torque_signal(n), run["tau_q"]
+        yield joint_saturation_signal(n), run["saturation"]
+    if setup.at_tool:
+        probe, motion = run["carriers"][0][:1], (true["p_WB"], true["quat_WB"], true["nu"])
+        if not contacts.carriers[0].is_B:
+            motion = probe["p_WC"], run["quat_WT"], probe["nu"]
+        yield from zip(TOOL, motion, strict=True)
+        yield MANIPULABILITY, run["model"]["manipulability"]
 
 
 Numbers = Sequence[float] | np.ndarray

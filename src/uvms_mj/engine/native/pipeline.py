@@ -1,8 +1,8 @@
 """The stages of a run: each compiled, with its memory, and all of them in their order."""
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,10 @@ from ...control.model import (
 from ...control.posture import PostureBelowTool, PostureBesideBase
 from ...control.task import NaturalInertia, Schedule
 from ...errors import Fault, InputError
+from ...navigation import Perfect
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
+from ...physics.frames import BODY
 from ...physics.random import key_of
 from ...plant.effect import Surroundings
 from ...scenario import Scenario
@@ -34,9 +36,12 @@ from ...stages.base import Stage, is_shipped
 from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
 from ...stages.signals import (
     CLOCK,
+    DELAYED,
+    EFFECT_WRENCH,
     ERRORS,
     IMPEDANCE,
     MEASURED,
+    MEASURED_MOTION,
     OBSERVER_GIVEN,
     REFERENCE,
     SCHEDULED,
@@ -44,9 +49,12 @@ from ...stages.signals import (
     TASK_GIVEN,
     TAU_LOST,
     TRUTH,
+    WRIST_READING,
+    WRIST_TRUE,
     Signal,
     commanded_signal,
     encoder_signals,
+    joint_command_signal,
     pulse_signal,
     record_dtype,
 )
@@ -269,6 +277,10 @@ def _shape(value: Any) -> tuple[int, ...]:
     return value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
 
 
+Recorded = Iterable[tuple[Signal, np.ndarray]]
+"""Signals, each with its memory in the record of a run."""
+
+
 @dataclass(frozen=True)
 class Place:
     """The place of a stage in an instant.
@@ -278,6 +290,7 @@ class Place:
         when: in which runs it is, in words.
         chosen: the stage of a run, the stages of a list, or None, from its setup.
         given, out: what it is given and what it sets, parts of the record of the run.
+        records: the signals that a run with the stage records besides its states, each with its memory.
         whole: whether its function has the record of the run in place of states.
         term: its name in the field, if that is another one.
     """
@@ -287,6 +300,7 @@ class Place:
     chosen: Callable[[Setup], Stage | tuple[Stage, ...] | None]
     given: "Callable[[Pipeline], Field]"
     out: "Callable[[Pipeline], Field]"
+    records: "Callable[[Pipeline, np.ndarray], Recorded]" = lambda loop, run: ()
     whole: bool = False
     term: str = ""
 
@@ -334,17 +348,73 @@ def _encoded(loop: "Pipeline") -> Field:
     return loop.part("joints", encoder_signals(loop.shape.joints))
 
 
+def _motion(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The measured motion, unless navigation is perfect."""
+    if not isinstance(loop.scenario.navigation, Perfect):
+        yield from ((signal, run[loop.base][signal.name.removesuffix("_m")]) for signal in MEASURED_MOTION)
+
+
+def _coordinates(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The measured coordinates of the joints."""
+    given = run["joints"]
+    return zip(encoder_signals(loop.shape.joints), (given["q_m"], given["q_dot_m"]), strict=True)
+
+
+def _readings(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The true wrench of the wrist sensor, and its reading."""
+    return (WRIST_TRUE, run["wrist"]["given"]["wrench_S"]), (WRIST_READING, run["wrist"]["reading"])
+
+
+def _lost(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The shortfall of the allocation, where the thrusts may differ from the command."""
+    if loop.scenario.thrusters.runs or loop.scenario.actuation.records_loss:
+        yield TAU_LOST, run["tau_lost"]
+
+
+def _torques(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The commanded torques of joints whose motors obey them."""
+    if loop.interface is not None and type(loop.interface).torque_controlled:
+        yield joint_command_signal(loop.shape.joints), run["joints"]["tau_q_cmd"]
+
+
+def _commands(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The commands of the thrusters."""
+    yield commanded_signal(loop.shape.thrusters), loop.u_cmd
+    if getattr(loop.scenario.thrusters, "takes_pulses", False):
+        yield pulse_signal(loop.shape.thrusters), loop.stages["thrusters"].state["command"][0]
+
+
+def _wrenches(loop: "Pipeline", run: np.ndarray) -> Recorded:
+    """The wrench of each effect."""
+    return zip(effect_signals(loop.scenario.effects), run["plant"]["tau_effects"][0], strict=True)
+
+
+def effect_signals(effects: Sequence[Stage]) -> list[Signal]:
+    """The wrenches of effects as recorded signals, named by their classes, and by their numbers if several are of one
+    class."""
+    labels = ["".join(c if c.isalnum() else "_" for c in type(effect).__name__) for effect in effects]
+    names = [f"tau_{each}_{i}" if labels.count(each) > 1 else f"tau_{each}" for i, each in enumerate(labels)]
+    found = []
+    for name, effect in zip(names, effects, strict=True):
+        at = getattr(effect, "at", BODY)
+        where, frame = ("B's origin", "B") if at == BODY else (f"the origin of {at}, in its axes", "-")
+        meaning = f"wrench of the effect {effect.label()} at {where}"
+        found.append(replace(EFFECT_WRENCH, name=name, frame=frame, meaning=meaning))
+    return found
+
+
 INSTANT = (
     Place("tool", "with a task at a tool", _tool, _true, _field("quat_WT"), whole=True),
-    Place("navigation", "always", lambda setup: setup.scenario.navigation, _true, _measured),
+    Place("navigation", "always", lambda setup: setup.scenario.navigation, _true, _measured, _motion),
     Place("sensed", "with an observer", lambda setup: MotionOnly() if setup.scenario.observer.runs else None,
           _field("sensed"), _signals(MEASURED[:4])),
     Place("encoder", "with joints and an encoder that is not perfect",
-          lambda setup: setup.scenario.encoder if setup.vehicle.arm.links else None, _field("encoder"), _encoded),
+          lambda setup: setup.scenario.encoder if setup.vehicle.arm.links else None, _field("encoder"), _encoded,
+          _coordinates),
     Place("felt", "with a wrist sensor", lambda setup: WristLoad() if setup.scenario.wrist.runs else None,
           _true, _field("wrist", "given", "wrench_S"), whole=True),
     Place("wrist", "with a wrist sensor", lambda setup: setup.scenario.wrist,
-          _field("wrist", "given"), _field("wrist", "reading")),
+          _field("wrist", "given"), _field("wrist", "reading"), _readings),
     Place("derived", "with a wrist sensor", lambda setup: WristCompensation() if setup.scenario.wrist.runs else None,
           _base(CLOCK + MEASURED[:4]), _base(MEASURED[4:]), whole=True),
     Place("model", "always", lambda setup: ModelAtTool() if setup.at_tool else ModelAtBody(),
@@ -358,7 +428,8 @@ INSTANT = (
           _signals(OBSERVER_GIVEN), _signals(MEASURED[4:])),
     Place("schedule", "with `[[impedance.schedule]]`",
           lambda setup: Schedule() if setup.scenario.impedance.schedule else None,
-          _signals(CLOCK), _signals(SCHEDULED)),
+          _signals(CLOCK), _signals(SCHEDULED),
+          lambda loop, run: ((signal, loop.signals[signal.name]) for signal in SCHEDULED)),
     Place("natural", 'with `impedance.M_d = "natural"`',
           lambda setup: NaturalInertia() if setup.scenario.impedance.natural else None,
           _signals(TASK_GIVEN), _signals(IMPEDANCE[:2])),
@@ -372,21 +443,22 @@ INSTANT = (
           lambda loop: loop.given_to(loop.controller), lambda loop: loop.field(loop.law, "tau_cmd"), term="law"),
     Place("delay", "with `controller.delay`",
           lambda setup: Delay() if setup.scenario.controller.delay is not None else None,
-          _field("command"), lambda loop: loop.field(loop.behind, "tau_cmd")),
+          _field("command"), lambda loop: loop.field(loop.behind, "tau_cmd"),
+          lambda loop, run: ((signal, run[loop.behind]["tau_cmd"]) for signal in DELAYED)),
     Place("resolution", "with joints or a tool", _resolution,
           _field("delayed"), _field("allocation", "tau_cmd"), whole=True),
     Place("actuation", "always; `external`: the caller", lambda setup: setup.scenario.actuation,
-          _field("allocation"), _field("commands", "u_cmd"), term="allocation"),
+          _field("allocation"), _field("commands", "u_cmd"), _lost, term="allocation"),
     Place("joints", "with joints", lambda setup: setup.interface if setup.vehicle.arm.links else None,
-          _field("joints"), _field("tau_q_demand")),
+          _field("joints"), _field("tau_q_demand"), _torques),
     Place("inflow", "with real thrusters", lambda setup: Inflow() if setup.scenario.thrusters.runs else None,
           _true, _field("commands", "inflow")),
     Place("thrusters", "if `thrusters.name` is not `ideal`", lambda setup: setup.scenario.thrusters,
-          _field("commands"), _field("thrust")),
+          _field("commands"), _field("thrust"), _commands),
     Place("surroundings", "with `effects`", lambda setup: Surroundings() if setup.scenario.effects else None,
           lambda loop: loop.field("around").entry(0), _field("plant", "tau_effects"), whole=True),
     Place("effects", "with `effects`", lambda setup: setup.scenario.effects,
-          _field("around"), _field("plant", "tau_effects")),
+          _field("around"), _field("plant", "tau_effects"), _wrenches),
 )  # fmt: skip
 """The stages in the order of an instant. A run has those that are chosen, run and are not set from outside; each says
 its period (:meth:`uvms_mj.stages.base.Stage.period_in`)."""
@@ -401,7 +473,7 @@ class Pipeline:
         at_tool: whether the task's frame is a site; ``observed``, whether an observer gives the contact force.
         control: index of the law, or of the stage that would follow it.
         actuation: index of the first stage that is given the law's command.
-        controller: the law.
+        scenario, interface: of the run; ``controller`` is its law.
         law: where the law's command is: the record of the actuation, or of the delay or the resolution before it.
         signals, allocation: records (1,) of a run that is bound.
         command, u_cmd: (6,) and (n,) commands of the law and of the actuation.
@@ -412,7 +484,9 @@ class Pipeline:
         scenario, self._setup, self.shape = setup.scenario, setup, shape
         self.controller = scenario.controller
         self._run = run_dtype(shape)
+        self.scenario, self.interface = scenario, setup.interface if shape.joints else None
         self.stages: dict[str, CompiledStage] = {}
+        self._places: list[Place] = []
         self.at_tool, self.observed = setup.at_tool, scenario.observer.runs
         self.base = "base" if self.at_tool else "signals"
         self.behind = "delayed" if shape.resolves else "allocation"
@@ -448,8 +522,10 @@ class Pipeline:
     def _add(self, at: Place, chosen: Stage | tuple[Stage, ...] | None) -> None:
         """Add the stage of a place, or the stages of a list, whose outputs lie one behind the other."""
         listed = isinstance(chosen, tuple)
-        for i, stage in enumerate(chosen if listed else (chosen,)):
-            if stage is None or stage.external or not stage.runs:
+        running = [each for each in (chosen if listed else (chosen,)) if each is not None and each.runs]
+        self._places += [at] if running else []
+        for i, stage in enumerate(running):
+            if stage.external:
                 continue
             name, given, out = at.name, at.given(self), at.out(self)
             if listed:
@@ -478,18 +554,10 @@ class Pipeline:
         run["stage_count"], run["actuation"] = len(self.stages), self.actuation
         run["tau_cmd"], run["has_task"] = image.place(self.command), "task" in self.stages
 
-    def commanded(self, run: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
-        """The recorded signals of the commands, each with its memory: those that may differ from the thrusts."""
-        scenario, found = self._setup.scenario, list[tuple[Signal, np.ndarray]]()
-        thrusters = scenario.thrusters
-        if thrusters.runs or scenario.actuation.records_loss:
-            found.append((TAU_LOST, run["tau_lost"]))
-        if thrusters.runs:
-            found.append((commanded_signal(self.shape.thrusters), self.u_cmd))
-            if getattr(thrusters, "takes_pulses", False):
-                pulses = self.stages["thrusters"].state["command"][0]
-                found.append((pulse_signal(self.shape.thrusters), pulses))
-        return found
+    def recorded(self, run: np.ndarray) -> Iterator[tuple[Signal, np.ndarray]]:
+        """The recorded signals of the stages besides their states, each with its memory."""
+        for at in self._places:
+            yield from at.records(self, run)
 
     @property
     def tau_cmd(self) -> np.ndarray:

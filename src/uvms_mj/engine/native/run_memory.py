@@ -12,8 +12,6 @@ import numpy as np
 from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
-from ...navigation import Perfect
-from ...physics.effects import state_of
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
 from ...plant.water import counted
@@ -24,7 +22,6 @@ from ...stages.signals import (
     BAND,
     BANDED,
     DELAYED,
-    EFFECT_WRENCH,
     FINAL_WINDOW_S,
     IN_TASK_FRAME,
     JOINT_SIGNALS,
@@ -37,17 +34,10 @@ from ...stages.signals import (
     SCHEDULED,
     TOOL,
     UNSTEADY,
-    WRIST_READING,
-    WRIST_TRUE,
     Signal,
     band_signals,
     contact_signals,
     deflection_signal,
-    encoder_signals,
-    joint_command_signal,
-    joint_saturation_signal,
-    joint_signals,
-    joint_torque_signal,
     thruster_signal,
 )
 from .bodies import (
@@ -57,7 +47,7 @@ from .bodies import (
     fill_wrist,
     motion_room,
     place_carriers,
-    recorded_contacts,
+    recorded_of_plant,
     write_contacts,
     write_wrist,
 )
@@ -74,34 +64,18 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory in the record of a run. The measurements are recorded unless
-    navigation is perfect, the motion of the water unless the current is constant, and the command of the thrusters
-    where it may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's
-    name is taken or is not an identifier."""
-    scenario, command, u = setup.scenario, run[stages.law], run["u"]
+    """The signals of a row in order, each with its memory in the record of a run: those of every run, of its plant, of
+    its stages, and the states. Raises InputError if two states have one name, or a state's name is taken
+    or is not an identifier."""
     contact = run["pairs"][0][:1]["contact"] if setup.contacts.paper else run["no_contact"]
-    records = [run["row"], run["true"], contact, stages.signals, command]
+    records = [run["row"], run["true"], contact, stages.signals, run[stages.law]]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
         for signal in RECORDED
         if "task" in stages.stages or signal.name not in _OF_THE_TASK
     ]
-    if not isinstance(scenario.navigation, Perfect):
-        found += [(signal, run[stages.base][signal.name.removesuffix("_m")]) for signal in MEASURED_MOTION]
-    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.stages]
-    found += [(signal, run[stages.behind]["tau_cmd"]) for signal in DELAYED if "delay" in stages.stages]
-    if not scenario.constant_flow:
-        found += [(signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY]
-    found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
-    found += stages.commanded(run)
-    found += zip(effect_signals(scenario.effects), run["plant"]["tau_effects"][0], strict=True)
-    if setup.advancing:
-        deltas = run["plant"]["effects"][state_of("fins")][0]
-        found.append((deflection_signal(deltas.size), deltas))
-    found += recorded_joints(run, setup)
-    found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
-    found += recorded_tool(run, setup)
+    found += [*recorded_of_plant(run, setup), *stages.recorded(run)]
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     found += [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
@@ -138,20 +112,6 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
         raise InputError(found, f"the {stage.room.noun} {stage.label()}")
 
 
-def effect_signals(effects: Sequence[Stage]) -> list[Signal]:
-    """The wrenches of effects as recorded signals, named by their classes, and by their numbers if several are of one
-    class."""
-    labels = ["".join(c if c.isalnum() else "_" for c in type(effect).__name__) for effect in effects]
-    names = [f"tau_{each}_{i}" if labels.count(each) > 1 else f"tau_{each}" for i, each in enumerate(labels)]
-    found = []
-    for name, effect in zip(names, effects, strict=True):
-        at = getattr(effect, "at", BODY)
-        where, frame = ("B's origin", "B") if at == BODY else (f"the origin of {at}, in its axes", "-")
-        meaning = f"wrench of the effect {effect.label()} at {where}"
-        found.append(replace(EFFECT_WRENCH, name=name, frame=frame, meaning=meaning))
-    return found
-
-
 def state_signal(stage: Stage, name: str, size: int) -> Signal:
     """A state of a stage as a recorded signal."""
     return Signal(name, (size,), type(stage).units.get(name, OWN_UNIT), "B", f"state {name} of {stage.label()}")
@@ -169,36 +129,6 @@ def spans(image: Image, memories: Sequence[np.ndarray]) -> Iterator[tuple[int, i
             yield place, size
         place, size = here, memory.size
     yield place, size
-
-
-def recorded_joints(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
-    """The recorded signals, each with its memory; none for a rigid vehicle."""
-    n, true, given = len(setup.vehicle.arm.links), run["encoder"], run["joints"]
-    if n == 0:
-        return []
-    found = [*zip(joint_signals(n), (true["q"], true["q_dot"]), strict=True), (joint_torque_signal(n), run["tau_q"])]
-    found.append((joint_saturation_signal(n), run["saturation"]))
-    if setup.scenario.encoder.runs:
-        found += zip(encoder_signals(n), (given["q_m"], given["q_dot_m"]), strict=True)
-    if type(setup.interface).torque_controlled:
-        found.append((joint_command_signal(n), given["tau_q_cmd"]))
-    return found
-
-
-def recorded_tool(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
-    """The recorded signals of a tool, each with its memory."""
-    if not setup.at_tool:
-        return []
-    true, probe = run["true"], run["carriers"][0][:1]
-    motion = [true["p_WB"], true["quat_WB"], true["nu"]]
-    if not setup.contacts.carriers[0].is_B:
-        motion = [probe["p_WC"], run["quat_WT"], probe["nu"]]
-    return [*zip(TOOL, motion, strict=True), (MANIPULABILITY, run["model"]["manipulability"])]
-
-
-def recorded_wrist(record: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
-    """The recorded signals, each with its memory."""
-    return [(WRIST_TRUE, record["given"]["wrench_S"]), (WRIST_READING, record["reading"])]
 
 
 DEFAULT_EPSILON = 1e-3
