@@ -237,7 +237,7 @@ def test_a_signal_is_recorded_where_its_owner_says_so(monkeypatch, tmp_path, eng
     )
     setup = set_up(run.scenario)
     restoring = setup.start.restoring(rotation_matrix(run.quat_WB[0]), setup.gravity_W)
-    assert np.abs(restoring).max() > 1.0
+    assert np.abs(restoring[:5]).min() > 0.1  # in all axes but yaw
     assert run.g_hat[0] == pytest.approx(restoring, abs=1e-12)
     run.save(tmp_path / "run.mcap")
     assert np.array_equal(Trace.load(tmp_path / "run.mcap").g_hat, run.g_hat)
