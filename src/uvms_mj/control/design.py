@@ -104,8 +104,6 @@ class Estimates:
 
 INNER_TABLES = {"impedance.schedule": Change, "estimates.links": LinkEstimates}
 """The tables within a table, by their key."""
-ATTITUDE_KEYS = tuple(f"reference.{key}" for key in ("attitude_deg", "poses", "turns", "heading", "plane_deg", "speed"))
-"""Keys on which the attitude at the end of a run may depend."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ import math
 import numpy as np
 
 from .fossen import damping, turned_momentum
-from .frames import add_wrench_from, compose_poses, motion_at, motion_from
+from .frames import compose_poses, motion_at, motion_from
 from .kernels import fused, kernel
 
 MOST_JOINTS = 30
@@ -172,15 +172,6 @@ def damping_wrench(link, nu, out):
         out[:] = np.diag(D) * nu + np.diag(Q) * (np.abs(nu) * nu)
     else:
         damping(D, Q, nu, out)
-
-
-@kernel
-def add_to_base(frame, wrench, out):
-    """Add to out (6,), a wrench about B's origin in B, a wrench (6,) at the origin of a link in its axes."""
-    if frame.depth == 0:
-        out += wrench
-    else:
-        add_wrench_from(frame.R_BL, frame.p_BL, wrench, out)
 
 
 @kernel

@@ -15,7 +15,6 @@ The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrust
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -27,9 +26,6 @@ from .arm import Arm, Body, read_arm, rigid_inertia
 from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric, wrong_numerics
 from .dissipation import damping_notes
 from .products import Product, read_products
-
-if TYPE_CHECKING:
-    from .arm import Arm
 
 
 def turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:

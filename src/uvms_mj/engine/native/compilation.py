@@ -220,7 +220,6 @@ PLAIN = "UVMS_MJ_PLAIN"
 """Environment variable for debugging: if it is set, every stage and kernel runs as plain Python."""
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
-Known = Mapping[tuple[np.dtype, str], int]
 
 
 @dataclass(frozen=True)

@@ -129,16 +129,6 @@ class Gpu:
         finally:
             self.driver.cuCtxPopCurrent()
 
-    def free_bytes(self) -> int:
-        """Bytes of its memory that are free."""
-        with self.current():
-            free, _ = self._pair(self.driver.cuMemGetInfo())
-        return int(free)
-
-    def _pair(self, answer: Any) -> tuple[Any, Any]:
-        self._checked(answer[:1])
-        return answer[1], answer[2]
-
     def load(self, code: FleetCode) -> dict[str, Any]:
         """The kernels of code by the names of its entries."""
         with self.current():
