@@ -177,3 +177,31 @@ def rotate(A, n, V, p, q):
         x, y = V[n * p + k], V[n * q + k]
         V[n * p + k] = c * x - s * y
         V[n * q + k] = s * x + c * y
+
+
+@kernel
+def solved(A, b):
+    """The solution x (n,) of A x = b, by Gaussian elimination with the largest pivots; NaN or infinite for a singular
+    A (n, n). And the smallest pivot over the largest one."""
+    n, U, x, least, most = len(b), A.copy(), b.copy(), math.inf, 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(U[i, k]) > abs(U[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, n):
+                U[k, j], U[pivot, j] = U[pivot, j], U[k, j]
+            x[k], x[pivot] = x[pivot], x[k]
+        for i in range(k + 1, n):
+            scale = U[i, k] / U[k, k]
+            for j in range(k + 1, n):
+                U[i, j] -= scale * U[k, j]
+            x[i] -= scale * x[k]
+        least, most = min(least, abs(U[k, k])), max(most, abs(U[k, k]))
+    for r in range(n):
+        i = n - 1 - r
+        for j in range(i + 1, n):
+            x[i] -= U[i, j] * x[j]
+        x[i] /= U[i, i]
+    return x, least / most
