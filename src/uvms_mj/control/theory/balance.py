@@ -162,12 +162,14 @@ def _motion(
     wrench: np.ndarray | None,
     compiled: Compiled | None,
 ) -> TaskMotion:
-    """The motion of a rigid vehicle, as machine code if that has all of its terms."""
-    if residual is None or residual is Balance.demanded:
-        compiled, residual = (NOMINAL, Balance.__call__) if residual is None else (KEEPING, residual)
-    if compiled is None or not RigidMotion.knows(balance, thrust_map):
-        return TaskMotion(balance, residual, memory, thrust_map, wrench)
-    return RigidMotion(compiled, balance, residual, memory, thrust_map, wrench)
+    """The motion of a rigid vehicle, as machine code if there is some that has all of its terms."""
+    if residual is None:
+        compiled, residual = NOMINAL, Balance.__call__
+    elif residual is Balance.demanded:
+        compiled = KEEPING
+    if compiled is not None and (motion := RigidMotion(compiled, balance, memory, thrust_map, wrench)).known:
+        return motion
+    return TaskMotion(balance, residual, memory, thrust_map, wrench)
 
 
 def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 from ...physics.contacts import pair_force
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring, water_at_rest
 from ...physics.frames import multiply, quat_error, rotation, to_body, to_world
-from ...physics.kernels import called_on, compilers, kernel
+from ...physics.kernels import kernel, machine_code
 from ...physics.linear_algebra import solved
 from ..task import MOST_ENTRIES, Schedule
 from . import approach as python
@@ -69,7 +69,10 @@ WAY = np.dtype([("t", "f8"), ("position", "f8", (3,)), ("quat", "f8", (4,))], al
 """A sample of a reference."""
 MOTION = np.dtype(
     [
-        *((name, "f8", (6, 6)) for name in (*_MATRICES, "wrench", "by_pose", "by_wrench", "stiffness", "by_water", "J")),
+        *(
+            (name, "f8", (6, 6))
+            for name in (*_MATRICES, "wrench", "by_pose", "by_wrench", "stiffness", "by_water", "J")
+        ),
         *((name, "f8", (6,)) for name in ("K_f", "F_d", "F_1", "factor_inverse", "tau_dist", "left")),
         *((name, "f8", (6,)) for name in ("nu_d", "nu_d_before", "led", "lead", "nu_at_rest", "velocity")),
         *((name, "f8", (6,)) for name in ("free", "force", "before", "change", "seen_error")),
@@ -115,9 +118,7 @@ def turned(quat, x, y, z, out):
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle
     scale = 0.5 * math.sin(half) / half if half > 0.0 else 0.5
-    multiply(
-        quat[0], quat[1], quat[2], quat[3], math.cos(half), scale * x, scale * y, scale * z, 0, out
-    )
+    multiply(quat[0], quat[1], quat[2], quat[3], math.cos(half), scale * x, scale * y, scale * z, 0, out)
 
 
 @kernel
@@ -548,7 +549,7 @@ def polished(motion, world):
         change = -less
         change *= min(1.0, 1.0 / max(np.max(np.abs(change)) / motion.largest, 1e-300))
         size, part = np.max(np.abs(motion.force)), 1.0
-        for k in range(_HALVES):
+        for _ in range(_HALVES):
             displaced(motion.y, part * change, motion.at)
             press(motion, world, motion.at)
             force_at(motion, world, motion.at)
@@ -647,32 +648,36 @@ KEEPING, NOMINAL = Compiled(_keeping, _NONE), Compiled(_nominal, _NONE)
 
 
 class RigidMotion(TaskMotion):
-    """A motion that machine code follows. Its arguments are those of :class:`.approach.TaskMotion`, with the residual
-    as machine code, too."""
+    """A :class:`.approach.TaskMotion` that machine code follows.
+
+    Args:
+        compiled: the residual of the law.
+        balance, memory, thrust_map, wrench: those of :class:`.approach.TaskMotion`.
+    """
 
     def __init__(
         self,
         compiled: Compiled,
         balance: Balance,
-        residual: Callable[[Balance, Pose], np.ndarray],
         memory: Memory | None = None,
         thrust_map: ThrustMap | None = None,
         wrench: np.ndarray | None = None,
     ) -> None:
+        super().__init__(balance, lambda _, pose: -self._asked(RESIDUAL, pose), memory, thrust_map, wrench)
         self._record = np.zeros(1, MOTION)
         self._way_rows, self._track_rows = np.zeros(_SAMPLES, WAY), np.zeros(_STEPS + 1, _ROW)
-        super().__init__(balance, lambda _, pose: -self._asked(RESIDUAL, pose), memory, thrust_map, wrench)
-        self._set()
         springs = balance.springs
         arrays = (self._record, compiled.gains, balance._body, balance._effects, springs._pairs, springs._surfaces)
-        self._call = called_on(compiled.entry, *arrays, self._way_rows, self._track_rows)
+        self._code = machine_code(compiled.entry, *arrays, self._way_rows, self._track_rows)
+        if self.known:
+            self._set()
 
-    @staticmethod
-    def knows(balance: Balance, thrust_map: ThrustMap | None) -> bool:
-        """Whether the kernels have all terms of a balance."""
-        few = thrust_map is None or len(thrust_map.inverse) <= _THRUSTERS
-        plain = balance.own_effects is None and balance.setup.scenario.current.shear is None
-        return bool(compilers) and few and plain
+    @property
+    def known(self) -> bool:
+        """Whether there is machine code, and it has all terms of the balance."""
+        few = self.thrust_map is None or len(self.thrust_map.inverse) <= _THRUSTERS
+        plain = self.balance.own_effects is None and self.balance.setup.scenario.current.shear is None
+        return few and plain and self._code is not None
 
     def _set(self) -> None:
         """Write the settings to the record."""
@@ -716,7 +721,12 @@ class RigidMotion(TaskMotion):
         """The force (6,) at a pose, and for DERIVATIVES those in the record."""
         record, balance = self._record[0], self.balance
         asked = record["asked"]
-        asked["position"], asked["quat"], asked["R_WB"], asked["tau_c"] = pose.position, pose.quat, pose.R_WB, pose.tau_c
+        asked["position"], asked["quat"], asked["R_WB"], asked["tau_c"] = (
+            pose.position,
+            pose.quat,
+            pose.R_WB,
+            pose.tau_c,
+        )
         record["p_d"], record["quat_d"], record["K_f"], record["F_d"] = (
             balance.p_d,
             balance.quat_d,
@@ -724,7 +734,8 @@ class RigidMotion(TaskMotion):
             balance.F_d,
         )
         record["nu_at_rest"], record["h"] = self._at_rest, math.inf if self.memory is None else self.memory.step
-        self._call(what)
+        assert self._code is not None
+        self._code(what)
         return np.array(record["free"])
 
     def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -751,7 +762,8 @@ class RigidMotion(TaskMotion):
         record["beside"], record["led_on"], record["limits"] = self.beside, self.led, self.limits
         record["ends"], record["h"] = self.ends, math.inf
         record["K_f"], record["F_d"] = balance.K_f, balance.F_d
-        status = self._call(FOLLOW)
+        assert self._code is not None
+        status = self._code(FOLLOW)
         rows = self._track_rows[: record["rows"]].copy()
         poses = [_pose(each) for each in rows["pose"]]
         self.track, self._lacked = Track(rows["t"].tolist(), poses), list(rows["lacked"])
