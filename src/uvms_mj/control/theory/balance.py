@@ -157,12 +157,12 @@ def static_balance(
 def _motion(
     balance: Balance,
     residual: "Callable[[Balance, Pose], np.ndarray] | None",
-    memory: Memory | None,
-    thrust_map: ThrustMap,
-    wrench: np.ndarray | None,
-    compiled: Compiled | None,
+    memory: Memory | None = None,
+    thrust_map: ThrustMap | None = None,
+    wrench: np.ndarray | None = None,
+    compiled: Compiled | None = None,
 ) -> TaskMotion:
-    """The motion of a rigid vehicle, as machine code if there is some that has all of its terms."""
+    """The motion of the frame of the task, as machine code if there is some that has all of its terms."""
     if residual is None:
         compiled, residual = NOMINAL, Balance.__call__
     elif residual is Balance.demanded:
@@ -370,7 +370,7 @@ def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
-    motion = TaskMotion(Balance(setup, np.inf, thrust_map), Balance.demanded)
+    motion = _motion(Balance(setup, np.inf, thrust_map), Balance.demanded)
     rest = _reached(motion, K)
     if isinstance(rest, str):
         return rest

@@ -1,4 +1,4 @@
-r"""The motion of a rigid vehicle to its rest as machine code: the equations of :mod:`.approach` and :mod:`.balance`.
+r"""The motion to a rest as machine code: the equations of :mod:`.approach` and :mod:`.balance`.
 
 Kernels take the steps of :func:`.approach.approach` with the terms of :class:`.approach.TaskMotion` and
 :class:`.terms.Balance`, and call the plant's own kernels for contacts and water. A law gives its residual as a kernel,
