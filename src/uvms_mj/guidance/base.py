@@ -4,6 +4,7 @@ from __future__ import annotations  # so that help(Guidance) shows short type na
 
 import contextlib
 import dataclasses
+import functools
 import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 
 from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.kernels import kernel, record_of
+from ..physics.kernels import called_on, kernel, record_of
 from ..quantities import Angles
 from ..stages.base import Room, Stage, is_shipped, random_key, shared
 from ..stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
@@ -23,6 +24,8 @@ _FAR, _TURNED = 0.01, 1.0
 """A reference that begins farther from the vehicle than this is a jump [m, deg]."""
 _TRIALS, _SLOW, _ROUGH = 7, 1e-4, 0.1
 """Number of comparisons of p_d_dot with differences of p_d, and the absolute [m/s] and relative error that passes."""
+_MANY = 100
+"""So many samples of a shipped stage are taken as plain Python, without its machine code."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,10 +141,10 @@ def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
 
 
 def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
-    """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
-    initial pose. What the stage leaves unset is nan."""
+    """The references (k,) that a stage without states sets at instants, while the vehicle stays at its initial pose. A
+    shipped stage is machine code for many instants, any other one plain Python. What the stage leaves unset is nan."""
     initial, period = setup.initial, stage.period_in(setup.scenario)
-    settings, given = record_of(stage.record(setup)), np.zeros(1, record_dtype(CLOCK + MEASURED))
+    settings, given = stage.record(setup), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
     given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period
     given["key"] = random_key(setup.scenario.simulation.seed, stage)
@@ -149,9 +152,14 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     for name in ("p_d", "p_d_dot", "quat_d"):
         out[name] = np.nan
     function, found = stage.function(), np.zeros(len(instants), _REFERENCES)
+    call = functools.partial(function, record_of(settings), None, record_of(given), None, record_of(out))
+    if is_shipped(stage) and len(instants) > _MANY:
+        no_state = type(stage).start_record()
+        call = called_on(function, settings, no_state, given, no_state, out)
+    t, number = given["t"], given["instant"]
     for k, instant in enumerate(instants):
-        given["t"], given["instant"] = instant * period, instant
-        function(settings, None, record_of(given), None, record_of(out))
+        t[0], number[0] = instant * period, instant
+        call()
         found[k] = out[0]
     return found
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..physics.frames import quat_product
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, MEASURED, TRUE
@@ -32,6 +33,34 @@ RestErrors = Callable[[np.ndarray, np.ndarray, np.ndarray], Measurement]
 def no_errors(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Measurement:
     """The truth of a vehicle at rest."""
     return Measurement(position, quat, np.zeros(6), tau_c)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ConstantErrors:
+    """Measurements with constant errors: :data:`RestErrors`.
+
+    Attributes:
+        position_scale, position_bias: (3,) factor of the position, and its bias [m].
+        turn: (4,) turn of the measured body from the true one.
+        nu: (6,) measured velocity of a vehicle at rest [m/s, rad/s].
+        scale, bias: (6,) factor of the contact wrench, and its bias [N, N m].
+        drift, z_0: (3,) force that is missing per height above z_0 [N/m, m].
+    """
+
+    position_scale: np.ndarray
+    position_bias: np.ndarray
+    turn: np.ndarray
+    nu: np.ndarray
+    scale: np.ndarray
+    bias: np.ndarray
+    drift: np.ndarray
+    z_0: float
+
+    def __call__(self, position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Measurement:
+        wrench = tau_c.copy()
+        wrench[:3] -= self.drift * (position[2] - self.z_0)
+        measured = self.position_scale * position + self.position_bias
+        return Measurement(measured, quat_product(quat, self.turn), self.nu, self.scale * wrench + self.bias)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -37,7 +37,7 @@ from ..physics.frames import rotation, to_world, velocity_at
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
-from .base import Measurement, Navigation, RestErrors, no_errors
+from .base import ConstantErrors, Measurement, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
 Axes = Annotated[Vector3, repeated(3)]
@@ -175,17 +175,18 @@ class Sensors(_Channels):
                 return f"the rest is not unique with a resolution: navigation.{quantity}_quantum"
         if all(channel.settled == Channel() for channel in channels.values()) and not any(self.depth_drift):
             return no_errors
-        z_0, drift = setup.scenario.initial.position[2], np.array(self.depth_drift)
-
-        def measured(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Measurement:
-            still = np.zeros(3)
-            force = tau_c[:3] - drift * (position[2] - z_0)
-            wrench = np.concatenate([channels["force"].mean(force), channels["moment"].mean(tau_c[3:])])
-            nu = np.concatenate([channels["velocity"].mean(still), channels["angular_velocity"].mean(still)])
-            quat_m = channels["attitude"].mean_attitude(quat)
-            return Measurement(channels["position"].mean(position), quat_m, nu, wrench)
-
-        return measured
+        sizes = {quantity: np.full(3, 1.0 + channel.scale) for quantity, channel in channels.items()}
+        biases = {quantity: channel.mean(np.zeros(3)) for quantity, channel in channels.items()}
+        return ConstantErrors(
+            sizes["position"],
+            biases["position"],
+            channels["attitude"].mean_attitude(np.array([1.0, 0.0, 0.0, 0.0])),
+            np.concatenate([biases["velocity"], biases["angular_velocity"]]),
+            np.concatenate([sizes["force"], sizes["moment"]]),
+            np.concatenate([biases["force"], biases["moment"]]),
+            np.array(self.depth_drift),
+            setup.scenario.initial.position[2],
+        )
 
     def out_of_range(self, measured: Measurement) -> str:
         values = {"position": measured.position, "attitude": 2.0 * measured.quat[1:], "velocity": measured.nu[:3]}

@@ -54,14 +54,20 @@ def fused(function: Function) -> Function:
     return kernel(function)
 
 
-compilers: list[Callable[[Callable, Sequence[np.ndarray]], Callable[..., Any]]] = []
-"""What makes machine code of a kernel on arrays. The engine enters it."""
+compilers: list[Callable[[Callable, Sequence[np.ndarray]], Callable[..., Any] | None]] = []
+"""What makes machine code of a kernel on arrays, or None where all runs as plain Python. The engine enters it."""
+
+
+def machine_code(function: Callable, *arrays: np.ndarray) -> Callable[..., Any] | None:
+    """A kernel on arrays as machine code, which Python calls as :func:`called_on` says; None if there is none."""
+    return compilers[0](function, arrays) if compilers else None
 
 
 def called_on(function: Callable, *arrays: np.ndarray) -> Callable[..., Any]:
     """A kernel on arrays that lie densely in memory, which Python calls with what follows, integers: its machine code,
-    or itself where no engine is loaded. A record is an array (1,)."""
-    if compilers:
-        return compilers[0](function, arrays)
+    or itself where there is none. A record is an array (1,)."""
+    code = machine_code(function, *arrays)
+    if code is not None:
+        return code
     records = [each.view(np.dtype((Record, each.dtype))) if each.dtype.names else each for each in arrays]
     return functools.partial(function, *(each[0] if each.shape == (1,) else each for each in records))

@@ -120,3 +120,31 @@ def rotate(A, V, p, q):
         A[p, k], A[q, k] = c * A[p, k] - s * A[q, k], s * A[p, k] + c * A[q, k]
     for k in range(len(A)):
         V[p, k], V[q, k] = c * V[p, k] - s * V[q, k], s * V[p, k] + c * V[q, k]
+
+
+@kernel
+def solved(A, b):
+    """The solution x (n,) of A x = b, by Gaussian elimination with the largest pivots; NaN or infinite for a singular
+    A (n, n). And the smallest pivot over the largest one."""
+    n, U, x, least, most = len(b), A.copy(), b.copy(), math.inf, 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(U[i, k]) > abs(U[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, n):
+                U[k, j], U[pivot, j] = U[pivot, j], U[k, j]
+            x[k], x[pivot] = x[pivot], x[k]
+        for i in range(k + 1, n):
+            scale = U[i, k] / U[k, k]
+            for j in range(k + 1, n):
+                U[i, j] -= scale * U[k, j]
+            x[i] -= scale * x[k]
+        least, most = min(least, abs(U[k, k])), max(most, abs(U[k, k]))
+    for r in range(n):
+        i = n - 1 - r
+        for j in range(i + 1, n):
+            x[i] -= U[i, j] * x[j]
+        x[i] /= U[i, i]
+    return x, least / most

@@ -66,6 +66,7 @@ class Admittance(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
+        from ..theory import residuals
         from ..theory.balance import static_balance
         from ..theory.stability import Stability
         from ..theory.terms import Memory
@@ -96,7 +97,8 @@ class Admittance(Controller):
             return a
 
         wrench = design.M_hat @ design.M_d_inv
-        rest = static_balance(setup, np.inf if self.k_i else 0.0, residual, states, wrench=wrench)
+        compiled, slope = residuals.admittance(self.k_i, self.k_p, self.k_v), np.inf if self.k_i else 0.0
+        rest = static_balance(setup, slope, residual, states, wrench=wrench, compiled=compiled)
         return Stability(setup).checked(rest)
 
     def notes(self, setup: Any) -> Iterator[str]:

@@ -53,6 +53,7 @@ class Parallel(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
+        from ..theory import residuals
         from ..theory.balance import static_balance
         from ..theory.stability import Stability
         from ..theory.terms import Integral
@@ -73,7 +74,9 @@ class Parallel(Controller):
             left = float(n @ (state.contacts.tau_c - F_d))
             return (("xi", (2.0 * np.sign(left) * self.limit if abs(left) > _LEFT else 0.0,)),)
 
-        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral, wrench=np.eye(6)))
+        compiled = residuals.parallel(self.k_i, integral.limit, n, F_d)
+        rest = static_balance(setup, 0.0, residual, integral, wrench=np.eye(6), compiled=compiled)
+        return Stability(setup, held=held).checked(rest)
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""

@@ -49,6 +49,7 @@ class Pid(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
+        from ..theory import residuals
         from ..theory.balance import static_balance
         from ..theory.stability import Stability
         from ..theory.terms import Integral
@@ -66,7 +67,9 @@ class Pid(Controller):
             spring = K_d @ state.contacts.eta_e
             return (("xi", tuple(np.where(np.abs(spring) > _PULLS, 2.0 * np.sign(spring) * limit, 0.0))),)
 
-        return Stability(setup, held=held).checked(static_balance(setup, 0.0, residual, integral, wrench=np.eye(6)))
+        compiled = residuals.pid(self.k_i, integral.limit)
+        rest = static_balance(setup, 0.0, residual, integral, wrench=np.eye(6), compiled=compiled)
+        return Stability(setup, held=held).checked(rest)
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ...physics.kernels import called_on, kernel
 from ...quantities import NonNegative
 from ..base import Controller, SteadyState, gain
 from .terms import add_product
@@ -26,6 +27,9 @@ _BIASED = 1e-3
 """Shift of the mean push, over the push or 1 N, from which there is no closed form [1]."""
 _STARTS, _PERIODS = 200, 1500
 """Starts of the sampled axis, and control periods until its chatter lasts, and over which its mean is taken."""
+_MOST_STEPS = round(_LONGEST_S / _STEP_S) + 1
+_AXIS = np.dtype([(name, "f8") for name in ("k_1", "k_2", "beta", "period", "largest")], align=True)
+"""The gains of one axis, and the largest result."""
 
 
 @dataclass(frozen=True)
@@ -128,18 +132,44 @@ def mean_of_chatter(k_1: float, k_2: float, beta: float, period: float) -> float
     With beta = 0 it is the same for every T in the coordinates s / T^2 and z / T. The chatter depends on where it
     begins, since z has steps of k_2 T / 2: the result is the largest one of many starts. A constant disturbance shifts
     z alone."""
-    rng = np.random.default_rng(0)
-    s = k_1 * k_1 * period * period * rng.uniform(-3.0, 3.0, _STARTS)
-    z, total = k_2 * period * rng.uniform(-3.0, 3.0, _STARTS), np.zeros(_STARTS)
-    for i in range(2 * _PERIODS):
-        sgn = np.sign(s)
-        root = np.sqrt(np.abs(s)) * sgn
-        rate = -k_1 * (root + beta * s) + z
-        z = z - period * k_2 * (0.5 * sgn + 1.5 * beta * root + beta * beta * s)
-        s = s + period * rate
-        if i >= _PERIODS:
-            total += s
-    return float(np.abs(total).max() / _PERIODS)
+    rng, starts, axis = np.random.default_rng(0), np.zeros((_STARTS, 2)), np.zeros(1, _AXIS)
+    starts[:, 0] = k_1 * k_1 * period * period * rng.uniform(-3.0, 3.0, _STARTS)
+    starts[:, 1] = k_2 * period * rng.uniform(-3.0, 3.0, _STARTS)
+    axis["k_1"], axis["k_2"], axis["beta"], axis["period"] = k_1, k_2, beta, period
+    called_on(_chattering, axis, starts)(_STARTS)
+    return float(axis["largest"][0] / _PERIODS)
+
+
+@kernel
+def _chattering(axis, starts, count):
+    """Set the largest sum of s over the chatter of the starts (count, 2), s and z."""
+    k_1, k_2, beta, period = axis.k_1, axis.k_2, axis.beta, axis.period
+    for n in range(count):
+        s, z, total = starts[n, 0], starts[n, 1], 0.0
+        for i in range(2 * _PERIODS):
+            sgn = np.sign(s)
+            root = math.sqrt(abs(s)) * sgn
+            rate = -k_1 * (root + beta * s) + z
+            z -= period * k_2 * (0.5 * sgn + 1.5 * beta * root + beta * beta * s)
+            s += period * rate
+            if i >= _PERIODS:
+                total += s
+        if math.isnan(total) or abs(total) > axis.largest:
+            axis.largest = abs(total)
+
+
+@kernel
+def _followed(axis, unknown, steps):
+    """Set the largest s of the axes under unknown accelerations (steps, 6)."""
+    s, z, k_1, k_2, beta = np.zeros(6), np.zeros(6), axis.k_1, axis.k_2, axis.beta
+    p, q = _STEP_S * k_1, 1.0 + _STEP_S * k_1 * beta
+    for n in range(steps):  # implicit Euler: q root^2 + p root = ahead
+        for i in range(6):
+            ahead = s[i] + _STEP_S * (z[i] + unknown[n, i])
+            sgn, root = np.sign(ahead), (math.sqrt(p * p + 4.0 * q * abs(ahead)) - p) / (2.0 * q)
+            s[i] = sgn * root * root
+            z[i] -= _STEP_S * k_2 * (sgn * (0.5 + 1.5 * beta * root) + beta * beta * s[i])
+            axis.largest = max(axis.largest, abs(s[i]))
 
 
 def _chatter_bias(law: Any, setup: Any) -> float:
@@ -157,14 +187,11 @@ def _kept_near_zero(law: Any, times: np.ndarray, unknown: np.ndarray) -> str:
     """The reason why s does not stay near zero under unknown accelerations phi (n, 6) at times (n,) [s]: eqs. (24b)
     and (28), each axis by itself, from s = z = 0; empty if it stays."""
     t = np.arange(0.0, min(times[-1], _LONGEST_S), _STEP_S)
-    s, z, largest = np.zeros(6), np.zeros(6), 0.0
-    p, q = _STEP_S * law.k_1, 1.0 + _STEP_S * law.k_1 * law.beta
-    for d in np.array([np.interp(t, times, each) for each in unknown.T]).T:  # implicit Euler: q root^2 + p root = ahead
-        ahead = s + _STEP_S * (z + d)
-        sgn, root = np.sign(ahead), (np.sqrt(p * p + 4.0 * q * np.abs(ahead)) - p) / (2.0 * q)
-        s = sgn * root * root
-        z = z - _STEP_S * law.k_2 * (sgn * (0.5 + 1.5 * law.beta * root) + law.beta**2 * s)
-        largest = max(largest, float(np.abs(s).max()))
+    rows, axis = np.zeros((_MOST_STEPS, 6)), np.zeros(1, _AXIS)
+    rows[: len(t)] = np.array([np.interp(t, times, each) for each in unknown.T]).T
+    axis["k_1"], axis["k_2"], axis["beta"] = law.k_1, law.k_2, law.beta
+    called_on(_followed, axis, rows)(len(t))
+    largest = float(axis["largest"][0])
     if largest < _LARGEST_S:
         return ""
     return f"super-twisting does not follow the disturbance on the way: s comes to {largest:.2g} m/s or rad/s"

@@ -43,6 +43,7 @@ _FASTEST = 1e4
 """Rates above this are those of walls and of algebraic rows [1/s]."""
 _GROWS = 1e-3
 """A slower growth is not seen in a run of minutes [1/s]."""
+UNSTABLE = "the balance that the motion comes to is unstable"
 
 
 class Motion(Protocol):
@@ -98,7 +99,7 @@ def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, ste
         if reason := of.passed(t, y):
             return reason
         if t >= of.ends and step > LAST:
-            return _polished(of, y)
+            return polished(of, y)
         most = 1.0 if shortened else 10.0 if t >= of.ends else 2.0
         step *= min(most, max(1.0, 0.5 / max(np.max(np.abs(change) / of.largest), 1e-9)))
         shortened = False
@@ -139,7 +140,7 @@ def _implicit(of: Motion, y: Any, velocity: np.ndarray, lead: np.ndarray, step: 
     return None
 
 
-def _polished(of: Motion, y: Any) -> Any:
+def polished(of: Motion, y: Any) -> Any:
     """The root at y by Newton's method, or the reason why it is none, or not stable."""
     force = of(y)
     for _ in range(60):
@@ -156,7 +157,7 @@ def _polished(of: Motion, y: Any) -> Any:
             break
     if not np.abs(force).max() < _AT_REST:
         return "the static balance has no solution where the motion ends"
-    return y if of.stable(y) else "the balance that the motion comes to is unstable"
+    return y if of.stable(y) else UNSTABLE
 
 
 def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
@@ -313,6 +314,11 @@ class TaskMotion:
         if self.memory is not None:
             self.memory.begin()
             self.memory.nu_e = lambda pose: self._nu(pose) - self._nu_d[1]
+
+    def rest_from(self, pose: Pose, velocity: np.ndarray, step: float = _FIRST, steps: int = _STEPS) -> Pose | str:
+        """The rest that the motion from a pose reaches, as :func:`approach` finds it."""
+        found: Pose | str = approach(self, pose, velocity, step, steps)
+        return found
 
     def passed(self, t: float, pose: Pose) -> str:
         if self.memory is not None:

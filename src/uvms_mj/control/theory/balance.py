@@ -57,10 +57,11 @@ from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ..base import SteadyState
-from .approach import TaskMotion, approach, way_of
+from .approach import TaskMotion, way_of
 from .free_motion import tool_rest
 from .loop import ContactsAtRest
 from .own_effects import OwnEffects
+from .rigid_motion import KEEPING, NOMINAL, Compiled, RigidMotion
 from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
@@ -86,6 +87,7 @@ def static_balance(
     memory: Memory | None = None,
     kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
     wrench: np.ndarray | None = None,
+    compiled: Compiled | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -100,6 +102,7 @@ def static_balance(
             if it does. By default it does.
         wrench: the net wrench (6, 6) that a residual of one takes from the vehicle. It is given for a law with a
             residual and without any other memory, whose rest with thrusters at their limits is known.
+        compiled: the residual as machine code. A residual without it is followed in Python.
 
     Returns:
         The state, or the reason why there is none.
@@ -123,7 +126,7 @@ def static_balance(
         wrench = setup.design.M @ setup.design.M_d_inv
     elif residual is None and K == 0.0:
         wrench = setup.design.M_hat @ setup.design.M_d_inv
-    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, memory, thrust_map, wrench)
+    motion = _motion(balance, residual, memory, thrust_map, wrench, compiled)
     slope, clipped = 0.0 if residual else K, wrench is not None and _clipped(setup, thrust_map)
     pose = _nearest(motion) if balance.springs.convex else _reached(motion, slope, kept, clipped)
     if balance.springs.convex and clipped and isinstance(pose, Pose) and thrust_map.infeasible(balance.thrust(pose)):
@@ -149,6 +152,24 @@ def static_balance(
     return _rubbed(balance, push) or SteadyState(
         float(push.sum()), pose.position, pose.quat, s, tau, reached=True, contacts=contacts
     )
+
+
+def _motion(
+    balance: Balance,
+    residual: "Callable[[Balance, Pose], np.ndarray] | None",
+    memory: Memory | None = None,
+    thrust_map: ThrustMap | None = None,
+    wrench: np.ndarray | None = None,
+    compiled: Compiled | None = None,
+) -> TaskMotion:
+    """The motion of the frame of the task, as machine code if there is some that has all of its terms."""
+    if residual is None:
+        compiled, residual = NOMINAL, Balance.__call__
+    elif residual is Balance.demanded:
+        compiled = KEEPING
+    if compiled is not None and (motion := RigidMotion(compiled, balance, memory, thrust_map, wrench)).known:
+        return motion
+    return TaskMotion(balance, residual, memory, thrust_map, wrench)
 
 
 def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
@@ -205,7 +226,7 @@ def _rubbed(balance: Balance, push: np.ndarray) -> str:
 def _nearest(motion: TaskMotion) -> Pose | str:
     """The rest next to the reference, or the reason why there is none."""
     balance = motion.balance
-    return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
+    return motion.rest_from(balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
 
 
 def _reached(
@@ -322,8 +343,7 @@ def _followed(
     motion.begin(beside, **how)
     moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
     most = {"steps": _STEPS_LIMITED} if motion.limits else {}
-    found: Pose | str = approach(motion, moved, motion.velocity() + thrown, **most)
-    return found
+    return motion.rest_from(moved, motion.velocity() + thrown, **most)
 
 
 def _across(direction: np.ndarray) -> np.ndarray:
@@ -352,7 +372,7 @@ def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
-    motion = TaskMotion(Balance(setup, np.inf, thrust_map), Balance.demanded)
+    motion = _motion(Balance(setup, np.inf, thrust_map), Balance.demanded)
     rest = _reached(motion, K)
     if isinstance(rest, str):
         return rest

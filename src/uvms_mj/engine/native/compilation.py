@@ -380,8 +380,10 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused
     return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
 
 
-def _on_arrays(function: Callable, arrays: Sequence[np.ndarray]) -> Callable[..., Any]:
-    """A kernel that Python calls with integers, on arrays that lie densely in memory."""
+def _on_arrays(function: Callable, arrays: Sequence[np.ndarray]) -> Callable[..., Any] | None:
+    """A kernel that Python calls with integers, on arrays that lie densely in memory; None if all is plain Python."""
+    if plain_python():
+        return None
     integers = function.__code__.co_argcount - len(arrays)
     kinds = [each.dtype if each.shape == (1,) else np.dtype((each.dtype, each.shape)) for each in arrays]
     code = native_function(function, [*kinds, *["i8"] * integers]).ctypes
