@@ -45,6 +45,11 @@ SHOWN = {
     "vehicle": ("plant/test_own_vehicle.py", "test_it_runs_by_the_command_that_is_printed"),
     "wall shape": (WALLS, "test_a_contact_at_rest_is_the_gradient_of_its_distance"),
     "force of the water, of a user": ("plant/test_own_effects.py", "test_both_engines_and_plain_python_agree"),
+    "motion of the water": ("physics/test_waves.py", "test_a_run_has_the_motion_of_the_water_along_both_ways"),
+    "inertia that the water adds": (
+        "physics/test_near_wall.py",
+        "test_engines_agree_on_a_landing_and_the_rest_is_that_without_a_pad",
+    ),
     "force of the water on the base": ("engine/test_water.py", "test_a_tether_slows_a_vehicle_as_its_closed_form_says"),
     "number about a run": (HERE, NUMBER),
     "metric: a number that a study keeps, or that `run` prints": (HERE, NUMBER),

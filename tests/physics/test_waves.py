@@ -10,7 +10,7 @@ from twin import TwinParameters
 from uvms_mj import InputError, Scenario, Sea, attach, simulate
 from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.waves import WAVE, add_wave
-from uvms_mj.plant.sea import spectral_density, wave_number
+from uvms_mj.plant.sea import World, spectral_density, wave_number
 from vehicles import load
 
 G = 9.80665
@@ -27,7 +27,7 @@ OBLIQUE = Sea(height=0.4, period=2.5, depth=3.0, surface=0.7, direction_deg=35.0
 def motion(sea, t, p, face=None, gravity=G):
     """v (3,), v_dot (3,) and gradient (3, 3) of the water."""
     v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    for record in np.array(sea.records(0, gravity, face), WAVE).view(np.recarray):
+    for record in np.array(sea.records(World(0, gravity, face)), WAVE).view(np.recarray):
         add_wave(record, t, np.asarray(p, float), v, v_dot, gradient)
     return v, v_dot, gradient
 
@@ -87,15 +87,15 @@ def test_moments_of_spectra(gamma, height, ratio):
 
 def test_components_have_the_energy_of_the_spectrum_and_are_those_of_the_seed():
     sea = Sea(height=1.2, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0)
-    one, same, other = (np.array(sea.records(seed, G, None), WAVE) for seed in (3, 3, 4))
+    one, same, other = (np.array(sea.records(World(seed, G)), WAVE) for seed in (3, 3, 4))
     assert one.tobytes() == same.tobytes() != other.tobytes()
     amplitude = one["rate"] * (1.0 - one["bottom"]) / one["omega"]
     assert 4.0 * math.sqrt((amplitude**2).sum() / 2.0) == pytest.approx(1.2, rel=1e-12)
     assert len(np.unique(one["omega"])) == sea.components
     headings = np.arctan2(one["e"][:, 1], one["e"][:, 0])
     assert 0.1 < headings.std() < 0.8
-    again = sea.records(3, G, None)
-    assert Sea(height=2.4, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0).records(3, G, None)[0][0] == (
+    again = sea.records(World(3, G))
+    assert Sea(height=2.4, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0).records(World(3, G))[0][0] == (
         pytest.approx(2.0 * again[0][0])
     )
 
@@ -119,7 +119,7 @@ def ridden(mass: float, h: float, seconds: float, height: float = 0.4) -> tuple[
 
     def water(t, p):
         v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-        add_wave(np.array(sea.records(0, g, None), WAVE).view(np.recarray)[0], t, p, v, v_dot, gradient)
+        add_wave(np.array(sea.records(World(0, g)), WAVE).view(np.recarray)[0], t, p, v, v_dot, gradient)
         return v
 
     p, k = data.qpos[:3].copy(), h

@@ -1,8 +1,13 @@
-r"""Effects: forces of the water on the base beside added mass, damping and buoyancy. Each has a record and a kernel.
+r"""Effects of the water beside added mass, damping and buoyancy. Each has a record and a kernel, called at a port:
 
-A kernel adds its wrench (6,) about B's origin in B to tau, from its record and from the velocity nu_r (6,) of the base
-relative to the water in B. Engines and closed forms call the same kernels. A vehicle has an array of records of each
-effect; of an empty array no machine code is left, so that an absent effect costs nothing.
+- flow (:func:`add_flows`): the motion of the water at a place, with its gradients: :mod:`.waves`;
+- inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
+- wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
+  base relative to the water in B. Closed forms call it, too;
+- state (:func:`advance_effects`): numbers that advance once a time step, and that a reset returns.
+
+A vehicle has an array of records of each effect; of an empty array no machine code is left, so that an absent effect
+costs nothing.
 
 **Tether.** Its drag is a lumped quadratic one at the point of attachment. With the velocity :math:`w` of the water
 relative to the vehicle at the point :math:`r_t`, the force of a cable of the length L and the diameter d is

@@ -19,7 +19,7 @@ Directions are those of the density :math:`\cos^n` about the mean one.
 import functools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -39,6 +39,14 @@ STEPS = 20
 """Least number of time steps in the period of the shortest wave."""
 _LOW, _HIGH = 0.5, 4.0  # of the components, over the peak frequency
 _FINE = 64  # parts of a bin in its integral
+
+
+class World(NamedTuple):
+    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], and the x of the face of [wall] [m]."""
+
+    seed: int = 0
+    gravity: float = 9.81
+    face: float | None = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -87,11 +95,11 @@ class Sea:
         length = self.length(gravity)
         return BREAKING * length * (1.0 if self.depth is None else math.tanh(2.0 * math.pi * self.depth / length))
 
-    def records(self, seed: int, gravity: float, face: float | None) -> list[tuple]:
-        """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components, at a gravity [m/s^2]; ``face`` is the x
-        of the wall that throws them back [m]."""
-        seed = seed if self.seed is None else self.seed
-        return _records(self, seed, gravity, face if self.reflecting else None) if self.moves else []
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components."""
+        seed = world.seed if self.seed is None else self.seed
+        face = world.face if self.reflecting else None
+        return _records(self, seed, world.gravity, face) if self.moves else []
 
 
 def sea_faults(sea: Sea, h: float, gravity: float, joints: int, wall: bool, start_z: float) -> Iterator[Fault]:

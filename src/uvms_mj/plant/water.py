@@ -14,7 +14,7 @@ from ..physics.effects import EFFECTS, RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
-from .sea import Sea
+from .sea import Sea, World
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -253,17 +253,17 @@ class Pad:
     viscosity: Annotated[Number, within(0.0, 1e3, "Pa s")] = doc("of the water [Pa s]", 1.0e-3)
     least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
 
-    def records(self, face: float | None) -> list[tuple]:
-        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`; ``face`` is the x of the face of [wall] [m]. Raises
-        InputError if there is no wall to face, or no normal."""
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`. Raises InputError if there is no wall to face, or no
+        normal."""
         length = math.hypot(*self.normal)
         if length == 0.0:
             raise InputError("pads: normal: must not be zero")
-        if self.point is None and face is None:
+        if self.point is None and world.face is None:
             raise InputError("pads: point: there is no [wall] that a pad faces; give a point of a wall's face")
         point, normal = self.point, tuple(x / length for x in self.normal)
         if point is None:
-            point, normal = (face, 0.0, 0.0), (-1.0, 0.0, 0.0)
+            point, normal = (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
         numbers = self.density, self.viscosity, self.least_gap
         return [(self.radius, self.position, point, normal, *numbers)]
 
@@ -276,23 +276,19 @@ def effects_of(scenario: Any, plant: Any) -> np.ndarray:
     """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
     tables = {name: getattr(scenario, name) for name in EFFECT_TABLES} | {"products": plant.vehicle.products}
     face = scenario.wall.position + plant.probe.radius if scenario.wall.present else None
-    return effect_records(tables, scenario.simulation.seed, plant.mjcf.gravity_W, face)
+    gravity = float(np.linalg.norm(plant.mjcf.gravity_W))
+    return effect_records(tables, World(scenario.simulation.seed, gravity, face))
 
 
-def effect_records(
-    tables: Mapping[str, Any], seed: int = 0, gravity_W: Any = (0.0, 0.0, -9.81), face: float | None = None
-) -> np.ndarray:
+def effect_records(tables: Mapping[str, Any], world: World) -> np.ndarray:
     """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
-    them. What is drawn at random has the seed; ``face`` is the x of the face of [wall] [m]."""
+    them."""
     found = dict[str, list[tuple]]()
     for name, table in tables.items():
         each = table if isinstance(table, tuple) else () if table == type(table)() else (table,)
-        if name == "sea":
-            found[name] = [row for sea in each for row in sea.records(seed, float(np.linalg.norm(gravity_W)), face)]
-        elif name == "pads":
-            found[name] = [row for pad in each for row in pad.records(face)]
-        else:
-            found[name] = [one.record for one in each]
+        found[name] = []
+        for one in each:
+            found[name] += one.records(world) if hasattr(one, "records") else [one.record]
     records = np.zeros(1, effects_dtype({name: len(rows) for name, rows in found.items()}))
     for name, rows in found.items():
         if rows:

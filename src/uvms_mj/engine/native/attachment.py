@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import Fault, InputError, suggestion
 from ...physics.hydrodynamics import factor
-from ...plant.sea import sea_faults
+from ...plant.sea import World, sea_faults
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, counted, effect_records
 from ...setup.checks import water_faults
@@ -378,7 +378,7 @@ class Motion:
             faults += sea_faults(sea, option.timestep, g, joints, False, np.nan)  # where it begins is not known
         if faults:
             raise InputError(faults, "attach")
-        records = effect_records({**effects, "products": vehicle.products}, seed, option.gravity)
+        records = effect_records({**effects, "products": vehicle.products}, World(seed, g))
         return cls(numbers, current, disturbance, records, seed)
 
     def apply(self, water: Water) -> None:
@@ -394,7 +394,7 @@ class Motion:
 
 def products_alone(vehicle: Vehicle) -> np.ndarray:
     """The records (1,) of the effects of a vehicle in water without others."""
-    return effect_records({"products": vehicle.products})
+    return effect_records({"products": vehicle.products}, World())
 
 
 def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

@@ -398,7 +398,7 @@ def free_step(run, moving) -> bool:
     tau = plant.wrench + true.tau
     if run.pairs.shape[0] != 0:
         tau += plant.tau_applied_B
-    if plant.effects.pads.shape[0] != 0:
+    if plant.inert.shape[0] != 0:
         M = body.M_RB + plant.links[0].M
         add_inertias(plant.effects, plant.qpos[:3], true.R_WB, M)
         cholesky(M, M)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
-from ...physics.effects import effects_dtype
+from ...physics.effects import INERTIAS, effects_dtype
 from ...physics.flow import ROWS, varying
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
@@ -155,6 +155,7 @@ def plant_dtype(
             ("water", WATER),
             ("effects", effects_dtype(dict(effects))),
             ("affected", "i8", (int(bool(effects)),)),  # empty without any effect
+            ("inert", "i8", (sum(n for name, n in effects if name in INERTIAS),)),  # empty without one that has inertia
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
             ("current", varying(3)),  # in W [m/s]
