@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -146,6 +147,9 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 file = folder.with_suffix(".py")
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
     assert set(compilation._sources()) == {path.read_bytes() for path in covered}
+    marked = {path for path in package.rglob("*.py") if re.search(r"^@(kernel|fused)\b", path.read_text(), re.M)}
+    assert len(marked) > 20
+    assert marked <= covered  # also where this process has not imported it
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
 
 

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ..control.design import Design
-from ..control.model import accelerated_frame, coefficients, model_wrenches
+from ..control.model import OF_ROW, ROW, coefficients, row_wrenches
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
-from ..physics.kernels import called_on, kernel
+from ..physics.kernels import called_on
 from ..plant.build import task_inertias
 from ..records.header import Status
 from ..records.trace import Trace
@@ -193,29 +193,7 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.diff(values, axis=0) / np.diff(t)[:, None]
 
 
-_WRENCHES = "C_hat_nu", "D_hat_nu", "g_hat", "C_nu_r", "D_nu_r", "g_eta"
-_ROW = np.dtype(
-    [
-        *((name, "f8", (6,)) for name in ("nu", "nu_r")),
-        ("R_WB", "f8", (3, 3)),
-        *((name, "f8", (3,)) for name in ("a_c_W", "v_c_dot_W")),
-        *((name, "f8", (6,)) for name in _WRENCHES),
-    ],
-    align=True,
-)
-"""Motion and water of one row, and what follows."""
 _AT_ONCE = 256
-
-
-@kernel
-def row_wrenches(known, true, rows, n, unsteady):
-    """Set the wrenches of the first n rows, by the coefficients of the vehicle that is known and of the true one."""
-    for k in range(n):
-        row = rows[k]
-        model_wrenches(known, known.gravity_W, row.R_WB, row.nu, row.C_hat_nu, row.D_hat_nu, row.g_hat)
-        model_wrenches(true, true.gravity_W, row.R_WB, row.nu_r, row.C_nu_r, row.D_nu_r, row.g_eta)
-        if unsteady != 0:
-            accelerated_frame(true, row, row.R_WB, row.g_eta)
 
 
 def _record(values: dict[str, Any]) -> np.ndarray:
@@ -236,7 +214,7 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])
     if unsteady:
         nu_c_dot += _in_body(trace, trace.v_c_dot_W)
-    rows, at_once = np.zeros(len(trace), _ROW), np.zeros(_AT_ONCE, _ROW)
+    rows, at_once = np.zeros(len(trace), ROW), np.zeros(_AT_ONCE, ROW)
     rows["nu"], rows["nu_r"], rows["R_WB"] = nu, nu - nu_c, rotation_matrix(trace.quat_WB)
     if unsteady:
         rows["a_c_W"], rows["v_c_dot_W"] = trace.a_c_W, trace.v_c_dot_W
@@ -247,7 +225,7 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
         at_once[: len(some)] = some
         set_wrenches(len(some), int(unsteady))
         some[:] = at_once[: len(some)]
-    C_hat, D_hat, g_hat, C, D, g = (rows[name] for name in _WRENCHES)
+    C_hat, D_hat, g_hat, C, D, g = (rows[name] for name in OF_ROW)
     return (
         trace.tau_dist
         + nu_c_dot @ true.M.T

@@ -252,6 +252,9 @@ class Scalars(Emission):
     def c_function(self, name: str, values: Sequence[Value]) -> Value:
         """A function of the C library, of floats."""
         numbers = [self.float_of(value) for value in values]
+        if name == "copysign":
+            code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
+            return scalar(self.at.call(code, numbers), FLOAT)
         if self.unit.library == OWN and name not in _INSTRUCTIONS:
             return self._of_ours(name, numbers)
         if name in (_INSTRUCTIONS if self.unit.library else _INTRINSICS):
@@ -266,9 +269,6 @@ class Scalars(Emission):
 
     def _of_ours(self, name: str, numbers: Sequence[ir.Value]) -> Value:
         """As :meth:`c_function`, by :mod:`.libm`; no product and sum is rounded once in it."""
-        if name == "copysign":
-            code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
-            return scalar(self.at.call(code, numbers), FLOAT)
         if name not in self.unit.own:
             self.lack(f"{name} is not in the library of our own")
         if all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python

@@ -100,6 +100,31 @@ def accelerated_frame(coefficients, water, R_WB, g_eta):
     g_eta += g_buoyancy
 
 
+OF_ROW = ("C_hat_nu", "D_hat_nu", "g_hat", "C_nu_r", "D_nu_r", "g_eta")
+ROW = np.dtype(
+    [
+        *((name, "f8", (6,)) for name in ("nu", "nu_r")),
+        ("R_WB", "f8", (3, 3)),
+        *((name, "f8", (3,)) for name in ("a_c_W", "v_c_dot_W")),
+        *((name, "f8", (6,)) for name in OF_ROW),
+    ],
+    align=True,
+)
+"""Motion and water of one row of a log, and the wrenches that the law believes, and those that act."""
+
+
+@kernel
+def row_wrenches(known, true, rows, n, unsteady):
+    """Set the wrenches of the first n of rows (k,), by the coefficients of the vehicle that is known and of the true
+    one."""
+    for k in range(n):
+        row = rows[k]
+        model_wrenches(known, known.gravity_W, row.R_WB, row.nu, row.C_hat_nu, row.D_hat_nu, row.g_hat)
+        model_wrenches(true, true.gravity_W, row.R_WB, row.nu_r, row.C_nu_r, row.D_nu_r, row.g_eta)
+        if unsteady != 0:
+            accelerated_frame(true, row, row.R_WB, row.g_eta)
+
+
 @dataclass(frozen=True)
 class Truth(Stage):
     """The truth for the ideal law. ``state`` is the record of the run."""
