@@ -71,6 +71,9 @@ def test_links_lead_somewhere(path):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", path.read_text()):
         place = (path.parent / target).resolve()
         assert place.exists() or place in written, target
+    for target, name in re.findall(r"\]\((?!https?:)([^)#]+\.py)#(?!L\d)([^)]+)\)", path.read_text()):
+        last, text = name.rpartition(".")[2], (path.parent / target).read_text()
+        assert re.search(rf"^\s*(def|class) {last}\b|^{last}\b.* = ", text, re.M), f"{target} defines no {name}"
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "how_to").glob("*.md")), ids=lambda path: path.name)
