@@ -216,3 +216,10 @@ def test_a_reset_changes_the_waves_and_refuses_to_add_them():
         assert np.abs(low - none).max() > 0.05
     with Simulation(Scenario.load("push_wall"), engine="free_body") as sim, pytest.raises(InputError, match="sea"):
         sim.reset({"sea.height": 0.4})
+
+
+@pytest.mark.parametrize(("spectrum", "idle"), [("regular", "gamma, seed"), ("pierson_moskowitz", "gamma")])
+def test_keys_of_another_spectrum_are_named(spectrum, idle):
+    over = {"sea.height": 0.2, "sea.spectrum": spectrum, "sea.gamma": 5.0, "sea.seed": 3, "simulation.duration": 0.01}
+    with pytest.warns(match=f"sea: {idle}: without effect"):
+        simulate(Scenario.load("push_wall", over))

@@ -155,6 +155,9 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
             f"the vehicle, of about {size:.2g} m, is longer than {SLENDER:g} of the wave{many}, {length:.3g} m: it "
             "would scatter the waves, which is not computed"
         )
+    many_only = ("gamma", "components", "spreading", "seed") if sea.spectrum == "regular" else ("gamma",)
+    if sea.spectrum != "jonswap" and (idle := [key for key in many_only if getattr(sea, key) != getattr(Sea(), key)]):
+        yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
     if sensors:
         yield f"the depth of {sensors} has no pressure of the waves in it: it is that of still water"
 
