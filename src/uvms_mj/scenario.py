@@ -24,6 +24,7 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
+from .physics.effects import FLOWS, INERTIAS
 from .plant.effect import Effect
 from .plant.sea import Sea
 from .plant.settings import (
@@ -107,12 +108,23 @@ class Scenario:
     @property
     def steady_flow(self) -> bool:
         """Whether the water at a place moves the same at all times."""
-        return self.current.steady and not self.sea.moves
+        return self.current.steady and not self._moves_water
 
     @property
     def constant_flow(self) -> bool:
         """Whether the water moves the same at all times and places."""
-        return self.current.constant and not self.sea.moves
+        return self.current.constant and not self._moves_water
+
+    @property
+    def _moves_water(self) -> bool:
+        """Whether an effect moves the water; a table of one says so by ``moves``."""
+        tables = (getattr(self, name) for name in FLOWS)
+        return any(each.moves for table in tables for each in (table if isinstance(table, tuple) else (table,)))
+
+    @property
+    def with_inertia(self) -> list[str]:
+        """The names of the effects that change the inertia of the vehicle."""
+        return [name for name in INERTIAS if getattr(self, name)]
 
     @property
     def named_stages(self) -> dict[str, Stage]:

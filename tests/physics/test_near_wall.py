@@ -1,7 +1,9 @@
 """The water between a pad and a wall: published added masses, energy, and both engines."""
 
 import dataclasses
+import inspect
 import math
+import re
 
 import mujoco
 import numpy as np
@@ -10,9 +12,19 @@ import pytest
 from twin import TwinParameters
 from uvms_mj import InputError, Pad, Scenario, attach, simulate
 from uvms_mj.engine.simulation import Simulation
+from uvms_mj.physics.effects import (
+    EFFECTS,
+    FLOWS,
+    INERTIAS,
+    add_effects,
+    add_flows,
+    add_inertia_wrenches,
+    add_inertias,
+)
 from uvms_mj.physics.near_wall import FAR, disc_mass
 from vehicles import load
 
+PORTS = (add_flows, add_inertias, add_inertia_wrenches, add_effects)
 TABLE = {0.01: 42.45261, 0.02: 22.53328, 0.05: 10.42952, 0.1: 6.31752, 0.2: 4.24077, 0.5: 3.05495, 1.0: 2.75895}
 SLOPES = {0.02: 1001.2, 0.05: 163.26, 0.1: 41.47, 0.2: 10.326}
 PAD = Pad(radius=0.1, position=(0.3, 0.02, -0.05), point=(0.5, 0.0, 0.0), least_gap=1e-3, viscosity=0.0)
@@ -91,6 +103,14 @@ def test_engines_agree_on_a_landing_and_the_rest_is_that_without_a_pad():
     without = simulate(Scenario.load("push_wall", {"simulation.duration": 4.0}), engine="free_body")
     assert first.analytic.force == without.analytic.force
     assert np.abs(first.p_WB - without.p_WB).max() > 1e-9
+
+
+def test_each_effect_is_called_at_the_port_that_its_list_says():
+    """An effect that moves the water, or has inertia, and is in no list would be left out in silence."""
+    called = {port: set(re.findall(r"effects\.(\w+)\.shape", inspect.getsource(port))) for port in PORTS}
+    assert called[add_flows] == set(FLOWS)
+    assert called[add_inertias] == called[add_inertia_wrenches] == set(INERTIAS)
+    assert called[add_effects] == set(EFFECTS) - {*FLOWS, *INERTIAS}
 
 
 def test_a_pad_without_a_wall_is_refused_and_a_reset_adds_none():

@@ -161,8 +161,8 @@ def experienced(trace: Trace) -> Experienced | str:
     true = trace.scenario.vehicle
     if (trace.scenario.estimates.inertia, true.mass, true.added_mass) != (1.0, 1.0, 1.0):
         return "M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law"
-    if trace.scenario.pads:
-        return "the inertia of the water at pads changes, which varphi does not know"
+    if names := trace.scenario.with_inertia:
+        return f"the inertia of {', '.join(names)} changes, which varphi does not know"
     if trace.status is Status.unstable:
         return "the run diverged"
     if len(trace) < 4:

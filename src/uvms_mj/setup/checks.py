@@ -483,9 +483,9 @@ def _pad_faults(setup: Setup) -> Iterator[Fault]:
             yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
 
 
-def _pad_notes(setup: Setup) -> Iterator[str]:
-    if setup.scenario.pads:
-        yield "notes on chatter, vibration and bounces do not know the water between pads and the wall"
+def _inertia_notes(setup: Setup) -> Iterator[str]:
+    if names := setup.scenario.with_inertia:
+        yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
 
 
 def _sea_notes(setup: Setup) -> Iterator[str]:
@@ -544,7 +544,7 @@ CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
-    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _pad_notes),
+    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _inertia_notes),
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )
 """The warnings of a run."""

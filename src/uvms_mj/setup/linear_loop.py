@@ -266,8 +266,8 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
         return f"the noise's way through {scenario.actuation.label()} is not known"
     if scenario.controller.uses_truth:
         return "the law is told the truth"
-    if scenario.pads:
-        return "the inertia of the water at pads is not in it"
+    if names := scenario.with_inertia:
+        return f"the inertia of {', '.join(names)} is not in it"
     if setup.contacts.pairs:
         return "it is known for the probe and [wall] alone"
     if getattr(scenario.navigation, "mass_behind", 0.0):

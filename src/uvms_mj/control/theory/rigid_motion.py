@@ -676,7 +676,7 @@ class RigidMotion(TaskMotion):
     def known(self) -> bool:
         """Whether there is machine code, and it has all terms of the balance."""
         few = self.thrust_map is None or len(self.thrust_map.inverse) <= _THRUSTERS
-        plain = self.balance.own_effects is None and self.balance.setup.scenario.current.shear is None
+        plain = self.balance.own_effects is None and self.balance.setup.scenario.constant_flow
         return few and plain and self._code is not None
 
     def _set(self) -> None:
