@@ -7,6 +7,7 @@ import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.approach import _comes_back
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 
@@ -250,6 +251,23 @@ def test_a_vehicle_whose_thrusters_are_too_weak_rests_with_thrusters_at_their_li
     assert trace.saturation_time[-1] > 70.0
     assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
     np.testing.assert_allclose(trace.analytic.position, trace.p_WB[-1], atol=1e-6)
+
+
+def test_a_rest_with_a_thruster_next_to_its_limit_is_not_announced_where_the_vehicle_circles_it():
+    """Motions decay with its answer and without, and in the run they go on for ever across the limit."""
+    assert sweep_rests.tried((77, 668, False)).kind == "not settled"
+
+
+def test_motions_across_a_limit_are_followed():
+    """One thruster, which pushes against a thrust that lets a double integrator go unstable by itself: with all of its
+    answer motions decay, without any they grow. From far beside it the limit wins, from near by the thruster."""
+    rates, push, shares = np.zeros((12, 12)), np.zeros((12, 1)), np.zeros((1, 12))
+    rates[:6, 6:], rates[6:, 6:] = np.eye(6), -4.0 * np.eye(6)
+    rates[6:, :6] = -np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    push[6], shares[0, 0] = 1.0, -5.0  # x'' = -4 x' + 4 x + thrust
+    rates[6, 0], most = 4.0 - 5.0, np.array([1.0])
+    for u, decays in ((0.0, True), (0.97, False)):  # 4 x = thrust at x = (most - u) / 4, 7.5 mm in the second
+        assert _comes_back(rates, push, shares, np.array([u]), -most, most) is decays
 
 
 def test_weak_thrusters_are_named_where_an_allocation_shares_what_they_lack():

@@ -44,6 +44,7 @@ _FASTEST = 1e4
 _GROWS = 1e-3
 """A slower growth is not seen in a run of minutes [1/s]."""
 UNSTABLE = "the balance that the motion comes to is unstable"
+_CIRCLES = "a thruster is next to its limit, and motions that take it across the limit do not decay"
 
 
 class Motion(Protocol):
@@ -70,8 +71,8 @@ class Motion(Protocol):
     def jacobian(self, y: Any, /) -> np.ndarray:
         """The derivative (n, n) of F by the coordinates from y."""
 
-    def stable(self, y: Any, /) -> bool:
-        """Whether the motion stays at a root of F."""
+    def leaves(self, y: Any, /) -> str:
+        """The reason why the motion does not stay at a root of F; empty if it does."""
 
     def moved(self, y: Any, change: np.ndarray, /) -> Any:
         """y after a change (n,) of the coordinates."""
@@ -157,7 +158,7 @@ def polished(of: Motion, y: Any) -> Any:
             break
     if not np.abs(force).max() < _AT_REST:
         return "the static balance has no solution where the motion ends"
-    return y if of.stable(y) else UNSTABLE
+    return of.leaves(y) or y
 
 
 def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
@@ -165,6 +166,35 @@ def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
     inverses = np.linalg.eigvals(np.linalg.solve(J - inertia, inertia))  # of the rates minus one
     rates = 1.0 + 1.0 / inverses[np.abs(inverses) > 1.0 / _FASTEST]
     return bool(rates.real.max(initial=-np.inf) < _GROWS)
+
+
+def _comes_back(
+    rates: np.ndarray, pushes: np.ndarray, shares: np.ndarray, u: np.ndarray, least: np.ndarray, most: np.ndarray
+) -> bool:
+    """Whether motions x (12,) that begin beside a rest decay where thrusters (n,) reach their limits or leave them:
+
+    x' = rates x + pushes (clip(u + shares x) - clip(u) - the part of shares x that answers at rest).
+
+    A rest may be stable and motions across the limit of a thruster circle it all the same."""
+    from scipy.linalg import expm
+
+    answers = ((least <= u) & (u <= most))[:, None]
+    far = np.minimum(np.abs(u - least), np.abs(most - u)) > _BESIDE * np.abs(shares[:, :6]).max(axis=1)
+    if far.all():
+        return True
+    fastest = np.abs(np.linalg.eigvals(np.eye(12, k=6) + pushes @ shares)).max()  # motion that the thrusters give
+    n, h = len(u), 0.2 / max(fastest, 0.2 / _INSTANT)
+    both = expm(h * np.vstack([np.hstack([rates, pushes]), np.zeros((n, 12 + n))]))  # with a constant push for a step
+    step, push = both[:12, :12], both[:12, 12:]
+    u, least, most = (each[:, None] for each in (u, least, most))
+    x, at_rest = _BESIDE * np.hstack([np.eye(12, 6), -np.eye(12, 6)]), np.clip(u, least, most)
+    for _ in range(round(_LASTS / _CHECKED)):
+        for _ in range(round(_CHECKED / h)):
+            changes = shares @ x
+            x = step @ x + push @ (np.clip(u + changes, least, most) - at_rest - answers * changes)
+        if np.abs(x[:6]).max() < _DECAYED * _BESIDE:
+            return True
+    return False
 
 
 _SMALL = 1e-6
@@ -186,6 +216,11 @@ _DRIFT = 1e-6
 _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 _MOST_SAMPLES = 1200
+_BESIDE, _DECAYED = 0.01, 0.01
+"""Displacements [m, rad] from which the motions about a rest begin that take thrusters across their limits, and the
+part of them that is left of motions that decay [1]."""
+_LASTS, _INSTANT, _CHECKED = 100.0, 0.01, 10.0
+"""Longest time of these motions, their longest step, and the time after which they are looked at [s]."""
 _REACH, _ANY = 0.05, 0.5
 """Largest step of the motion, and in a convex room [m, rad]."""
 
@@ -358,29 +393,42 @@ class TaskMotion:
         acceleration: np.ndarray = (nu - nu_before) / (self.track.times[k] - self.track.times[k - 1])
         return self.balance.thrust(self.track.poses[k], nu) + self.balance.setup.design.M @ acceleration
 
-    def stable(self, pose: Pose) -> bool:
-        """Whether the motion stays at a root, also while the law's states keep their values."""
+    def leaves(self, pose: Pose) -> str:
+        """The reason why the motion does not stay at a root, also while the law's states keep their values; empty if it
+        does."""
         stays = decays(self.jacobian(pose), self.inertia + self.damping)
         if self.memory is not None:
             self.memory.step, self._law, self._latest = 0.0, None, (None, None)
             if self.limits and np.abs(self(pose)).max() > _DRIFT * max(1.0, np.abs(pose.tau_c).max()):
-                return False
+                return UNSTABLE
             stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
-        return stays and (not self.limits or self._decays_at_limits(pose))
+        if not stays:
+            return UNSTABLE
+        return self._leaves_at_limits(pose) if self.limits else ""
 
-    def _decays_at_limits(self, pose: Pose) -> bool:
-        """Whether all small motions about a root decay, with no answer of the thrusters at their limits and the drag of
-        the water in place of the law's damping."""
-        J, M, force = self.jacobian(pose), self.balance.setup.design.M, self._free(pose)
-        at_rest, by_nu = force + self._missing(pose, force, np.zeros(6)), np.empty((6, 6))
-        for k, self._at_rest in enumerate(_SMALL * np.eye(6)):
-            moving = -self.residual(self.balance, pose)
-            by_nu[:, k] = (moving + self._missing(pose, moving, self._at_rest) - at_rest) / _SMALL
-        self._at_rest = np.zeros(6)
+    def _leaves_at_limits(self, pose: Pose) -> str:
+        """The reason why a small motion about a root does not decay; empty if all do. The thrusters at their limits do
+        not answer, and the drag of the water takes the place of the law's damping."""
+        assert self.thrust_map is not None
+        self.jacobian(pose)
         assert self._law is not None
-        by_nu = by_nu - self.damping - self._law[2] @ self.balance.contact_damping(pose)
-        rates = np.linalg.solve(M, self.wrench @ np.hstack([J, by_nu]))
-        return bool(np.linalg.eigvals(np.vstack([np.eye(6, 12, 6), rates])).real.max() < -_GROWS)
+        force, stiffness, still = self._free(pose), self.stiffness(pose), np.zeros(6)
+        needed, by_nu, drag = self.balance.thrust(pose, still), np.empty((6, 6)), np.empty((6, 6))
+        for k, self._at_rest in enumerate(_SMALL * np.eye(6)):
+            by_nu[:, k] = (-self.residual(self.balance, pose) - force) / _SMALL
+            drag[:, k] = (self.balance.thrust(pose, self._at_rest) - needed) / _SMALL
+        self._at_rest = still
+        law = self.wrench @ np.hstack([self._law[1] + self._law[2] @ stiffness, by_nu - self.damping])
+        damped = np.hstack([np.zeros((6, 6)), self.wrench @ self._law[2] @ self.balance.contact_damping(pose)])
+        needs = np.hstack([self._water(pose, still, 0.0) - stiffness, drag])
+        M_inv, shares = np.linalg.inv(self.balance.setup.design.M), self.thrust_map.shares @ (needs + law)
+        u, least, most = self.thrust_map.thrusts(self._commanded(pose, force, still))
+        limited = (u < least) | (most < u)
+        rates = np.vstack([np.eye(6, 12, 6), M_inv @ (law - self.thrust_map.lost(limited) @ (needs + law) - damped)])
+        if np.linalg.eigvals(rates).real.max() >= -_GROWS:
+            return UNSTABLE
+        pushes = np.vstack([np.zeros((6, len(u))), M_inv @ self.balance.setup.vehicle.B])
+        return "" if _comes_back(rates, pushes, shares, u, least, most) else _CIRCLES
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed

@@ -49,7 +49,7 @@ from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
 from ..base import SteadyState
 from ..posture import posture_constants
-from .approach import Track, approach, between, decays
+from .approach import UNSTABLE, Track, approach, between, decays
 from .own_effects import OwnEffects
 from .terms import Balance, Pose, ThrustMap
 
@@ -193,9 +193,9 @@ class FreeMotion:
         r = self(q)
         return np.array([(self(q + e) - r) / _SMALL for e in _SMALL * np.eye(len(q))]).T
 
-    def stable(self, q: np.ndarray) -> bool:
-        """Whether the slow motion stays at a rest."""
-        return decays(self.jacobian(q), self.damping)
+    def leaves(self, q: np.ndarray) -> str:
+        """The reason why the slow motion does not stay at a rest; empty if it does."""
+        return "" if decays(self.jacobian(q), self.damping) else UNSTABLE
 
     def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
         """q after a change."""
@@ -370,9 +370,9 @@ class ToolBalance:
         small = _SMALL_OF_TREE
         return np.array([(self(self.moved(y, e)) - residual) / small for e in small * np.eye(12 + self.n)]).T
 
-    def stable(self, y: TreePose) -> bool:
-        """Whether the slow motion stays at a rest."""
-        return decays(self.jacobian(y), self.damping)
+    def leaves(self, y: TreePose) -> str:
+        """The reason why the slow motion does not stay at a rest; empty if it does."""
+        return "" if decays(self.jacobian(y), self.damping) else UNSTABLE
 
     def tool(self, y: TreePose) -> Pose:
         """The pose of the frame of the task."""

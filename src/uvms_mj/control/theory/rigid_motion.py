@@ -24,7 +24,7 @@ from ...physics.kernels import kernel, machine_code
 from ...physics.linear_algebra import solved
 from ..task import MOST_ENTRIES, Schedule
 from . import approach as python
-from .approach import LAST, UNSTABLE, TaskMotion, Track, Way
+from .approach import LAST, TaskMotion, Track, Way
 from .terms import Balance, Memory, Pose, ThrustMap
 
 _FIRST, _SHORTEST, _LONGEST, _STEPS = python._FIRST, python._SHORTEST, python._LONGEST, python._STEPS
@@ -707,7 +707,7 @@ class RigidMotion(TaskMotion):
         if self.thrust_map is not None:
             n = record["thrusters"] = len(self.thrust_map.inverse)
             _, record["least"][:n], record["most"][:n] = self.thrust_map.thrusts(np.zeros(6))
-            record["B"][:, :n], record["shares"][:n] = vehicle.B, self.thrust_map._shares
+            record["B"][:, :n], record["shares"][:n] = vehicle.B, self.thrust_map.shares
 
     def _sense(self) -> None:
         """Write the errors of the measurements."""
@@ -782,7 +782,7 @@ class RigidMotion(TaskMotion):
         found = _pose(record["y"])
         if status == _SINGULAR:
             return python.polished(self, found)
-        return found if self.stable(found) else UNSTABLE
+        return self.leaves(found) or found
 
     @property
     def saturates(self) -> bool:

@@ -144,13 +144,13 @@ class ThrustMap:
         gain, thrust = self.static.gain, self.static.thrust
         low, high = self.setup.scenario.thrusters.command_limits(self.setup)
         if gain is None:
-            return self._shares @ tau, thrust(low), thrust(high)
+            return self.shares @ tau, thrust(low), thrust(high)
         working = gain > 0.0
         least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
-        return self._shares @ tau, least, most
+        return self.shares @ tau, least, most
 
     @functools.cached_property
-    def _shares(self) -> np.ndarray:
+    def shares(self) -> np.ndarray:
         """The thrusts (n, 6) per wrench."""
         if self.static.gain is None:
             return pseudoinverse(self.setup.vehicle.B)
@@ -170,7 +170,7 @@ class ThrustMap:
 
     def lost(self, limited: np.ndarray) -> np.ndarray:
         """The part (6, 6) of a change of tau that thrusters (n,) at their limits do not give."""
-        found: np.ndarray = self.setup.vehicle.B @ (limited[:, None] * self._shares)
+        found: np.ndarray = self.setup.vehicle.B @ (limited[:, None] * self.shares)
         return found
 
     def infeasible(self, tau: np.ndarray) -> str:
