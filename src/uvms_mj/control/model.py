@@ -17,15 +17,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..physics import operational
 from ..physics.fossen import coriolis_rigid_body, restoring, turned_momentum
 from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import fused, kernel
 from ..physics.operational import base_rows, task_inertia
 from ..physics.tree import (
+    LINK,
     along_joint,
     compose_links,
     damping_wrench,
+    find_diagonals,
     joint_column,
     measured_frames,
     move_links,
@@ -35,6 +38,7 @@ from ..physics.tree import (
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
 from .base import Delay
+from .design import Estimates
 from .task import tracking_errors
 
 
@@ -54,6 +58,60 @@ def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str,
         "A_diagonal": 0.0,
         "D_diagonal": 0.0,  # nobody looked
     }
+
+
+def model_dtype(n: int) -> np.dtype:
+    """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
+    (:mod:`uvms_mj.control.model`), with N = 6 + n."""
+    N = 6 + n
+    return np.dtype(
+        [
+            ("links", LINK, (1 + n,)),
+            ("gravity_W", "f8", (3,)),
+            ("gravity_B", "f8", (3,)),
+            ("tool", operational.TOOL),
+            ("armature", "f8", (n,)),  # inertia of the rotors
+            ("gear", "f8", (n,)),  # viscous friction of the gears
+            # of one instant
+            ("M", "f8", (N, N)),
+            *((name, "f8", (N,)) for name in "CDg"),  # C zeta, D zeta and g
+            ("L", "f8", (N, N)),  # Cholesky factor of M
+            *((name, "f8", (N, 6)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
+            ("tau_posture", "f8", (N,)),  # of the commanded torques, what the posture adds
+            ("tau", "f8", (N,)),  # commanded wrench and torques
+            ("M_BB", "f8", (6, 6)),
+            ("Lambda", "f8", (6, 6)),
+            ("manipulability", "f8", (1,)),
+            ("J_dot_zeta", "f8", (6,)),
+            ("nu_T", "f8", (6,)),
+        ],
+        align=True,
+    )
+
+
+def estimate_links(links: np.ndarray, vehicle: Any, estimates: Estimates) -> None:
+    """Set the coefficients of LINK records (1 + n,) to those of a vehicle's file with the factors of the estimates."""
+    bodies: list[tuple[Any, Estimates]] = [(vehicle, estimates)]
+    bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
+    for record, (body, factors) in zip(links, bodies, strict=True):
+        record["M"] = factors.inertia * (body.M_RB + body.M_A)
+        record["coriolis"] = factors.coriolis / factors.inertia
+        record["M_RB"], record["M_A"] = factors.coriolis * body.M_RB, factors.coriolis * body.M_A
+        record["D_linear"] = factors.damping * body.D_linear
+        record["D_quadratic"] = factors.damping * body.D_quadratic
+        record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
+        record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
+
+
+def estimate(model: np.ndarray, vehicle: Any, estimates: Estimates) -> None:
+    """Set the coefficients of a law's model (1,) to those of a vehicle's file with the factors of the estimates."""
+    links = model["links"][0]
+    estimate_links(links, vehicle, estimates)
+    find_diagonals(links)
+    for k, link in enumerate(vehicle.arm.links):
+        factors = estimates.of(link.name)
+        model["armature"][0, k] = factors.inertia * link.armature
+        model["gear"][0, k] = factors.damping * link.damping
 
 
 @kernel

@@ -38,20 +38,15 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...physics.effects import add_effects
-from ...physics.frames import attitude, cross, quat_error, quat_turned, rotation_matrix
-from ...physics.kernels import record_of
-from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
-from ...physics.statics import Statics
+from ...physics.frames import attitude, quat_turned, rotation_matrix
 from ..base import SteadyState
-from ..posture import posture_constants
 from .approach import UNSTABLE, Track, approach, between, decays
-from .own_effects import OwnEffects
 from .terms import Balance, Pose, ThrustMap
+from .tree_at_rest import TreeAtRest
 
 _LARGEST = 0.3
 """Largest change of a joint in one step of the slow motion [rad or m]."""
@@ -64,41 +59,6 @@ _SMALL = 1e-6
 """Change of a joint for a derivative [rad or m]."""
 
 
-def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
-    """The generalised force (6 + n,) of current, weight, buoyancy, disturbance and effects on a tree at rest."""
-    scenario = setup.scenario
-    v_c_W = scenario.current.steady_at(-p_WB[2])
-    total: np.ndarray = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W)
-    total[:6] += scenario.disturbance.at_last
-    effects = setup.effects
-    if effects.itemsize:
-        nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
-        add_effects(record_of(effects), nu_r, total[:6])
-    if scenario.effects:
-        nu_r, quat = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)]), np.empty(4)
-        attitude(R_WB, quat)
-        total[:6] += OwnEffects(scenario.effects, setup).wrench(p_WB, quat, R_WB, np.zeros(6), nu_r, v_c_W)
-    return total
-
-
-def factors_hat(setup: Any) -> tuple[list[float], list[float]]:
-    """The estimates' factors of inertia and restoring of the base and of each link."""
-    given = setup.scenario.estimates
-    bodies = [given, *(given.of(link.name) for link in setup.nominal.arm.links)]
-    return [each.inertia for each in bodies], [each.restoring for each in bodies]
-
-
-def trees_at(
-    setup: Any, q: np.ndarray, inertia_hat: Sequence[float]
-) -> tuple[Statics, Statics, np.ndarray, np.ndarray, np.ndarray]:
-    """The tree at joint positions q (n,), and that of the law; J (6, 6 + n) of the frame of the task; M_hat with its
-    factors, and its inverse."""
-    tree = Statics(setup.vehicle, q)
-    model = tree.with_coefficients(setup.nominal)
-    M_hat = model.inertia(inertia_hat)
-    return tree, model, model.jacobian(setup.plant.probe.carrier), M_hat, np.linalg.inv(M_hat)
-
-
 def beyond(links: Sequence[Any], q: np.ndarray) -> str:
     """The reason why joints can't be at q (n,); empty if they can."""
     for link, q_k in zip(links, q, strict=True):
@@ -109,8 +69,7 @@ def beyond(links: Sequence[Any], q: np.ndarray) -> str:
     return ""
 
 
-@dataclass(frozen=True, eq=False)
-class Push:
+class Push(NamedTuple):
     """What acts on the free motion at rest in one posture.
 
     Attributes:
@@ -136,38 +95,27 @@ class FreeMotion:
 
     def __init__(self, setup: Any, thrust_map: ThrustMap, track: Track) -> None:
         self.setup, self.thrust_map, self.track, self.held = setup, thrust_map, track, track.at(0.0)
-        self.frame, self.links = setup.plant.probe.carrier, setup.vehicle.arm.links
+        self.links, self.tree = setup.vehicle.arm.links, TreeAtRest(setup, thrust_map)
         n = len(self.links)
         self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
         self.largest, self.sharp, self.ends = _LARGEST, 1e-3, track.ends
-        self.posture, (self.inertia_hat, self.restoring_hat) = PostureAtRest(setup), factors_hat(setup)
         # of a pose that is held and joint positions: a derivative begins where the push is known
         self._pushes = functools.lru_cache(2)(lambda held, *q: self._push(np.array(q)))
 
-    def base(self, tree: Statics) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and attitude (3, 3) of B in W for the tree in a posture."""
-        p, R = tree.pose(self.frame)
-        R_WB = self.held.R_WB @ R.T
-        return self.held.position - R_WB @ p, R_WB
+    def base(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) and attitude (3, 3) of B in W at joint positions q (n,)."""
+        self.tree.place(q, self.held.position, self.held.R_WB)
+        return np.array(self.tree.rest["p_WB"]), np.array(self.tree.rest["R_WB"])
 
     def push(self, q: np.ndarray) -> Push:
         """What acts at joint positions q (n,)."""
         return self._pushes(self.held, *q)
 
     def _push(self, q: np.ndarray) -> Push:
-        setup = self.setup
-        tree, model, J, M_hat, M_inv = trees_at(setup, q, self.inertia_hat)
-        p_WB, R_WB = self.base(tree)
-        J_bar = np.linalg.solve(J @ M_inv @ J.T, J @ M_inv).T
-        P = M_inv - J_bar @ (J @ M_inv)
-        g_hat = model.restoring(R_WB, setup.gravity_W, self.restoring_hat)
-        tau_posture = M_hat @ (self.posture(p_WB, R_WB, q, M_inv, P) + P @ g_hat)
-        others = surroundings(setup, tree, p_WB, R_WB) + J.T @ self.held.tau_c
-        delivered = np.eye(len(others))
-        delivered[:6, :6] = self.thrust_map.T
-        by = np.linalg.solve(tree.inertia(), np.column_stack([delivered @ J.T, delivered @ tau_posture + others]))
-        F = -np.linalg.solve(J @ by[:, :6], J @ by[:, 6])
-        return Push((by[:, :6] @ F + by[:, 6])[6:], J.T @ F + tau_posture, J_bar)
+        tree = self.tree
+        tree.place(q, self.held.position, self.held.R_WB)
+        tree.push(self.held.tau_c)
+        return Push(np.array(tree.rest["r"]), np.array(tree.rest["tau"]), tree.J_bar)
 
     def speeds(self, motion: np.ndarray, h: float) -> np.ndarray:
         """The largest speed (n,) of the joints [rad/s or m/s] as the vehicle begins to drift and the frame of the task
@@ -229,55 +177,6 @@ class FreeMotion:
         return self.thrust_map.infeasible(self.thrust_map.T @ tau[:6])
 
 
-class PostureAtRest:
-    """The acceleration that the posture demands of a vehicle at rest, in the motion that the task leaves free.
-
-    It is that of the kernel :func:`.operational.posture`, with the same levels in strict priority, at zero velocity."""
-
-    def __init__(self, setup: Any) -> None:
-        self.settings, self.n = posture_constants(setup), len(setup.nominal.arm.links)
-
-    def __call__(
-        self, p_WB: np.ndarray, R_WB: np.ndarray, q: np.ndarray, M_inv: np.ndarray, P: np.ndarray
-    ) -> np.ndarray:
-        """a (6 + n,) at a pose of B and joint positions q (n,), for the law's M^-1 and the free mobility P, both
-        (6 + n, 6 + n)."""
-        a, P, P_qq = np.zeros(len(P)), P.copy(), P[6:, 6:]
-        for kind in self.settings["levels"]:
-            frequency = self.settings["frequency"][int(kind)]
-            if kind == ATTITUDE:
-                columns, (T, b) = slice(3, 6), self._attitude(R_WB)
-            elif kind == STATION:
-                columns, T, b = slice(0, 3), np.eye(3), R_WB.T @ (self.settings["p_d"] - p_WB)
-            else:
-                if kind == JOINTS:  # it has all that is left
-                    b = frequency**2 * (self.settings["joints"][: self.n] - q)
-                    a += P[:, 6:] @ np.linalg.solve(P_qq, b - a[6:])
-                break
-            L_inv = np.linalg.inv(np.linalg.cholesky(T @ M_inv[columns, columns] @ T.T))
-            b = L_inv @ (frequency**2 * b - T @ a[columns])
-            X = L_inv @ T @ P[columns]
-            sigma, V = np.linalg.eigh(X[:, columns] @ (L_inv @ T).T)
-            fading = (3.0 - 2.0 * sigma / FREEDOM) * sigma / FREEDOM**2
-            f = np.where(sigma >= FREEDOM, 1.0 / np.maximum(sigma, FREEDOM), fading)
-            x = V.T @ X
-            a += x.T @ (f * (V.T @ b))
-            P -= (x.T * f) @ x
-        return a
-
-    def _attitude(self, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows T of the angular velocity, and the error that they take away [rad]."""
-        if self.settings["yaw"]:
-            quat, quat_e = np.array([1.0, 0.0, 0.0, 0.0]), np.empty(4)
-            attitude(R_WB, quat)
-            quat_error(self.settings["quat_d"], quat, quat_e)
-            return np.eye(3), -2.0 * quat_e[1:]
-        up, up_d = R_WB[2], self.settings["up_d"]
-        half = np.sqrt(max(0.5 + 0.5 * float(up @ up_d), 1e-6))  # cos(theta/2)
-        T = np.linalg.svd(up[None])[2][1:]  # the plane normal to it
-        return T, -T @ cross(up, up_d) / half
-
-
 _LARGEST_OF_TREE = 0.2
 """Largest change of a coordinate in one step of the slow motion [rad or m]."""
 _FIRST_OF_TREE = 0.1
@@ -318,7 +217,7 @@ def tool_rest(
         return f"behind the tool, {q}"
     tool, tau, s = track.end, free.push(q).tau, np.zeros(6)
     if np.isfinite(K):
-        start = TreePose(*free.base(Statics(setup.vehicle, q)), q, np.zeros(6))
+        start = TreePose(*free.base(q), q, np.zeros(6))
         y = approach(of, start, np.zeros(12 + of.n), _FIRST_OF_TREE, _STEPS_OF_TREE)
         if isinstance(y, str):
             return f"behind the tool, {y}"
@@ -340,16 +239,11 @@ class ToolBalance:
 
     def __init__(self, setup: Any, K: float, thrust_map: ThrustMap) -> None:
         self.setup, self.thrust_map, self.n = setup, thrust_map, len(setup.nominal.arm.links)
-        self.frame = setup.plant.probe.carrier
-        self.at_task = Balance(setup, K, thrust_map)
-        self.posture = PostureAtRest(setup)
+        self.at_task, self.tree = Balance(setup, K, thrust_map), TreeAtRest(setup, thrust_map)
         self.inertia, self.damping = np.zeros((12 + self.n, 12 + self.n)), np.zeros((12 + self.n, 12 + self.n))
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
         self.largest = np.concatenate([np.full(6 + self.n, _LARGEST_OF_TREE), np.full(6, np.inf)])
         self.sharp, self.ends = 1e-3, 0.0
-        self.inertia_hat, self.restoring_hat = factors_hat(setup)
-        # most derivatives are at the same joint positions
-        self._trees = functools.lru_cache(2)(lambda *q: trees_at(setup, np.array(q), self.inertia_hat))
 
     def moved(self, y: TreePose, change: np.ndarray) -> TreePose:
         """The posture after a change (12 + n,)."""
@@ -376,38 +270,22 @@ class ToolBalance:
 
     def tool(self, y: TreePose) -> Pose:
         """The pose of the frame of the task."""
-        p, R = self._trees(*y.q)[0].pose(self.frame)
+        position, R = self.tree.stand(y.q, y.p_WB, y.R_WB)
         quat = np.empty(4)
-        attitude(y.R_WB @ R, quat)
-        return self.at_task.pose(y.p_WB + y.R_WB @ p, quat)
+        attitude(R, quat)
+        return self.at_task.pose(position, quat)
 
     def commanded(self, y: TreePose) -> tuple[np.ndarray, np.ndarray]:
         """The generalised force (6 + n,) that is commanded, and a (6,)."""
-        setup, F = self.setup, y.F
-        _, model, J, M, M_inv = self._trees(*y.q)
-        g = model.restoring(y.R_WB, setup.gravity_W, self.restoring_hat)
-        if setup.at_tool:
-            inverse = J @ M_inv @ J.T  # of Lambda_hat
-            J_bar_T = np.linalg.solve(inverse, J @ M_inv)
-            P = M_inv - M_inv @ J.T @ J_bar_T
-            g_hat, kept = J_bar_T @ g, g - J.T @ (J_bar_T @ g)
-        else:  # the law at B has the rows of the base
-            inverse, P = np.linalg.inv(M[:6, :6]), np.zeros_like(M)
-            P[6:, 6:] = np.linalg.inv(M[6:, 6:])
-            g_hat, kept = g[:6], np.concatenate([np.zeros(6), g[6:]])
-        F_free = F + self.tool(y).tau_c - g_hat
-        return J.T @ F + kept + M @ self.posture(y.p_WB, y.R_WB, y.q, M_inv, P), -inverse @ F_free
+        self.tree.balance(y.F, self.tool(y).tau_c)
+        return np.array(self.tree.rest["tau"]), np.array(self.tree.rest["a"])
 
     def __call__(self, y: TreePose) -> np.ndarray:
         """The residual (12 + n,): the balance of the tree, then the law's."""
-        setup, balance = self.setup, self.at_task
-        (tree, _, J, *_), tool = self._trees(*y.q), self.tool(y)
-        tau, a = self.commanded(y)
-        tau[:6] = self.thrust_map.T @ tau[:6]
-        tau += surroundings(setup, tree, y.p_WB, y.R_WB) + J.T @ tool.tau_c
-        return np.concatenate(
-            [tau, setup.design.M_d @ (balance.desired_acceleration(tool) - balance.factor_inverse * a)]
-        )
+        balance, tool = self.at_task, self.tool(y)
+        self.tree.balance(y.F, tool.tau_c)
+        left = balance.desired_acceleration(tool) - balance.factor_inverse * self.tree.rest["a"]
+        return np.concatenate([self.tree.rest["left"], self.setup.design.M_d @ left])
 
     def sliding(self, y: TreePose) -> np.ndarray:
         """s (6,) at rest: a = w + K s, or A s = -w without K."""

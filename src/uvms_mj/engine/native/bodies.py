@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...control.design import Estimates
+from ...control.model import estimate_links
 from ...physics.effects import EFFECTS, FLOWS, state_of
 from ...physics.frames import BODY
 from ...physics.random import key_of
-from ...physics.tree import FRAME, LINK
+from ...physics.tree import DAMPING, find_diagonals, frame_records, link_records
 from ...plant.arm import Link
 from ...plant.contacts import Carrier
 from ...plant.vehicle import Vehicle
@@ -33,39 +33,6 @@ from ...stages.signals import (
 )
 from .record import Image
 
-DAMPING = ("D_linear", "D_quadratic")
-
-
-def frame_records(vehicle: Vehicle) -> np.ndarray:
-    """FRAME records (1 + n,) of a vehicle and its arm."""
-    frames = np.zeros(1 + len(vehicle.arm.links), FRAME)
-    frames["R_BL"][0] = np.eye(3)
-    for record, link in zip(frames[1:], vehicle.arm.links, strict=True):
-        record["parent"], record["depth"] = link.parent + 1, frames["depth"][link.parent + 1] + 1
-        record["axis"], record["p_0"], record["R_still"] = link.S, link.p_0, link.R_0
-        if link.slide:
-            record["slope"] = link.R_0 @ link.axis
-        else:  # Rodrigues' formula
-            along = link.R_0 @ np.outer(link.axis, link.axis)
-            record["R_still"], record["R_cos"] = along, link.R_0 - along
-            record["R_sin"] = link.R_0 @ np.cross(link.axis, np.eye(3)).T
-            record["anchor"], record["p_0"] = link.anchor, link.p_0 + link.R_0 @ link.anchor
-    return frames
-
-
-def link_records(vehicle: Vehicle) -> np.ndarray:
-    """LINK records (1 + n,) of a vehicle and its arm; the coefficients are zero."""
-    links = np.zeros(1 + len(vehicle.arm.links), LINK)
-    links["coriolis"] = 1.0
-    return links
-
-
-def find_diagonals(links: np.ndarray) -> None:
-    """Note which matrices of LINK records (n,) are diagonals: their products take a sixth of the time."""
-    for record in links:
-        diagonal = [not (record[name] - np.diag(np.diag(record[name]))).any() for name in ("M", "M_A", *DAMPING)]
-        record["M_diagonal"], record["A_diagonal"], record["D_diagonal"] = *diagonal[:2], all(diagonal[2:])
-
 
 def water_links(vehicle: Vehicle) -> np.ndarray:
     """LINK records (1 + n,) for the water: the inertia is the added mass, and only displaced water has weight."""
@@ -77,20 +44,6 @@ def water_links(vehicle: Vehicle) -> np.ndarray:
             record[name] = getattr(body, name)
     find_diagonals(links)
     return links
-
-
-def estimate_links(links: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
-    """Set the coefficients of LINK records (1 + n,) to those of a vehicle's file with the factors of the estimates."""
-    bodies: list[tuple[Vehicle | Link, Estimates]] = [(vehicle, estimates)]
-    bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
-    for record, (body, factors) in zip(links, bodies, strict=True):
-        record["M"] = factors.inertia * (body.M_RB + body.M_A)
-        record["coriolis"] = factors.coriolis / factors.inertia
-        record["M_RB"], record["M_A"] = factors.coriolis * body.M_RB, factors.coriolis * body.M_A
-        record["D_linear"] = factors.damping * body.D_linear
-        record["D_quadratic"] = factors.damping * body.D_quadratic
-        record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
-        record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
 
 
 def fill_joints(run: np.ndarray, setup: Setup) -> None:
@@ -112,17 +65,6 @@ def fill_model(model: np.ndarray, setup: Setup) -> None:
         site = arm.sites[frame]
         tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
     model["gravity_W"], model["links"] = setup.gravity_W, link_records(setup.nominal)
-
-
-def estimate(model: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
-    """Set the coefficients of a law's model (1,) to those of a vehicle's file with the factors of the estimates."""
-    links = model["links"][0]
-    estimate_links(links, vehicle, estimates)
-    find_diagonals(links)
-    for k, link in enumerate(vehicle.arm.links):
-        factors = estimates.of(link.name)
-        model["armature"][0, k] = factors.inertia * link.armature
-        model["gear"][0, k] = factors.damping * link.damping
 
 
 def fill_wrist(record: np.ndarray, setup: Setup) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...control.model import model_dtype
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
 from ...physics.effects import INERTIAS, effects_dtype
@@ -177,35 +178,6 @@ def plant_dtype(
             ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
             ("gravity_W", "f8", (3,)),
             ("gravity_B", "f8", (3,)),
-        ],
-        align=True,
-    )
-
-
-def model_dtype(n: int) -> np.dtype:
-    """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
-    (:mod:`uvms_mj.control.model`), with N = 6 + n."""
-    N = 6 + n
-    return np.dtype(
-        [
-            ("links", LINK, (1 + n,)),
-            ("gravity_W", "f8", (3,)),
-            ("gravity_B", "f8", (3,)),
-            ("tool", TOOL),
-            ("armature", "f8", (n,)),  # inertia of the rotors
-            ("gear", "f8", (n,)),  # viscous friction of the gears
-            # of one instant
-            ("M", "f8", (N, N)),
-            *((name, "f8", (N,)) for name in "CDg"),  # C zeta, D zeta and g
-            ("L", "f8", (N, N)),  # Cholesky factor of M
-            *((name, "f8", (N, 6)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
-            ("tau_posture", "f8", (N,)),  # of the commanded torques, what the posture adds
-            ("tau", "f8", (N,)),  # commanded wrench and torques
-            ("M_BB", "f8", (6, 6)),
-            ("Lambda", "f8", (6, 6)),
-            ("manipulability", "f8", (1,)),
-            ("J_dot_zeta", "f8", (6,)),
-            ("nu_T", "f8", (6,)),
         ],
         align=True,
     )

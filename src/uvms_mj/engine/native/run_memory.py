@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...control.base import Controller
+from ...control.model import estimate
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...physics.frames import BODY
@@ -41,7 +42,6 @@ from ...stages.signals import (
     thruster_signal,
 )
 from .bodies import (
-    estimate,
     fill_joints,
     fill_model,
     fill_wrist,
