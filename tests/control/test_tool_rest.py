@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sweep_rests
 from at_the_tool import random_push
 from tool_arm import arm_file
 from uvms_mj import Scenario, Simulation, simulate
@@ -123,3 +124,10 @@ def test_a_wall_of_the_list_is_the_same_wall_at_the_tool(model):
     assert listed.force_peak[-1] == pytest.approx(papers.force_peak[-1], rel=1e-3)
     assert listed.wall_work[-1] == pytest.approx(papers.wall_work[-1], rel=1e-2)
     assert np.abs(papers.f_contact_W[:, 1:]).max() > 0.1
+
+
+def test_a_rest_whose_joints_come_to_their_speed_limits_is_not_announced():
+    """The run of this case of the sweep loses the wall, and its joints stay at their limits for ever."""
+    found = sweep_rests.tried((5, 15, True))
+    assert (found.kind, found.measured) == ("not settled", None)
+    assert "speed limits" in found.reason

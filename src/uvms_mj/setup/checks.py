@@ -183,8 +183,7 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
     tau_c = -setup.design.normal * (push if math.isfinite(push) else 0.0)
     motion = FreeMotion(setup, thrust_map, _still(position or setup.initial.position, attitude_deg, tau_c))
     yield from _restless(setup, motion)
-    if any(math.isfinite(link.speed_limit) for link in links):
-        yield from _slow_motors(setup, thrust_map)
+    yield from _slow_motors(setup, thrust_map)
 
 
 def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
@@ -238,16 +237,10 @@ def _slow_motors(setup: Any, thrust_map: ThrustMap) -> Iterator[str]:
     velocities = np.zeros((_SAMPLES, 3))
     if not reference.states and not reference.memory and is_shipped(reference):
         velocities = samples(reference, setup, range(0, every * _SAMPLES, every))["p_d_dot"]
-    speeds = motion.speeds(velocities, every * scenario.control_period)
-    near = [
-        f"{link.joint} about {speed:.2g} of {link.speed_limit:.3g} {'m/s' if link.slide else 'rad/s'}"
-        for link, speed in zip(setup.vehicle.arm.links, speeds, strict=True)
-        if speed > _NEAR * link.speed_limit
-    ]
-    if near:
+    if near := motion.too_fast(velocities, every * scenario.control_period, _NEAR):
         yield (
             "the joints come near their speed limits, at which a motor has no torque left and the law may lose "
-            f"{scenario.task.frame}: {', '.join(near)}; choose a slower reference, a larger posture.joints_frequency "
+            f"{scenario.task.frame}: {near}; choose a slower reference, a larger posture.joints_frequency "
             "or a weaker current"
         )
 

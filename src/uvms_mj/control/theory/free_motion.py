@@ -57,6 +57,8 @@ _DAMPING = 2.0
 """Its damping over its inertia [1/s]."""
 _SMALL = 1e-6
 """Change of a joint for a derivative [rad or m]."""
+_SAMPLED, _LATEST = 0.1, 10.0
+"""Time between two velocities of a frame, and their shortest time in all [s]."""
 
 
 def beyond(links: Sequence[Any], q: np.ndarray) -> str:
@@ -132,6 +134,17 @@ class FreeMotion:
             y = y + h * y_dot
             fastest = np.maximum(fastest, np.abs(y_dot))
         return fastest
+
+    def too_fast(self, motion: np.ndarray, h: float, share: float = 1.0) -> str:
+        """The joints whose speed comes to a share of its limit, with both, as text: a motor there has no torque. The
+        arguments are those of :meth:`speeds`."""
+        if not any(math.isfinite(link.speed_limit) for link in self.links):
+            return ""
+        return ", ".join(
+            f"{link.joint} about {speed:.2g} of {link.speed_limit:.3g} {'m/s' if link.slide else 'rad/s'}"
+            for link, speed in zip(self.links, self.speeds(motion, h), strict=True)
+            if speed > share * link.speed_limit
+        )
 
     def __call__(self, q: np.ndarray, /) -> np.ndarray:
         return self.push(q).r
@@ -212,9 +225,11 @@ def tool_rest(
     if np.isfinite(K) and setup.scenario.impedance.natural:
         return "with impedance.M_d = 'natural' the desired inertia depends on the rest posture, which is not computed"
     free, of = FreeMotion(setup, thrust_map, track), ToolBalance(setup, K, thrust_map)
-    q = free.rest()
+    fast, q = free.too_fast(*_velocities(track)), free.rest()
     if isinstance(q, str):
         return f"behind the tool, {q}"
+    if fast:
+        return f"behind the tool, the joints come to their speed limits, at which a motor has no torque left: {fast}"
     tool, tau, s = track.end, free.push(q).tau, np.zeros(6)
     if np.isfinite(K):
         start = TreePose(*free.base(q), q, np.zeros(6))
@@ -230,6 +245,12 @@ def tool_rest(
     if of.at_task.rubs(push):
         return "with friction, the rest position depends on the path"
     return SteadyState(float(push.sum()), s=s, tau=thrust_map.T @ tau[:6], reached=True)
+
+
+def _velocities(track: Track) -> tuple[np.ndarray, float]:
+    """Velocities (k, 3) in W of a frame on its track, and the time between two of them [s]."""
+    times = np.arange(0.0, max(track.ends, _LATEST), _SAMPLED)
+    return np.diff([track.at(t).position for t in times], axis=0) / _SAMPLED, _SAMPLED
 
 
 class ToolBalance:
