@@ -32,6 +32,7 @@ from ..physics.linear_algebra import backward, cholesky, forward
 from ..physics.spanned_axes import pseudoinverse, spanning
 from ..quantities import Number, of_length, within
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .base import Actuation
 
 _Weight = Annotated[Number, within(1e-3, 1e3, "")]
@@ -61,7 +62,7 @@ class Weighted(Actuation):
         root = np.sqrt(np.array(self.weights or (1.0,) * B.shape[1]))
         return pseudoinverse(B, columns=root)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {"inverse": self.inverse(setup.nominal.B)}
 
     @staticmethod
@@ -89,7 +90,7 @@ class Constrained(Actuation):
     def inverse(self, B: np.ndarray) -> np.ndarray:
         return pseudoinverse(B, rows=np.array(self.weights))
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         B, n = setup.nominal.B, setup.nominal.B.shape[1]
         if n > MOST_THRUSTERS:
             wrong = f"constrained is for at most {MOST_THRUSTERS} thrusters; the vehicle has {n}"

@@ -14,6 +14,7 @@ from ..physics.kernels import kernel
 from ..physics.spanned_axes import pseudoinverse
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import actuation_given, thruster_signal
 from .propeller import NEUTRAL_US, PULSE_WIDTHS_US, Propeller
 from .thrusters import interpolated, interval
@@ -111,7 +112,7 @@ class Pwm(Actuation):
     start_values: ClassVar = {"pwm_cmd": NEUTRAL_US}
     units: ClassVar = {"pwm_cmd": "us"}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The curve: that of the thrusters, so that their inverse gives the pulse width back."""
         thrusters = setup.scenario.thrusters
         true, assumed = thrusters.curves() if isinstance(thrusters, Propeller) else (None, None)

@@ -45,6 +45,7 @@ from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Positive, Time, within
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .thrusters import Curve, StaticThrust, Thrusters, discrete, interpolated, interval, mean_delay, wrong_points
 
 _Efficiency = Annotated[Number, within(1e-3, 10.0, "")]
@@ -151,7 +152,7 @@ class Propeller(Thrusters):
         """The true curve and the one that the control system inverts, or None without one."""
         return None, None
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         n = len(setup.vehicle.thrusters)
         if self.failed > n:
             wrong = f"{self.failed}: the vehicle has {n} thrusters"
@@ -177,7 +178,7 @@ class Propeller(Thrusters):
             "failed": self.failed - 1.0,
         }
 
-    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+    def command_limits(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         low, high = super().command_limits(setup)
         true, assumed = self.curves()
         ends = assumed.thrust if assumed is not None else true.command if true is not None else None
@@ -191,7 +192,7 @@ class Propeller(Thrusters):
     def lag_model(self, period: float) -> Mapping[str, np.ndarray] | None:
         return None if self.lag == "none" else discrete(self.lag, self.time_constant, period)
 
-    def at_rest(self, setup: Any) -> StaticThrust | str:
+    def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"

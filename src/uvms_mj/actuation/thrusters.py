@@ -16,6 +16,7 @@ from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, TRUE, Signal, thruster_signal, thrusters_given
 
 
@@ -195,11 +196,11 @@ class Thrusters(Stage):
         """Set u (n,) and state_dot from settings, state and given."""
         raise NotImplementedError
 
-    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+    def command_limits(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest thrust (n,) that the allocation may command [N]."""
         return setup.vehicle.u_min, setup.vehicle.u_max
 
-    def at_rest(self, setup: Any) -> StaticThrust | str:
+    def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         """The thrust for a constant command, or the reason why it is not known."""
         return "closed forms are known for the shipped thruster models only"
 
@@ -225,7 +226,7 @@ class IdealThrusters(Thrusters):
         if self.period is not None:
             raise InputError([Fault("thrusters.period", "ideal thrusters have no period; choose thrusters.name")])
 
-    def at_rest(self, setup: Any) -> StaticThrust:
+    def at_rest(self, setup: SetupLike) -> StaticThrust:
         return StaticThrust(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))
 
 
@@ -239,11 +240,11 @@ class Inflow(Stage):
         "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
     )
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of the thrusters [s]."""
         return scenario.thrusters.period_in(scenario)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         B = setup.vehicle.B
         return {"columns": (B * B[:3].any(axis=0)).T}
 

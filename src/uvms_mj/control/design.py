@@ -27,6 +27,7 @@ from ..quantities import (
     doc,
     within,
 )
+from ..stages.setup import ScenarioLike
 from .task import Change, in_order
 
 
@@ -124,7 +125,7 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray, M_hat: np.ndarray) -> "Design":
+    def of(cls, scenario: ScenarioLike, M: np.ndarray, nominal: np.ndarray, M_hat: np.ndarray) -> "Design":
         """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle,
         of its file and of the estimates. Raises InputError if M_d is not symmetric positive definite, or D_d is not
         dissipative."""
@@ -266,7 +267,7 @@ def _frozen(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     return arrays
 
 
-def demanded_force(scenario: Any, k_c: float | None = None) -> float:
+def demanded_force(scenario: ScenarioLike, k_c: float | None = None) -> float:
     r"""The pushing force on a wall at rest that the desired impedance demands, for any disturbance [N].
 
     With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n in B,

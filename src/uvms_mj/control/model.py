@@ -32,13 +32,15 @@ from ..physics.tree import (
     multiply,
     whole,
 )
+from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
 from .base import Delay
 from .task import tracking_errors
 
 
-def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
+def coefficients(vehicle: VehicleLike, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
     """The fields of the record for :func:`model_wrenches`; ``factors`` of C, D and g are those of the estimates."""
     coriolis, damping, restoring = (factors.coriolis, factors.damping, factors.restoring) if factors else (1.0,) * 3
     return {
@@ -132,7 +134,7 @@ class Truth(Stage):
     name = "truth"
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {**coefficients(setup.vehicle, setup.gravity_W), "M": setup.design.M}
 
     @staticmethod
@@ -165,7 +167,7 @@ class ModelAtBody(Stage):
     name = "model_at_body"
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Number of control instants from one estimate of the inertia to the next."""
         return {"every": max(1, round(setup.scenario.task.inertia_period / setup.scenario.control_period))}
 
@@ -230,7 +232,7 @@ class ResolveAtBody(Stage):
     name = "resolve_at_body"
     room: ClassVar[Room] = Room("control", "resolution", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period at which a command arrives [s]."""
         return scenario.control_period if scenario.controller.delay is None else Delay().period_in(scenario)
 

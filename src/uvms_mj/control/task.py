@@ -58,6 +58,7 @@ from ..physics.kernels import kernel
 from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
 from .base import Diagonal
 
@@ -96,7 +97,7 @@ class ImpedanceTask(Stage):
                 raise InputError([fault], "the gains of the task")
             object.__setattr__(self, "A", (0.0,) * 6)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         own = {"M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
         return {**super().constants(setup), "frame": None, "inertia_period": None, **own}
 
@@ -198,7 +199,7 @@ class Schedule(Stage):
     name = "schedule"
     room: ClassVar[Room] = Room("control", "impedance", lambda thrusters: CLOCK, SCHEDULED)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Times (n,), infinite for entries that are not given, and ramps (n,) [s]; values (n + 1, 12) of K_f and F_d
         before the first entry and after each."""
         impedance = setup.scenario.impedance
@@ -238,7 +239,7 @@ class NaturalInertia(Stage):
     name = "natural_inertia"
     room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Damping ratio; number of control instants from one D_d to the next, or 0 if D_d is given."""
         scenario = setup.scenario
         impedance = scenario.impedance

@@ -30,6 +30,7 @@ from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
+from ..stages.setup import ScenarioLike, SetupLike
 from .base import Guidance, start_notes
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ uneven."""
 class Followed(Guidance):
     """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
 
-    def notes(self, setup: Any) -> Iterable[str]:
+    def notes(self, setup: SetupLike) -> Iterable[str]:
         return start_notes(self, setup)
 
     @staticmethod
@@ -197,7 +198,7 @@ class Spline(Followed):
     name = "spline"
     _inner_keys: ClassVar = {"reference.poses": ("time", "position", "attitude_deg", "dwell")}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""
         initial = setup.initial
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))
@@ -206,5 +207,5 @@ class Spline(Followed):
     def rests_at(self) -> tuple[float, ...]:
         return self.poses[-1].position
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg

@@ -46,6 +46,7 @@ from ..physics.linear_algebra import cholesky, forward
 from ..physics.random import standard_normal
 from ..quantities import NonNegative, Positive, Step
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .base import Navigation
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
@@ -348,7 +349,7 @@ class Ekf(_ForceSensor):
         **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings with the rates in samples and instants, the packed channels of the force, and gravity."""
         numbers = {f.name: getattr(self, f.name) for f in dataclasses.fields(Ekf) if "period" not in f.name}
         numbers = {name: value for name, value in numbers.items() if name.partition("_")[0] not in _FORCE}
@@ -358,7 +359,7 @@ class Ekf(_ForceSensor):
         force = {quantity: channel_of(self, quantity).pack(step) for quantity in _FORCE}
         return {**numbers, **rates, **force, "gravity_W": setup.gravity_W}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
         yield from _odd("imu", h, step, "the period of this stage")
         for aid in _AIDS:
@@ -370,7 +371,7 @@ class Ekf(_ForceSensor):
         force = channel_of(self, "force")
         return force.period, force.delay + 0.5 * force.jitter
 
-    def rest_errors(self, setup: Any) -> str:
+    def rest_errors(self, setup: SetupLike) -> str:
         return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
 
     @staticmethod

@@ -37,6 +37,7 @@ from ..physics.frames import rotation, to_world, velocity_at
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
+from ..stages.setup import SetupLike
 from .base import ConstantErrors, Measurement, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
@@ -142,14 +143,14 @@ class Sensors(_Channels):
         channels = (self.channel(quantity).perfect for quantity in ("attitude", "force", "moment"))
         return all(channels) and self.mass_behind == 0.0 and not any(self.depth_drift)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
         step = self.period or setup.scenario.simulation.timestep
         channels = {quantity: self.channel(quantity).pack(step) for quantity in QUANTITIES}
         kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         return channel_faults(self, QUANTITIES, self.period or setup.scenario.simulation.timestep)
 
     @property
@@ -165,7 +166,7 @@ class Sensors(_Channels):
         channel = self.channel(quantity)
         return channel.period, channel.delay + 0.5 * channel.jitter
 
-    def rest_errors(self, setup: Any) -> RestErrors | str:
+    def rest_errors(self, setup: SetupLike) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
         channels = self.white_channels
         for quantity, channel in channels.items():

@@ -42,6 +42,7 @@ from ..physics.tree import (
 )
 from ..quantities import Lowercase
 from ..stages.base import Room, Stage, setting
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, TRUE, WRIST_READING, WRIST_TRUE, wrist_given
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
@@ -144,7 +145,7 @@ class WristLoad(Stage):
     name = "felt"
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of the wrist sensor [s]."""
         return scenario.wrist.period_in(scenario)
 
@@ -160,7 +161,7 @@ class WristCompensation(Stage):
     name = "derived"
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + MEASURED[:4], MEASURED[4:])
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of navigation [s]."""
         return scenario.navigation.period_in(scenario)
 
@@ -195,11 +196,11 @@ class Wrist(Stage):
         counts="joints",
     )
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings that are numbers."""
         return {name: value for name, value in super().constants(setup).items() if not isinstance(value, str)}
 
-    def carried(self, setup: Any) -> tuple[int, Any]:
+    def carried(self, setup: SetupLike) -> tuple[int, Any]:
         """Index of the link behind the sensor, and the site that is S, or None. Raises InputError if there is none."""
         arm = setup.vehicle.arm
         names = [link.name for link in arm.links]
@@ -212,7 +213,7 @@ class Wrist(Stage):
         wanted = f"is neither a link nor a site on one; choose from {', '.join(known)}"
         raise InputError([Fault("wrist.site", f"{self.site!r} {wanted}")], "scenario")
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:
             yield Fault("wrist.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
             return
@@ -254,12 +255,12 @@ class WristSensor(_Channels):
     name = "sensor"
     memory: ClassVar = dict.fromkeys(QUANTITIES, MEMORY)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The packed channels by quantity."""
         step = self.period_in(setup.scenario)
         return {quantity: channel_of(self, quantity).pack(step) for quantity in QUANTITIES}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         yield from super().faults(setup)
         yield from channel_faults(self, QUANTITIES, self.period_in(setup.scenario))
 

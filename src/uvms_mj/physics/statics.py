@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .frames import cross
+from .vehicle import VehicleLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class _Bodies:
 
     @classmethod
     @functools.lru_cache(maxsize=8)
-    def of(cls, vehicle: Any) -> "_Bodies":
+    def of(cls, vehicle: VehicleLike) -> "_Bodies":
         bodies, links = (vehicle, *vehicle.arm.links), vehicle.arm.links
         carried = np.zeros((len(bodies), len(links)), dtype=bool)
         for k, link in enumerate(links, 1):
@@ -60,7 +61,7 @@ class Statics:
         R, p: attitudes (n + 1, 3, 3) and positions (n + 1, 3) of their frames in B [m].
     """
 
-    def __init__(self, vehicle: Any, q: np.ndarray) -> None:
+    def __init__(self, vehicle: VehicleLike, q: np.ndarray) -> None:
         self.vehicle, self.bodies, self.q = vehicle, (vehicle, *vehicle.arm.links), q
         n = len(vehicle.arm.links)
         self.R, self.p = np.tile(np.eye(3), (n + 1, 1, 1)), np.zeros((n + 1, 3))
@@ -73,7 +74,7 @@ class Statics:
             self.p[k] = self.p[above] + self.R[above] @ (link.p_0 + link.R_0 @ moved)
             self.axes[k - 1], self.anchors[k - 1] = self.R[k] @ link.axis, self.p[k] + self.R[k] @ link.anchor
 
-    def with_coefficients(self, vehicle: Any) -> "Statics":
+    def with_coefficients(self, vehicle: VehicleLike) -> "Statics":
         """The same posture of a vehicle whose links are in the same places and have other coefficients."""
         other = copy.copy(self)
         other.vehicle, other.bodies = vehicle, (vehicle, *vehicle.arm.links)

@@ -24,7 +24,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -32,6 +32,7 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
+from ..stages.setup import ScenarioLike
 from .arm import Body, set_constraints, skew
 from .contacts import Contacts, Probe, contacts_of, surfaces_of
 from .geometry import Geometry
@@ -172,7 +173,7 @@ BEYOND = 0.01
 """How far beyond its range a joint may start, as its limits give way [rad or m]."""
 
 
-def check_fit(scenario: Any, nominal: Vehicle) -> None:
+def check_fit(scenario: ScenarioLike, nominal: Vehicle) -> None:
     """Raise InputError if the frame of the task is not a site of the vehicle, or the initial joints do not fit it."""
     frame, arm, faults = scenario.task.frame, nominal.arm, []
     if frame != BODY and frame not in arm.sites:
@@ -207,7 +208,7 @@ Inertias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Inertias (6, 6) of the true vehicle, of its file, and of the estimates."""
 
 
-def task_inertias(scenario: Any, nominal: Vehicle) -> Inertias:
+def task_inertias(scenario: ScenarioLike, nominal: Vehicle) -> Inertias:
     """The inertias at the frame of the task in the initial posture. At a tool they are Lambda."""
     true, estimates = perturbed(nominal, scenario.vehicle), scenario.estimates
     if scenario.task.frame == BODY and not nominal.arm.links:
@@ -328,7 +329,7 @@ def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
     model.geom(f"{_OURS}wall").pos[0] = face
 
 
-def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
+def build(scenario: ScenarioLike, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
     """The plant of a scenario, the contacts beside that of the probe and ``[wall]``, and the inertias of
     :func:`task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
     vehicle's file can't be used or is not physical, or the scenario does not fit it."""

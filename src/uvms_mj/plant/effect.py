@@ -34,7 +34,9 @@ from ..errors import Fault, InputError, suggestion
 from ..physics.contacts import place_carrier
 from ..physics.frames import BODY, attitude, to_body
 from ..physics.kernels import kernel
+from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import EFFECT_WRENCH, effect_given
 from .contacts import Carrier
 
@@ -64,11 +66,11 @@ class Effect(Stage):
         """Set tau (6,) and state_dot from settings, state and given."""
         raise NotImplementedError
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings without the frame, which is no number."""
         return {name: value for name, value in super().constants(setup).items() if name != "at"}
 
-    def carrier(self, vehicle: Any) -> Carrier:
+    def carrier(self, vehicle: VehicleLike) -> Carrier:
         """The frame in which it acts. Raises InputError if the vehicle has no link and no site of this name."""
         names = [link.name for link in vehicle.arm.links]
         if self.at == BODY:
@@ -82,7 +84,7 @@ class Effect(Stage):
             )
         return Carrier(site.link, site.p, site.R)
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         try:
             carrier = self.carrier(setup.vehicle)
         except InputError as error:

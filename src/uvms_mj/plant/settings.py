@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -31,6 +31,7 @@ from ..quantities import (
     doc,
     within,
 )
+from ..stages.setup import ScenarioLike
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
 WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
@@ -230,14 +231,14 @@ class Wall:
     present: bool = doc("false: this wall is not there", True)
 
 
-def _idle(scenario: Any) -> dict[str, str]:
+def _idle(scenario: ScenarioLike) -> dict[str, str]:
     """The tables of a contact that is not there, and why: ``wall`` and ``bumper``."""
     if scenario.wall.present:
         return {}
     return {"wall": "wall.present is false"} | ({} if scenario.walls else {"bumper": "there is no wall"})
 
 
-def without_effect(scenario: Any) -> list[str]:
+def without_effect(scenario: ScenarioLike) -> list[str]:
     """A sentence for each table of a contact that is not there: the keys that differ from their defaults."""
     said = []
     for name, reason in _idle(scenario).items():
@@ -248,7 +249,7 @@ def without_effect(scenario: Any) -> list[str]:
     return said
 
 
-def overridden_in_vain(scenario: Any, overrides: Collection[str]) -> list[Fault]:
+def overridden_in_vain(scenario: ScenarioLike, overrides: Collection[str]) -> list[Fault]:
     """Errors for overrides of a wall that is not there, and of a bumper without any wall. They may stand beside the
     override that takes the wall away."""
     instead = {

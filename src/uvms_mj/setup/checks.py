@@ -36,7 +36,7 @@ from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
-from ..plant.vehicle import AXES, notes_on_damping
+from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..plant.water import Current, Disturbance, counted, effects_of
 from ..quantities import leaves, radians_notes
 from ..scenario import Scenario
@@ -172,7 +172,7 @@ _SAMPLES, _SAMPLED_S = 100, 0.1
 """Number of velocities of the reference for this estimate, and the time between them [s]."""
 
 
-def free_motion_notes(setup: Any) -> Iterator[str]:
+def free_motion_notes(setup: Setup) -> Iterator[str]:
     """Warnings for a vehicle whose base and joints come to no rest while the law holds the frame of the task, or whose
     joints are too slow for it."""
     scenario, links = setup.scenario, setup.vehicle.arm.links
@@ -193,7 +193,7 @@ def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
     return Track([0.0], [Pose(np.array(position), quat, rotation_matrix(quat), tau_c)])
 
 
-def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
+def _restless(setup: Setup, motion: FreeMotion) -> Iterator[str]:
     """A warning if the slow motion from the initial posture comes to no rest, or to one that the motors or thrusters
     can't hold, or moves far where no level holds it."""
     scenario, q = setup.scenario, motion.rest()
@@ -218,7 +218,7 @@ def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
         yield f"the vehicle can't hold its rest behind {frame}: {weak}; choose other initial.joints or a weaker current"
 
 
-def _moves(setup: Any, q: np.ndarray) -> str:
+def _moves(setup: Setup, q: np.ndarray) -> str:
     """Which joint is farthest from its start at q (n,); empty if none is far."""
     start = setup.start.q
     k = int(np.abs(q - start).argmax())
@@ -229,7 +229,7 @@ def _moves(setup: Any, q: np.ndarray) -> str:
     return f"{link.joint} moves from {' to '.join(angles)}"
 
 
-def _slow_motors(setup: Any, thrust_map: ThrustMap) -> Iterator[str]:
+def _slow_motors(setup: Setup, thrust_map: ThrustMap) -> Iterator[str]:
     """A warning for joints that come near their speed limits, where a motor gives no torque."""
     scenario, initial = setup.scenario, setup.initial
     motion = FreeMotion(setup, thrust_map, _still(initial.position, initial.attitude_deg, np.zeros(6)))
@@ -379,7 +379,7 @@ def warnings_of(setup: Setup) -> list[str]:
     return [*radians_notes(scenario.to_dict()), *notes, *further]
 
 
-def _thruster_notes(vehicle: Any) -> Iterator[str]:
+def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
     """Warnings for thrusters that do not span all axes, or one of them badly."""
     strengths, axes = axis_strengths(vehicle.B)
     rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)

@@ -57,6 +57,7 @@ from ..physics.random import key_of
 from ..quantities import Step, refusing, unit_of
 from . import signals
 from .namespace import namespace_of
+from .setup import ScenarioLike, SetupLike
 from .signals import JOINT_SIGNALS, Signal
 
 
@@ -230,24 +231,25 @@ class Stage:
         """The signals that the function is given, for a vehicle with so many thrusters."""
         return cls.room.given(thrusters)
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """Time between two instants of the stage in a run of a :class:`uvms_mj.scenario.Scenario` [s]."""
         return self.period or (scenario.simulation.timestep if self.every_step else scenario.control_period)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
         :class:`uvms_mj.setup.base.Setup`. A user's settings do not depend on it."""
         fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
         return {name: value for name, value in vars(self).items() if name in fields}
 
-    def faults(self, setup: Any) -> Iterable[Fault]:
+    def faults(self, setup: SetupLike) -> Iterable[Fault]:
         """Errors of a run with these settings, which need its :class:`uvms_mj.setup.base.Setup`."""
         return ()
 
-    def record(self, setup: Any = None) -> np.ndarray:
+    def record(self, setup: SetupLike | None = None) -> np.ndarray:
         """The constants as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The
-        period and settings that are None are left out."""
-        values = self.constants(setup).items()
+        period and settings that are None are left out. Without a set-up: of a stage whose constants are its settings
+        alone."""
+        values = self.constants(cast(SetupLike, setup)).items()
         kept = {name: np.asarray(value) for name, value in values if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
         record = np.zeros(1, np.dtype([*kinds, ("_", "f8")], align=True))  # at least 8 bytes, and a multiple of 8

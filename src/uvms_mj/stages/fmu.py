@@ -25,6 +25,7 @@ from ..errors import Fault, InputError, needs_extra, shortened, suggestion
 from ..quantities import Number, of_length, within
 from .base import ForeignCode, Stage, setting
 from .foreign import Records
+from .setup import SetupLike
 from .signals import OWN_UNIT, Signal
 
 _MOST_BYTES, _MOST_FILES = 1 << 29, 10_000
@@ -203,10 +204,10 @@ class OfUnit:
     get_before_step: bool
     variables: Mapping[str, str] | None
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {"get_before_step": self.get_before_step}
 
-    def faults(self: Any, setup: Any) -> Iterator[Fault]:
+    def faults(self: Any, setup: SetupLike) -> Iterator[Fault]:
         """What lacks, or does not fit, between the FMU and the run."""
         room = self.room
         counted = len(setup.vehicle.arm.links) if room.counts == "joints" else len(setup.vehicle.thrusters)

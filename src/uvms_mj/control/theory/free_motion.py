@@ -47,6 +47,7 @@ from ...physics.frames import attitude, cross, quat_error, quat_turned, rotation
 from ...physics.kernels import record_of
 from ...physics.operational import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
+from ...stages.setup import SetupLike
 from ..base import SteadyState
 from ..posture import posture_constants
 from .approach import Track, approach, between, decays
@@ -64,7 +65,7 @@ _SMALL = 1e-6
 """Change of a joint for a derivative [rad or m]."""
 
 
-def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
+def surroundings(setup: SetupLike, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
     """The generalised force (6 + n,) of current, weight, buoyancy, disturbance and effects on a tree at rest."""
     scenario = setup.scenario
     v_c_W = scenario.current.steady_at(-p_WB[2])
@@ -81,7 +82,7 @@ def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) 
     return total
 
 
-def factors_hat(setup: Any) -> tuple[list[float], list[float]]:
+def factors_hat(setup: SetupLike) -> tuple[list[float], list[float]]:
     """The estimates' factors of inertia and restoring of the base and of each link."""
     given = setup.scenario.estimates
     bodies = [given, *(given.of(link.name) for link in setup.nominal.arm.links)]
@@ -89,7 +90,7 @@ def factors_hat(setup: Any) -> tuple[list[float], list[float]]:
 
 
 def trees_at(
-    setup: Any, q: np.ndarray, inertia_hat: Sequence[float]
+    setup: SetupLike, q: np.ndarray, inertia_hat: Sequence[float]
 ) -> tuple[Statics, Statics, np.ndarray, np.ndarray, np.ndarray]:
     """The tree at joint positions q (n,), and that of the law; J (6, 6 + n) of the frame of the task; M_hat with its
     factors, and its inverse."""
@@ -134,7 +135,7 @@ class FreeMotion:
         track: of the frame of the task.
     """
 
-    def __init__(self, setup: Any, thrust_map: ThrustMap, track: Track) -> None:
+    def __init__(self, setup: SetupLike, thrust_map: ThrustMap, track: Track) -> None:
         self.setup, self.thrust_map, self.track, self.held = setup, thrust_map, track, track.at(0.0)
         self.frame, self.links = setup.plant.probe.carrier, setup.vehicle.arm.links
         n = len(self.links)
@@ -234,7 +235,7 @@ class PostureAtRest:
 
     It is that of the kernel :func:`.operational.posture`, with the same levels in strict priority, at zero velocity."""
 
-    def __init__(self, setup: Any) -> None:
+    def __init__(self, setup: SetupLike) -> None:
         self.settings, self.n = posture_constants(setup), len(setup.nominal.arm.links)
 
     def __call__(
@@ -299,7 +300,7 @@ class TreePose:
 
 
 def tool_rest(
-    setup: Any, K: float, thrust_map: ThrustMap, track: Track, reached: Callable[[Pose, np.ndarray], str]
+    setup: SetupLike, K: float, thrust_map: ThrustMap, track: Track, reached: Callable[[Pose, np.ndarray], str]
 ) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
@@ -338,7 +339,7 @@ class ToolBalance:
 
     Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,)."""
 
-    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap) -> None:
+    def __init__(self, setup: SetupLike, K: float, thrust_map: ThrustMap) -> None:
         self.setup, self.thrust_map, self.n = setup, thrust_map, len(setup.nominal.arm.links)
         self.frame = setup.plant.probe.carrier
         self.at_task = Balance(setup, K, thrust_map)

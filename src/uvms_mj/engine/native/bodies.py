@@ -5,7 +5,6 @@ a law, for a wrist sensor and for the walls.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -167,7 +166,7 @@ def motion_room(k: int) -> str:
     return f"motion of wall {k}"
 
 
-def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
+def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
     surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)
