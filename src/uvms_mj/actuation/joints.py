@@ -1,14 +1,15 @@
 r"""Joint interfaces, stages that set the torques of the joints' motors: their contract, torque, velocity and position;
 and the motions that they follow.
 
-A motion is a table over time, in a scenario or in a CSV file. It is made of segments, polynomials of third order that
-are held before the first and after the last time. Linear interpolation has straight segments. Cubic interpolation is
-the cubic spline with zero velocity at both ends, so that velocity and acceleration are continuous in between.
+**Motion.** A motion is a table over time, in a scenario or in a CSV file. It is made of segments, polynomials of third
+order that are held before the first and after the last time. Linear interpolation has straight segments. Cubic
+interpolation is the cubic spline with zero velocity at both ends, so that velocity and acceleration are continuous in
+between.
 
 Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.physics.tree.deliverable` says.
 
-The velocity loop is a PI controller with the bandwidth :math:`\omega_v`, for the inertia I that the motor feels while
-all other joints and the vehicle are free, at the start:
+**Velocity.** The velocity loop is a PI controller with the bandwidth :math:`\omega_v`, for the inertia I that the motor
+feels while all other joints and the vehicle are free, at the start:
 
 .. math::
 
@@ -21,7 +22,7 @@ b and the Coulomb friction :math:`\tau_c`, below the speed :math:`v_s` in propor
 
 .. math:: \tau_g = \sigma (b v + \tau_c \max(-1, \min(1, v / v_s)))
 
-The position loop around it is proportional, with feed-forward of the given velocity,
+**Position.** The position loop around it is proportional, with feed-forward of the given velocity,
 
 .. math:: v = \dot q_d + \omega_p (q_d - q_m), \qquad |v| \le \dot q_{max}
 

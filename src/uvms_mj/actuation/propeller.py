@@ -16,13 +16,10 @@ The commanded thrust of a thruster passes these elements in order, each of which
 
 A failed thruster keeps the command of its last good instant, or a fraction of its thrust.
 
-A thruster with every setting spelt out.
-
-The T200 thruster of Blue Robotics at a battery's voltage.
-
-``t200.toml`` has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the pulse width
-of the speed controller's command, on a test stand. Between two voltages the thrust is interpolated linearly at equal
-pulse width.
+:class:`General` has every setting spelt out. :class:`T200` is the thruster of Blue Robotics at a battery's
+voltage: ``t200.toml`` has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the
+pulse width of the speed controller's command, on a test stand. Between two voltages the thrust is interpolated linearly
+at equal pulse width.
 """
 
 from __future__ import annotations  # so that help(Propeller) shows short type names

@@ -1,8 +1,7 @@
 """The engines, which move the body: their contract, one free rigid vehicle without MuJoCo, and MuJoCo.
 
-The engine ``free_body``: the closed loop around one free rigid vehicle, with a step of its own, without MuJoCo.
-
-It computes what MuJoCo computes for such a vehicle, from the same state and with the same kernels; its step is
+The engine ``free_body`` takes the closed loop around one free rigid vehicle with a step of its own. It computes
+such a vehicle as MuJoCo does, from the same state and with the same kernels; its step is
 MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms_mj.physics.free_body`).
 """
 

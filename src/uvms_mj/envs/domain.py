@@ -3,7 +3,7 @@
 An episode draws each entry at random from the numbers of its own seed. The design of the study, such as a grid or Sobol
 points, is of its runs and not of episodes: values and points of a grid are equally likely.
 
-The checks of an environment's arguments give a value that can be used, or raise InputError.
+Checks of an environment's arguments give a value that can be used, or raise InputError.
 """
 
 import dataclasses

@@ -1,15 +1,15 @@
 r"""Motion as polynomial segments: position and attitude of a reference, each with its first two time derivatives.
 
-A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and four numbers
-Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular velocity in W
-and its derivative follow exactly from the polynomials:
+**Piece.** A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and
+four numbers Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular
+velocity in W and its derivative follow exactly from the polynomials:
 
 .. math::
 
     \omega = \frac{2}{|Q|^2} \mathrm{vec}(\dot Q \bar Q), \qquad
     \dot\omega = \frac{2}{|Q|^2} (\mathrm{vec}(\ddot Q \bar Q) - (Q \cdot \dot Q) \omega).
 
-Timed poses: a smooth motion in six degrees of freedom that is at each pose at its time.
+**Timed poses** are a smooth motion in six degrees of freedom that is at each pose at its time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 r"""Sensors of the vehicle: a channel for each measured quantity, and a force sensor with something behind it.
 
-Position is measured in W, everything else in B; velocity and the wrench of the contact are those at B's origin.
+Position is measured in W, everything else in B; velocity and the wrench of the contact are given at B's origin.
 :mod:`.channel` has the errors of a channel.
 
 The force sensor is between the vehicle and a tool of the mass m at r, the water that moves with it included. With the
@@ -15,7 +15,7 @@ measures -f_s, the force of the tool on the vehicle, and drifts with the depth b
 The tool's weight in water is taken as zero. The acceleration is that of the last time step, because that of the present
 one depends on the thrust that the measurement decides.
 
-Presets of the sensors from ``presets.toml``, which has their sources: classes with other defaults.
+Presets are classes with other defaults. They are read from ``presets.toml``, which has their sources.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 r"""All contacts of a vehicle: the force between one surface and one contact body, and the pairs of a run.
 
-Force between one surface and one contact body of the vehicle, from the state of the same instant.
-
-A contact body is a sphere, or a capsule: all points within a radius of a segment. It is fixed to a frame C, which is B
-for a rigid vehicle. The depth is
+**Force of one contact.** It follows from the state of the same instant. A contact body is a sphere, or a capsule: all
+points within a radius of a segment. It is fixed to a frame C, which is B for a rigid vehicle. The depth is
 :math:`\delta = r - d`, with the distance d of the sphere's centre, or of the nearest point of the segment, from the
 surface (:mod:`.surfaces`). The contact point is halfway between the two surfaces, and its velocity v is relative to the
 wall, which may move. The wall yields by w, and the bumper of the contact body, in series with it, by x:
@@ -35,15 +33,14 @@ limit, so the stretch is reduced while the contact slips:
 While the contact slips, F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
 not creep. Spring, damper and slider together never return more energy than they were given.
 
-All contacts of a vehicle: the sphere about the origin of the task's frame in front of ``[wall]``, and every contact
-body in front of every wall. Their springs give the force at an instant.
+**Contacts of a run.** They are the sphere about the origin of the task's frame in front of ``[wall]``, and every
+contact body in front of every wall. A record of a run has the surfaces, the pairs of a body and a surface, and the
+frames that the bodies are fixed to. The normal force of a pair that is marked ``solved`` is applied by the engine,
+MuJoCo's contact solver or its closed form; all other forces act here, on the base or on a link. The force that acted in
+a step is known when the step is over.
 
-A record of a run has the surfaces, the pairs of a body and a surface, and the frames that the bodies are fixed to. The
-normal force of a pair that is marked ``solved`` is applied by the engine, MuJoCo's contact solver or its closed form;
-all other forces act here, on the base or on a link. The force that acted in a step is known when the step is over.
-
-A contact is computed in the frame C that its body is fixed to, as that of a rigid vehicle is in B: B itself, the frame
-of a link, or that of a site.
+A contact is computed in the frame C that its body is fixed to, as a rigid vehicle is in B: B itself, the frame of a
+link, or the frame of a site.
 """
 
 import math

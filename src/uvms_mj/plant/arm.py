@@ -1,15 +1,13 @@
 """The arm of a vehicle: its links, joints and sites, read from the MJCF, and what a link and the base have in common.
 
-A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
-body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
-link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
-origin of the link's body frame and in its axes (:mod:`.coefficients`).
+**Links.** A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is
+part of the body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with
+that of the link's body and a dot, for example ``upper_arm.displaced_mass``. They are described in :mod:`.coefficients`,
+about the origin of the link's body frame and in its axes.
 
-MuJoCo's constraints of a joint: Coulomb friction of the gear with stick, and the stops of the range.
-
-Both are rows of MuJoCo's constraint solver, which is implicit: they need no smaller time step, whatever the inertia.
-With the inverse inertia w of the joint (``dof_invweight0``), the time step h, the impedance d and the time constant T
-of solref:
+**Friction and stops.** A joint has Coulomb friction of its gear, with stick, and the stops of its range. Both are rows
+of MuJoCo's constraint solver, which is implicit: they need no smaller time step, whatever the inertia. With the inverse
+inertia w of the joint (``dof_invweight0``), the time step h, the impedance d and the time constant T of solref:
 
 - Friction: a joint that slips is given exactly the friction torque. A joint that sticks under the load tau creeps with
   the velocity ``(1 - d) T / 2 w tau``, because MuJoCo's friction is a stiff damper below its limit. T = 2 h is the

@@ -1,10 +1,9 @@
 """A vehicle's MJCF with all files that it refers to, in memory. Runs are built from it, and logs contain it.
 
-Files of an MJCF model: the references in its XML, and a copy of all files as one flat set without folders.
-
-MuJoCo looks for a file relative to the folder of its model, which is the main file or one named by
-``<model file=...>``. ``meshdir`` or ``texturedir`` is inserted after that folder; the last setting counts. Included
-files belong to the model that includes them (MuJoCo, XML reference, compiler and include).
+The copy is one flat set of files without folders, to which the references in the XML are changed. MuJoCo looks for a
+file relative to the folder of its model, which is the main file or one named by ``<model file=...>``. ``meshdir`` or
+``texturedir`` is inserted after that folder; the last setting counts. Included files belong to the model that includes
+them (MuJoCo, XML reference, compiler and include).
 """
 
 import contextlib

@@ -1,11 +1,10 @@
-"""A table of thrusters in CSV: a row each, with name, position and direction in B, and limits of the thrust.
+"""A copy of a vehicle's file under another name, for its owner to edit, with other thrusters if a table gives them.
 
+The table of thrusters is a CSV file: a row each, with name, position and direction in B, and limits of the thrust.
 The unit of a column is in its head. ``name``; the position ``x``, ``y``, ``z`` with ``_m``, ``_cm`` or ``_mm``; the
 direction of positive thrust as ``dx``, ``dy``, ``dz``, a vector of any length, or as ``yaw_deg`` and ``pitch_deg`` of a
 frame whose x axis it is, where a pitch of -90 points up; and, if the thrust has limits, ``min`` and ``max`` with ``_N``
 or ``_kgf``.
-
-A copy of a vehicle's file under another name, for its owner to edit, with other thrusters if a table gives them.
 """
 
 import copy

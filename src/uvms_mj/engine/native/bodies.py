@@ -1,7 +1,6 @@
-"""Records of the bodies and of the water of a run.
+"""Links, joints, contacts and water of a vehicle in the record of a run.
 
-The links, joints and contacts of a vehicle in the record of a run: for the water that acts on them, for the model of
-a law, for a wrist sensor and for the walls.
+The water, the model of a law, a wrist sensor and the walls have their own part of it.
 """
 
 from collections.abc import Iterator, Sequence

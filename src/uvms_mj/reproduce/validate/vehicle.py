@@ -1,20 +1,19 @@
 """The vehicle of the pool, and the models of it that are compared.
 
-The arm is that of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
+The arm is the one of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
 (2023, UVMS-SysID-with-EAs, MIT) weighed it and fitted the trim weights' places to its attitude at rest; drag is Wu's
-(2018), inertia and added mass are those of von Benzon et al. (2022) for the BlueROV2 Heavy. Trust: high for mass and
+(2018), inertia and added mass are von Benzon et al.'s (2022) for the BlueROV2 Heavy. Trust: high for mass and
 buoyancy, medium for the trim, whose places are the authors' guesses, medium for the rest.
 
-In a run the vehicle floats freely, its thrusters off, and the arm is driven along a motion. The water is that of every
+In a run the vehicle floats freely, its thrusters off, and the arm is driven along a motion. The water acts as in every
 run. A joint follows its motion by a torque K (q_dot_d + (q_d - q) / T - q_dot). The last term is the joint's damping,
 which MuJoCo's Euler step treats implicitly, so that K may be large: the joint then has the velocity q_dot_d + (q_d - q)
 / T within the load over K, and the error of its angle is the load T / K, below 1e-4 rad here. The torque acts between
 two links, and the vehicle floats freely under it.
 
-A motion that tells the models apart: axis d swings, at its speed limit, about the arm stretched forwards.
-
-The trials of the pool are slow: a joint turns once from one posture to another, within ten seconds, and the vehicle
-passes through attitudes near those of rest. Added mass and drag act on accelerations and speeds. They count when the
+**Fast swing.** One motion would tell the models apart: axis d swings, at its speed limit, about the arm stretched
+forwards. The trials of the pool are slow: a joint turns once from one posture to another, within ten seconds, and the
+vehicle passes through attitudes near the rest. Added mass and drag act on accelerations and speeds. They count when the
 arm swings near the period in which the model swings freely in pitch, 2.8 s; the speed limit then leaves 13 degrees.
 """
 
