@@ -113,7 +113,7 @@ class Pwm(Actuation):
     units: ClassVar = {"pwm_cmd": "us"}
 
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
-        """The curve: that of the thrusters, so that their inverse gives the pulse width back."""
+        """The thrusters' curve, so that their inverse gives the pulse width back."""
         thrusters = setup.scenario.thrusters
         true, assumed = thrusters.curves() if isinstance(thrusters, Propeller) else (None, None)
         if true is None or assumed is None:

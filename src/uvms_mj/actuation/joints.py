@@ -361,7 +361,7 @@ class Velocity(Servo):
 
 @dataclasses.dataclass(frozen=True)
 class Position(Servo):
-    """Position interface: each joint follows a given position, by default that of the start."""
+    """Position interface: each joint follows a given position, by default its position at the start."""
 
     position_bandwidth: Positive = setting(40.0, "rad/s", "bandwidth omega_p of the position loop")
 

@@ -111,7 +111,7 @@ def lagged(settings, state, k, thrust) -> float:
 class Propeller(Thrusters):
     """Base class of the shipped thruster models. A derived class gives the static curves."""
 
-    efficiency: _Efficiency = setting(1.0, "1", "installed thrust over that of the curve")
+    efficiency: _Efficiency = setting(1.0, "1", "installed thrust over the curve's")
     assumed_efficiency: _Efficiency = setting(1.0, "1", "efficiency that the control system assumes")
     quantum: _Quantum = setting(0.0, "us or N", "step of the speed controller's command; 0: none")
     dead_band: _Quantum = setting(
@@ -146,7 +146,7 @@ class Propeller(Thrusters):
             raise InputError([Fault("thrusters.failed_fraction", wrong)])
 
     def curves(self) -> tuple[Curve | None, Curve | None]:
-        """The true curve and the one that the control system inverts, or None without one."""
+        """The true curve and the curve that the control system inverts, or None without one."""
         return None, None
 
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
@@ -214,7 +214,7 @@ class Propeller(Thrusters):
         proportional = true is None or (assumed is not None and assumed.same_as(true))
         error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
         if not proportional:
-            error = "the thrusters' curve is not the one that the control system assumes"
+            error = "the thrusters' curve differs from the one of the control system"
         return StaticThrust(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
 
     @staticmethod

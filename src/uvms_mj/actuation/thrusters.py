@@ -111,7 +111,7 @@ def interval(points, x, near) -> int:
 
 @kernel
 def interpolated(points, values, i, x) -> float:
-    """The value at x in the interval i, and that of the interval's nearer end if x is outside."""
+    """The value at x in the interval i; outside, the value of the interval's nearer end."""
     at = min(points[i + 1], max(points[i], x))
     return values[i] + (at - points[i]) * ((values[i + 1] - values[i]) / (points[i + 1] - points[i]))
 
@@ -131,7 +131,7 @@ def transfer_function(lag: str, time_constant: float) -> tuple[tuple[float, ...]
 def discrete(lag: str, time_constant: float, period: float) -> dict[str, np.ndarray]:
     """The matrices of x' = Phi x + Gamma f, y = C x for a command f that is held over ``period`` [s].
 
-    The states are those of the controllable form. The result is exact: Phi and Gamma are blocks of a matrix
+    The states have the controllable form. The result is exact: Phi and Gamma are blocks of a matrix
     exponential. Lags of a lower order than three have zeros in their last rows and columns.
     """
     from scipy.linalg import expm  # imported where it is used, because it takes long

@@ -384,7 +384,7 @@ def bench_tasks(as_json: bool) -> None:
 def bench_compare(first: str, second: str, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
-    Of each task: the draws that each law passes, those that one of them alone passes, the better law, by how many
+    Of each task: the draws that each law passes, the draws that one of them alone passes, the better law, by how many
     points of the share of draws, and the interval; "not resolved" if the interval has zero. Below it stands whether the
     comparison is valid, and why: other code is no fault where a law that is in both results has the same numbers.
 

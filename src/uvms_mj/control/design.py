@@ -73,7 +73,7 @@ def _named_once(links: "tuple[LinkEstimates, ...]") -> "tuple[LinkEstimates, ...
 
 @table(frozen=True, config=STRICT)
 class LinkEstimates:
-    """One table of ``[[estimates.links]]``: the factors of one link in place of those of ``[estimates]``."""
+    """One table of ``[[estimates.links]]``: the factors of one link in place of the factors of ``[estimates]``."""
 
     name: str
     inertia: PositiveFactor | None = None
@@ -110,7 +110,7 @@ INNER_TABLES = {"impedance.schedule": Change, "estimates.links": LinkEstimates}
 @dataclass(frozen=True, eq=False)
 class Design:
     """Constant matrices of a run, (6, 6) in the frame of the task unless another shape is given. Of a vehicle with
-    joints, the inertias are those of the initial posture."""
+    joints, the inertias belong to the initial posture."""
 
     M: np.ndarray
     """True inertia, added mass included; at a tool Lambda."""
@@ -150,7 +150,7 @@ class Design:
 
     def along_normal(self, inertia: np.ndarray, normal: np.ndarray | None = None) -> float:
         """Effective mass of an inertia (6, 6) along a normal (6,), with all other directions free [kg]; by default
-        along that of the wall."""
+        along the wall's."""
         inverse, n = _inertia(inertia.tobytes())[1], self.normal if normal is None else normal
         return 1.0 / float(n.dot(inverse).dot(n))
 
@@ -175,7 +175,7 @@ def wall_normal(quat_d: np.ndarray) -> np.ndarray:
 
 
 _remembered = functools.lru_cache(maxsize=8)
-"""A reset of a Simulation computes only the matrices that differ from those of the resets before."""
+"""A reset of a Simulation computes only the matrices that no reset before has computed."""
 
 
 @_remembered

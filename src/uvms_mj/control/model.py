@@ -41,7 +41,7 @@ from .task import tracking_errors
 
 
 def coefficients(vehicle: VehicleLike, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
-    """The fields of the record for :func:`model_wrenches`; ``factors`` of C, D and g are those of the estimates."""
+    """The fields of the record for :func:`model_wrenches`; ``factors`` are the factors of the estimated C, D and g."""
     coriolis, damping, restoring = (factors.coriolis, factors.damping, factors.restoring) if factors else (1.0,) * 3
     return {
         "M_RB": coriolis * vehicle.M_RB,
@@ -112,7 +112,7 @@ ROW = np.dtype(
     ],
     align=True,
 )
-"""Motion and water of one row of a log, and the wrenches that the law believes, and those that act."""
+"""Motion and water of one row of a log, the wrenches that the law believes, and the wrenches that act."""
 
 
 @kernel
@@ -144,7 +144,7 @@ class Truth(Stage):
 
 
 UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
-"""What the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
+"""Signals that the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The posture of a vehicle with joints: what is done with the motion that the task leaves free.
+"""The posture of a vehicle with joints: levels for the motion that the task leaves free.
 
 The kernel is :func:`uvms_mj.physics.operational.posture`. Gains are natural frequencies, so that the
 torques scale with the inertia that a level has.

@@ -35,7 +35,7 @@ class Engine(ABC):
         code: the kernel of its step, from the record of a run and two integers.
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
         water: the motion of the water in the record of the run.
-        qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, those of its free joint.
+        qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, of its free joint.
         closed: whether the engine can't step any more.
     """
 

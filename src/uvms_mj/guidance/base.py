@@ -143,7 +143,8 @@ def _rate_notes(stage: Guidance, setup: SetupLike) -> Iterator[str]:
 
 def samples(stage: Guidance, setup: SetupLike, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, while the vehicle stays at its initial pose. A
-    shipped stage is machine code for many instants, any other one plain Python. What the stage leaves unset is nan."""
+    shipped stage is machine code for many instants, any other one plain Python. A signal that the stage leaves unset is
+    nan."""
     initial, period = setup.initial, stage.period_in(setup.scenario)
     settings, given = stage.record(setup), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)

@@ -100,7 +100,7 @@ class FilteredSteps(Guidance):
         return self.waypoints[-1].position if self.waypoints else self.target
 
     def notes(self, setup: SetupLike) -> Iterable[str]:
-        if setup.scenario.task.frame != "body":  # whose attitude is that of a posture, not a choice
+        if setup.scenario.task.frame != "body":  # whose attitude follows from a posture, and is no choice
             yield from start_notes(self, setup)
         period = setup.scenario.control_period
         if self.bandwidth * period > _FASTEST:

@@ -78,13 +78,13 @@ def motion(
 ) -> dict[str, np.ndarray]:
     """The constants of :func:`.spline.follow` for a path through positions with attitudes [deg], the first of which
     is the start; with the dwell at each [s]. ``timing`` has the time at which the start is left, the speed V and the
-    acceleration a; ``keys`` are those of the poses after the start, for messages."""
+    acceleration a; ``keys`` name the poses after the start, in messages."""
     numbers = pose_numbers(positions, attitudes, keys)
     chords = np.linalg.norm(np.diff(numbers[:, :3], axis=0), axis=1)
     faults = [
         Fault(
             keys[i],
-            f"the position {list(positions[i + 1])} is that of the pose before it, or of the start: a path has "
+            f"the position {list(positions[i + 1])} is the position of the pose before it, or of the start: a path has "
             "no direction there; use reference.name = spline, or a dwell at the pose before it",
         )
         for i in np.flatnonzero(chords < _SHORTEST)

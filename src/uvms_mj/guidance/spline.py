@@ -58,7 +58,7 @@ class Followed(Guidance):
 
 def pose_numbers(positions: Sequence[Any], attitudes_deg: Sequence[Any], keys: Sequence[str]) -> np.ndarray:
     """(n, 7) positions and quaternions of n poses. Successive quaternions have the sign of the shorter rotation. Raises
-    InputError if one of them is too large; ``keys`` are those of the poses after the first."""
+    InputError if one of them is too large; ``keys`` name the poses after the first."""
     quats = [quat_from_euler_deg(*attitude) for attitude in attitudes_deg]
     for i in range(1, len(quats)):
         quats[i] = -quats[i] if quats[i] @ quats[i - 1] < 0.0 else quats[i]

@@ -75,7 +75,7 @@ def rotation_vector(start, end, out):
 def increments(given, quat_before, v_before_W, gravity_W, interval, turn, push):
     """Set the true increments of an interval [s] that ends now: turn (3,) [rad], the rotation vector, and push (3,)
     [m/s], the integral of the specific force in B at the beginning. quat_before (4,) and v_before_W (3,) are the
-    attitude and velocity there; they are set to those of now."""
+    attitude and velocity there; they are set to the present ones."""
     v_W, R_before = given.R_WB @ given.nu[:3], np.zeros((3, 3))
     rotation_vector(quat_before, given.quat_WB, turn)
     rotation(quat_before, R_before)
@@ -329,7 +329,7 @@ class Ekf(_ForceSensor):
     initial_position: Positive = setting(0.01, "m", "standard deviation of the first estimate's position")
     initial_velocity: Positive = setting(0.01, "m/s", "standard deviation of the first estimate's velocity")
     initial_attitude: Positive = setting(0.01, "rad", "standard deviation of the first estimate's attitude")
-    assumed_noise: Positive = setting(1.0, "1", "what the filter takes all standard deviations for, over the true ones")
+    assumed_noise: Positive = setting(1.0, "1", "standard deviations in the filter over the true ones")
 
     name = "ekf"
     every_step: ClassVar = True

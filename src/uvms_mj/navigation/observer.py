@@ -63,7 +63,7 @@ class Observer(Stage):
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
-        """As that of :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
+        """As in :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
         return None, 0.0
 
     def out_of_range(self, measured: Measurement) -> str:
@@ -79,7 +79,7 @@ class Observer(Stage):
 
 @dataclasses.dataclass(frozen=True)
 class NoObserver(Observer):
-    """No observer: the contact force is that of navigation's force sensor."""
+    """No observer: navigation's force sensor gives the contact force."""
 
     name = "none"
     runs: ClassVar[bool] = False

@@ -12,7 +12,7 @@ measures -f_s, the force of the tool on the vehicle, and drifts with the depth b
     f_m = f_c - m a - \kappa (z - z_0), \quad a = \dot v + \omega \times v + \dot\omega \times r
           + \omega \times (\omega \times r), \quad \tau_m = \tau_c - r \times m a.
 
-The tool's weight in water is taken as zero. The acceleration is that of the last time step, because that of the present
+The tool's weight in water is taken as zero. The acceleration is taken from the last time step, because the present
 one depends on the thrust that the measurement decides.
 
 Presets are classes with other defaults. They are read from ``presets.toml``, which has their sources.
@@ -61,7 +61,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 
 
 def channel_settings(*quantities: str, frame: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """The settings of channels: names, types and fields; ``frame`` replaces that of the quantities."""
+    """The settings of channels: names, types and fields; ``frame`` replaces the frame of the quantities."""
     for quantity in quantities:
         unit, where = QUANTITIES[quantity]
         where = frame or where
@@ -116,9 +116,9 @@ class Sensors(_Channels):
     """Sensors with rates, delays, noise, bias, drift, resolution, limits and lost samples; by default perfect."""
 
     mass_behind: Annotated[NonNegative, Lt(1e6)] = setting(
-        0.0, "kg", "inertia of what is behind the force sensor, the water that moves with it included"
+        0.0, "kg", "inertia of the parts behind the force sensor, the water that moves with them included"
     )
-    mass_behind_at: Vector3 = setting(_NONE, "m", "centre of what is behind the force sensor, in B")
+    mass_behind_at: Vector3 = setting(_NONE, "m", "centre of the parts behind the force sensor, in B")
     depth_drift: Axes = setting(_NONE, "N/m", "drift of the force per metre of depth below the start, in B")
 
     period: Step | None = shared(

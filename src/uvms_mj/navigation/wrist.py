@@ -8,10 +8,10 @@ them, which their inertia, the water and their weight need, less what a wall giv
     W = \sum_{behind} \big( M_{RB} a + C_{RB}(\nu) \nu + M_A a_r + C_A(\nu_r) \nu_r + D(\nu_r) \nu_r + g \big) - \tau_c
 
 in the sensor's frame S, about its origin; :math:`a_r` and :math:`\nu_r` are relative to the water. The accelerations
-are those of the last time step, because those of the present one depend on the torque that the measurement decides.
+are taken from the last time step, because the present ones depend on the torque that the measurement decides.
 
-The contact wrench that a law is given is what a model of the links behind the sensor leaves of the reading, from the
-measured state and the coefficients of ``[estimates]``:
+The contact wrench that a law is given is the reading without the share of a model of the links behind the sensor, from
+the measured state and the coefficients of ``[estimates]``:
 
 .. math:: \tau_c \approx W_{model} - W_m
 
@@ -71,7 +71,7 @@ def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part)
 
 @kernel
 def place_sensor(sensor, frame):
-    """Set the pose of the sensor in B from that of the link behind it."""
+    """Set the pose of the sensor in B from the pose of the link behind it."""
     compose_poses(frame.R_BL, frame.p_BL, sensor.R_LT, sensor.p_LT, sensor.R_BT, sensor.p_BT)
 
 
@@ -128,7 +128,7 @@ def modelled_wrench(run, instant, period, R_WB, nu):
 
 @kernel
 def contact_behind(wrist, R_WB, out):
-    """Set the measured contact force in W and the wrench at B of ``out`` to what the model leaves of the reading."""
+    """Set the measured contact force in W and the wrench at B of ``out`` to the reading without the model's share."""
     contact, tau = np.zeros(6), out.tau_contact_m_B  # contact: in S
     if wrist.weighs != 0:
         contact[:] = wrist.modelled
@@ -177,7 +177,7 @@ QUANTITIES = ("force", "moment")
 @dataclasses.dataclass(frozen=True)
 class Wrist(Stage):
     """Base class of all force and torque sensors in an arm. ``given`` has CLOCK and ``wrench_S`` (6,), the true wrench,
-    and reading (6,) is what the sensor reads."""
+    and reading (6,) is the sensor's."""
 
     site: str = setting(
         "", "-", "link behind the sensor, or a site on that link whose frame is S; S is else the link's"

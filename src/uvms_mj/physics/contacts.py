@@ -331,13 +331,14 @@ def place_carrier(run, carrier):
 
 @kernel
 def add_contact(run, pair, carrier, R_WC):
-    """Add the force of a contact to those of its frame, of the vehicle and of what acts without the solver."""
+    """Add the force of a contact to the forces of its frame and of the vehicle, and to the force that acts without the
+    solver."""
     true, plant, contact = run.true, run.plant, pair.contact
     true.f_springs_W += contact.f_W
     carrier.tau += contact.tau_B
     add_to_vehicle(run, carrier, contact.tau_B, true.tau_springs_B)
     f_W, tau_C = contact.f_W, contact.tau_B.copy()
-    if pair.solved != 0:  # what is left is the friction
+    if pair.solved != 0:  # the friction remains
         f_W = contact.f_tangential_W
         wrench_at_origin(R_WC, contact.arm_W, f_W, tau_C)
     if carrier.link == 0:
@@ -390,7 +391,7 @@ def force_of_step(run):
 
 @kernel
 def ride(carrier, p_WB, R_WB, nu):
-    """Set the pose of a carrier in W from that of B, and start its velocity with that of the base, nu (6,)."""
+    """Set the pose of a carrier in W from B's, and start its velocity with the base's, nu (6,)."""
     compose_poses(R_WB, p_WB, carrier.R_BC, carrier.p_BC, carrier.R_WC, carrier.p_WC)
     carrier.V[:] = nu
 

@@ -97,7 +97,7 @@ class Statics:
 
     @functools.cached_property
     def jacobians(self) -> np.ndarray:
-        """(n + 1, 6, 6 + n), those of the frames of all bodies."""
+        """(n + 1, 6, 6 + n), of the frames of all bodies."""
         return self._jacobians(self.p, self.R, self._bodies.carried)
 
     def _jacobians(self, p: np.ndarray, R: np.ndarray, carried: np.ndarray) -> np.ndarray:
@@ -115,7 +115,8 @@ class Statics:
         return np.concatenate([R_T @ J[:, :3], R_T @ J[:, 3:]], axis=1)
 
     def inertia(self, factors: Sequence[float] | None = None) -> np.ndarray:
-        """M(q) (6 + n, 6 + n), added mass and armature included, with a factor for that of each body."""
+        """M(q) (6 + n, 6 + n), added mass and armature included, with a factor for the added mass and inertia of each
+        body."""
         bodies, J = self._bodies, self.jacobians
         inertia, armature = bodies.M_RB + bodies.M_A, bodies.armature
         if factors is not None:
@@ -130,7 +131,7 @@ class Statics:
         return J @ np.linalg.solve(self.inertia(), J.T)
 
     def restoring(self, R_WB: np.ndarray, gravity_W: np.ndarray, factors: Sequence[float] | None = None) -> np.ndarray:
-        """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for those of each body."""
+        """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for each body."""
         g = gravity_W @ R_WB @ self.R  # in the links' axes
         wrenches = np.hstack([self._bodies.buoyant[:, None] * g, cross(g, self._bodies.lever)])
         return self._generalised(wrenches if factors is None else np.array(factors)[:, None] * wrenches)

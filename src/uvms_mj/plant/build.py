@@ -2,9 +2,9 @@
 
 The true vehicle has the coefficients of its file with the factors and offsets of the scenario's ``[vehicle]``, which
 change what moves in the water. The laws' estimates, the default M_d and the allocation keep the numbers of the file, as
-those of a control system keep the numbers of a data sheet. A payload is a point mass on the base or on a link that the
+a control system keeps the numbers of a data sheet. A payload is a point mass on the base or on a link that the
 laws do not know. It adds its mass to the rigid body, and the water that it displaces to the buoyancy. Added mass and
-drag stay those of the file.
+drag stay as in the file.
 
 The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised. The contact
 is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
@@ -250,7 +250,7 @@ class Plant:
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
     vehicle: Vehicle
-    """The true one: that of the MJCF with the factors of ``choice``."""
+    """The true one: the MJCF's with the factors of ``choice``."""
     geometry: Geometry
     """Shapes of the vehicle."""
     probe: Probe
@@ -330,7 +330,7 @@ def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
 
 
 def build(scenario: ScenarioLike, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
-    """The plant of a scenario, the contacts beside that of the probe and ``[wall]``, and the inertias of
+    """The plant of a scenario, the contacts beside the probe's with ``[wall]``, and the inertias of
     :func:`task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
     vehicle's file can't be used or is not physical, or the scenario does not fit it."""
     if not isinstance(mjcf, Mjcf | None):

@@ -1,6 +1,6 @@
 """The contacts of a scenario: which contact body of the vehicle can touch which wall.
 
-Without contact bodies and without a bumper, MuJoCo's contact pair is that of the probe and ``[wall]``
+Without contact bodies and without a bumper, MuJoCo's contact pair is the probe and ``[wall]``
 (:mod:`.build`), and the list has the probe in front of each of ``[[walls]]``. Otherwise the list has every contact. A
 capsule is a pair of spheres in front of a plane: its ends touch first.
 """
@@ -264,7 +264,7 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
     if bodies and scenario.bumper.stiffness is not None:
         yield Fault(
             "bumper.stiffness",
-            "is that of the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
+            "belongs to the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
         )
 
 

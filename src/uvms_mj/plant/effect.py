@@ -15,7 +15,7 @@ the water, the current and the thrusts::
             tau[0] = -settings.k * given.nu_r[0]
 
 It acts at B, or with ``at`` in the frame of a link or of a site of the vehicle: then pose, velocities and wrench are
-those of this frame, about its origin and in its axes, and the joints carry their part of it.
+in this frame, about its origin and in its axes, and the joints carry their part of it.
 
 It acts from its instant t_k on, as all forces of a step do; by default it has an instant at each time step. It may have
 states. A scenario lists effects, ``effects = [{name = "my_effect.py:Brush", k = 30.0}]``. Each wrench is a signal of
@@ -96,7 +96,7 @@ class Effect(Stage):
 
 @kernel
 def at_frame(run, frame, given):
-    """Set pose and velocity of what an effect is given, B's, to those of a CARRIER record."""
+    """Set pose and velocity in an effect's record, which are B's, to a CARRIER record's."""
     place_carrier(run, frame)
     given.p_WB[:], given.R_WB[:], given.nu[:] = frame.p_WC, frame.R_WC, frame.nu
     attitude(frame.R_WC, given.quat_WB)

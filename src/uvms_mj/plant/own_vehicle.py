@@ -190,7 +190,7 @@ def copied(origin: str, mjcf_path: Path, name: str, thrusters: Sequence[Thruster
     """The files of a copy of a vehicle, the main one ``NAME.xml`` first.
 
     Args:
-        origin: what it is a copy of, for its texts.
+        origin: the original, for its texts.
         mjcf_path: the vehicle's file.
         name: of the copy, of its body and of its file.
         thrusters: in place of its own; empty: its own.
@@ -208,7 +208,7 @@ def copied(origin: str, mjcf_path: Path, name: str, thrusters: Sequence[Thruster
     if thrusters:
         _replace_thrusters(trees, main, name, old, thrusters)
     _mark(trees, main, name, origin, table if thrusters else "")
-    said = f"  Its thrusters are those of {table}.\n" if thrusters else ""
+    said = f"  Its thrusters come from {table}.\n" if thrusters else ""
     prolog = re.split(rb"<mujoco\b", files[main], maxsplit=1)[0].decode("utf-8-sig", errors="replace")
     prolog = re.sub(r"<\?xml.*?\?>", "", prolog).strip()
     head = _HEAD.format(name=name, origin=origin, thrusters=said)
@@ -338,7 +338,7 @@ def _motor(thruster: Thruster) -> Element:
 
 
 def _mark(trees: Mapping[str, Element], main: str, name: str, origin: str, table: str) -> None:
-    """Say in the texts of a vehicle that it is a changed copy, whose source and licence are those of the original."""
+    """Say in the texts of a vehicle that it is a changed copy, whose source and licence are the original's."""
     texts = {e.get("name"): e for e in _every(trees) if e.tag == "text"}
     changed = f"changed copy of {origin}" + (f", thrusters of {table}" if table else "")
     marks = {"description": f"{name}, {changed}", "trust": f"{changed}; the original"}

@@ -1,5 +1,5 @@
 """Settings of a plant: the vehicle, its simulation, its initial state, walls, contact bodies and the bumper.
-:mod:`.water` has those of the water."""
+:mod:`.water` has the settings of the water."""
 
 import dataclasses
 import itertools
@@ -174,7 +174,7 @@ class Payload:
 @dataclass(frozen=True, config=STRICT)
 class VehicleChoice:
     """The vehicle's file, and factors that make the true vehicle differ from it. The laws do not know the factors: the
-    estimates are those of the file times ``[estimates]``, and so are the default M_d and the allocation."""
+    estimates are the file's times ``[estimates]``, and so are the default M_d and the allocation."""
 
     model: str = doc("MJCF file of the vehicle, or the name of a built-in model", "bluerov1")
     mass: PositiveFactor = doc("true mass and rigid-body inertia over the file's, unknown to the laws [1]", 1.0)
@@ -281,7 +281,7 @@ def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
 def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
     """Least effective mass in any direction at spheres of a radius [m] about centres (n, 3) in B [kg].
 
-    M is the inertia (6, 6), added mass included. The points are those of the spheres along the axes of B.
+    M is the inertia (6, 6), added mass included. The points are the ends of the spheres along the axes of B.
     """
     inverse, masses = np.linalg.inv(M), []
     for centre in centres_B:

@@ -1,4 +1,4 @@
-"""What a run is refused for, and what it is warned of, before it begins.
+"""Checks before a run begins: errors that refuse it, and warnings.
 
 **The wall.** Symplectic Euler with a step h is stable for a mass m on a spring k and a damper b if h^2 k/m + 2 h b/m <
 4. Well below this limit the forces are accurate. With w = sqrt(k/m), the relative error of peak force and rebound is
@@ -62,7 +62,7 @@ class Direction(NamedTuple):
     contacts: int = 0
 
     def source(self, word: str, default: str) -> str:
-        """Where the number comes from, if it is not that of the key."""
+        """Where the number comes from, if it is not the key's."""
         given = self.prefix == "" or getattr(self.wall, self.prefix + word) is not None
         together = " with all contacts and bumpers" if self.contacts else ""
         return f"{together}{'' if given else f' (by default {default})'}"
@@ -167,7 +167,7 @@ def directions(setup: Setup) -> Iterator[Direction]:
 _FAR = 0.1
 """Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""
 _NEAR = 0.7
-"""Share of its speed limit from which a joint is near it: the estimate is that of small motions."""
+"""Share of its speed limit from which a joint is near it: the estimate holds for small motions."""
 _SAMPLES, _SAMPLED_S = 100, 0.1
 """Number of velocities of the reference for this estimate, and the time between them [s]."""
 
@@ -409,7 +409,7 @@ def _effect_notes(setup: Setup) -> Iterator[str]:
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
     own = OwnEffects(effects, setup)
     if not effects or setup.not_rigid or own.not_in_the_loop(setup):
-        return  # what is not known is said of the loop
+        return  # another note says so of the loop
     if (longest := own.longest_step(setup)) < h:
         yield (
             f"the time step of {h:g} s does not resolve {own.names}, by slopes at rest: a motion grows and changes its "
@@ -540,7 +540,7 @@ def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[F
 CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
     *(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),
 )
-"""The errors of a run beside those of its stages."""
+"""The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),

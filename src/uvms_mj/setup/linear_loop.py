@@ -324,7 +324,7 @@ class _Loop:
         waiting = [[old[i : i + w] for i in range(0, len(old), w)] for old, w in zip(registers, _WIDTHS, strict=True)]
 
         def arrived(which: int, fresh: np.ndarray) -> np.ndarray:
-            """The sample that is read at step k, of those that wait and the one of step k."""
+            """The sample that is read at step k, of the waiting samples and the sample of step k."""
             line, samples = self.lines[which], waiting[which]
             if line.taken[k]:
                 samples.insert(0, fresh)

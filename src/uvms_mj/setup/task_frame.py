@@ -16,7 +16,7 @@ from ..stages.setup import SetupLike
 
 
 def task_start(scenario: Scenario, nominal: Vehicle) -> Initial:
-    """The initial pose of the frame of the task: that of B, or of the tool, whose velocity is left out."""
+    """The initial pose of the frame of the task, B or the tool, whose velocity is left out."""
     initial = scenario.initial
     if scenario.task.frame == BODY:
         return initial

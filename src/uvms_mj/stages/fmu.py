@@ -2,7 +2,7 @@
 
 A parameter is a setting, in the unit and the range that the FMU declares. An input is an entry of a signal that the
 stage is given, and an output an entry of what it sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by
-the setting ``variables``. They are exchanged as they are: a variable that declares another unit than that of SI is
+the setting ``variables``. They are exchanged as they are: a variable that declares another unit than SI's is
 refused, and a number out of the range that it declares ends the run.
 """
 
@@ -221,7 +221,7 @@ class OfUnit:
             yield Fault(f"{room.table}.period", f"{period:g} s: the FMU takes steps of {step:g} s only")
 
     def wiring(self: Any, records: Records, faults: list[Fault]) -> Wiring:
-        """The wiring of the FMU for these records, with what is wrong in ``faults``."""
+        """The wiring of the FMU for these records; errors are appended to ``faults``."""
         room, table = self.room, self.room.table
         named = dict(self.variables or {})
         known = {each.name for each in self.unit.description.modelVariables}

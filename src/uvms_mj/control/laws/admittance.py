@@ -28,7 +28,7 @@ class Admittance(Controller):
             + \hat C \nu + \hat D \nu + \hat g, \qquad \dot\xi_a = k_i (\tilde\eta - \eta_a)
 
     eta_a and nu_a are the offset that the force causes, in B. The inner loop does not use the force, so the wall acts
-    on both impedances, the desired one and that of the inner loop, in series. After Siciliano, Sciavicco, Villani and
+    on both impedances, the desired one and the inner loop's, in series. After Siciliano, Sciavicco, Villani and
     Oriolo (2009, Robotics: Modelling, Planning and Control, ch. 9).
     """
 

@@ -26,7 +26,7 @@ class Pid(Controller):
         \tau = \hat g(\eta) - K_f F_d - K_d \tilde\eta - D_d \tilde\nu - \xi, \qquad
         \dot\xi = k_i K_d \tilde\eta, \quad |\xi_i| \le limit_i
 
-    K_d and D_d are those of [impedance]. Without the integral it is stiffness control after Salisbury (1980, Active
+    K_d and D_d come from [impedance]. Without the integral it is stiffness control after Salisbury (1980, Active
     stiffness control of a manipulator in Cartesian coordinates); PD control with compensation of gravity is after
     Takegaki and Arimoto (1981).
     """

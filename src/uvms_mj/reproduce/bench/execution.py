@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 
 TUNED = "tuned"
-"""Folder of the studies with tuned gains, in that of their law."""
+"""Folder of the studies with tuned gains, in the folder of their law."""
 
 
 @dataclass(frozen=True)

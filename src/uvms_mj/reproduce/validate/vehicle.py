@@ -40,7 +40,7 @@ HEIGHT = CENTRE_OF_BUOYANCY[2]
 ADDED_MASS = (6.36, 7.12, 18.69, 0.186, 0.135, 0.222)
 LINEAR, QUADRATIC = (4.03, 6.22, 5.18, 0.07, 0.07, 0.07), (18.18, 21.66, 36.99, 1.55, 1.55, 1.55)
 MOUNT = (0.25, -0.10965, 0.005)
-"""The arm's frame in B; its axes are those of B."""
+"""The arm's frame in B; its axes are B's."""
 TUBE, TUBE_AT = 0.202, (-0.075, -0.006, -0.003)
 """Displaced mass of the tube that carries the arm [kg], and its centre in the arm's frame."""
 WEIGHTS = (
@@ -64,7 +64,7 @@ STATIC = "hydrostatics alone"
 
 @dataclass(frozen=True)
 class Variant:
-    """A model of the vehicle: what is done with the added mass and the drag of its links, one of :data:`VARIANTS`, or
+    """A model of the vehicle: its treatment of the added mass and the drag of its links, one of :data:`VARIANTS`, or
     :data:`STATIC`, and the height of the centre of buoyancy [m]."""
 
     links: str = "as is"
@@ -73,7 +73,7 @@ class Variant:
 
 @functools.cache
 def model() -> mujoco.MjModel:
-    """The model of the rigid bodies. Joint damping is that of the servos; the gears have no friction."""
+    """The model of the rigid bodies. The servos give the joint damping; the gears have no friction."""
     spec = mujoco.MjSpec.from_file(str(shipped("models")[ARM_OF]))
     spec.option.timestep = TIMESTEP
     spec.compiler.discardvisual = True

@@ -228,7 +228,8 @@ _POWER = re.compile(r"\^(-?\d+)")
 
 
 def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
-    """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and 95 %.
+    """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5 and 95
+    %.
 
     The columns have two heads: the quantity with its unit, and the number. ``metrics`` are names of kept metrics;
     default: the first three that vary. Raises InputError for an unknown one.
