@@ -141,8 +141,3 @@ class Autopilot(Pwm):
     states: ClassVar = {"pwm_cmd": "thrusters", "frame": 1}
     start_values: ClassVar = {"pwm_cmd": NEUTRAL_US}
     units: ClassVar = {"pwm_cmd": "us", "frame": "1"}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, u):
-        for k in range(u.shape[0]):
-            u[k] = thrust_of(settings.command, settings.thrust, state, k)
