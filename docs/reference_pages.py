@@ -97,7 +97,7 @@ OWN_GROUPS = {
 GROUPS = {
     "CLOCK": "Given to every stage.",
     "MEASURED": "The measurements, set by the sensors (navigation).",
-    "TRUE": "Given to the sensors: the truth of the instant. `nu_dot` and `tau` are those of the last step.",
+    "TRUE": "Given to the sensors: the truth of the instant. `nu_dot` and `tau` belong to the last step.",
     "REFERENCE": "The desired motion, set by guidance.",
     "ERRORS": "Measurement minus reference.",
     "ESTIMATES": "The controller's model of the vehicle.",

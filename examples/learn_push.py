@@ -35,7 +35,7 @@ WALLS = [  # the [[vary]] of a study: what an episode draws, and the policy can'
 SHORT = {"simulation.timestep": 1e-3, "simulation.duration": 7.0, "reference.step_time": 0.0}
 RATE, T_I = 100.0, 0.5  # Hz, s
 SIZES = (12, 64, 64, 6)
-PAIRS, BEST = 16, 8  # perturbations of a generation, and those that decide its step
+PAIRS, BEST = 16, 8  # perturbations of a generation, and how many decide its step
 STEP, NOISE = 0.01, 0.03  # of the first generation
 LEAST = 0.1  # of both at the end, times those at the beginning
 

@@ -13,7 +13,7 @@ VEHICLES = {"bluerov2_heavy": 0.5, "lauv": -0.5}  # y at the start [m]
 
 
 def world() -> mujoco.MjModel:
-    """A model with both vehicles. The prefix keeps their names apart, those of their coefficients too."""
+    """A model with both vehicles. The prefix keeps their names apart, the names of their coefficients, too."""
     spec = mujoco.MjSpec()
     for name, y in VEHICLES.items():
         vehicle = mujoco.MjSpec.from_file(str(shipped("models")[name]))

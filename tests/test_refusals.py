@@ -202,7 +202,7 @@ REFUSED = [
     ("bumper: damping needs stiffness", "bumper.damping=3.0"),
     (
         "vehicle.contact_bodies[0].end: contact of a capsule with a box, walls[0], is not computed … "
-        "bumper.stiffness: is that of the probe … walls[0].stiffness: 1e+10 N/m",
+        "bumper.stiffness: belongs to the probe … walls[0].stiffness: 1e+10 N/m",
         wall(shape="box", position=[1.5, 0, 0], edges=[1.0, 1.0, 1.0], stiffness=1e10)
         | {"vehicle.contact_bodies": [{"position": [0.2, 0, 0], "end": [0.2, 0.1, 0], "radius": 0.05}]}
         | {"wall.present": False, "bumper.stiffness": 1e3},

@@ -82,7 +82,7 @@ SHOWN = {
 """The test that shows a row: its file and its name."""
 NOT_SHOWN = {
     "task of Contact-10": "none is added",
-    "table, or column, of a page of results": "each page has a test of its own tables",
+    "section, table, or column, of a page of results": "each page has a test of its own tables",
     "table that another command prints": "each command has a test of its own table",
 }
 """Rows without a test of their own, and the reason."""

@@ -22,7 +22,7 @@ const DEFAULTS = Object.fromEntries(DATA.keys.map(({ key, value }) => [key, valu
 const TOLD_MS = 100; // time between two readings of a number
 const LAWS = { gsta: "GSTA", fosm: "FOSM", impedance: "Impedance" };
 const ABOUT = {
-  gsta: "Generalised super-twisting rejects the unknown current: at rest the force is that of the desired impedance.",
+  gsta: "Generalised super-twisting rejects the unknown current: at rest the force is as the desired impedance demands.",
   fosm: "First-order sliding mode keeps s inside its boundary layer ε: at rest a small part of the current's wrench is left.",
   impedance: "Impedance control does not reject the unknown current: the vehicle may stop short of the wall.",
 };

@@ -114,7 +114,7 @@ function wall(ink, width, height, paint, face, y, depth) {
   ink.stroke();
 }
 
-// The BlueROV1 in metres of its body frame: x forward, z up. The places are those of its MJCF file.
+// The BlueROV1 in metres of its body frame: x forward, z up. The places come from its MJCF file.
 function vehicle(ink, paint) {
   const box = (x, z, a, b, colour) => ((ink.fillStyle = colour), ink.fillRect(x - a, z - b, 2 * a, 2 * b));
   const tube = (x, z, a, r, colour) => {

@@ -45,7 +45,7 @@ class InputError(ValueError):
         super().__init__(text)
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows: the message, for the place of bad input is in it."""
+        """A notebook shows the message, for the place of bad input is in it."""
         return [f"{type(self).__name__}: {self}"]
 
 
@@ -143,7 +143,7 @@ def faults_of(
             idle = "has no effect with the other keys of its table; leave it out"
             message = idle if word in known else f"no such key; {suggestion(word, known)}"
         elif item["type"] == "missing" and isinstance(item["loc"][-1], str):
-            message = _SENTENCES["missing"]  # the value is that of the table around it
+            message = _SENTENCES["missing"]  # the value is the table around it
         elif isinstance(item["input"], Mapping | ArgsKwargs) and item["type"] == "value_error":
             message = _sentence(item)  # of several keys of the table
         elif item["type"] in ("tuple_type", "list_type") and key in (choices or {}):

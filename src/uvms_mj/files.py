@@ -1,4 +1,4 @@
-"""Files: those that the package ships, TOML read in bounded time, Python source, and atomic writing."""
+"""Files: files that the package ships, TOML read in bounded time, Python source, and atomic writing."""
 
 import ast
 import contextlib

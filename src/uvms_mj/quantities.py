@@ -136,7 +136,7 @@ _COMMON = [n for n in range(15, 361, 15) if n % 30 == 0 or n % 45 == 0]
 
 
 def radians_notes(tables: Mapping[str, Any]) -> list[str]:
-    """A note for each key in degrees, one that ends in ``_deg``, whose numbers are all those of common angles in
+    """A note for each key in degrees, one that ends in ``_deg``, whose numbers are all common angles in
     radians, with at least two decimals: 1.57 for 90 degrees."""
     found: dict[str, list[float]] = {}
     for key, value in leaves(tables):

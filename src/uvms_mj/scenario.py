@@ -101,7 +101,7 @@ class Scenario:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The stages that run: the task, if the law uses it, and those of the tables and lists that name them."""
+        """The stages that run: the task, if the law uses it, and the stages that tables and lists name."""
         task = (self.task,) if self.controller.uses_task else ()
         return tuple(stage for stage in (*task, *self.named_stages.values()) if stage.runs)
 
@@ -158,7 +158,7 @@ class Scenario:
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``;
-                a warning names those that are left out. What every stage of a table has stays: the period of the
+                a warning names the gains that are left out. What every stage of a table has stays: the period of the
                 table, ``controller.delay`` and ``reference.attitude_deg`` belong to the loop.
         """
         path = toml_path(scenario, "scenario", "scenarios")

@@ -113,7 +113,7 @@ REFUSED = {
     ),
     "of a welded body": (
         {"water": WATER + numeric("hand.displaced_mass", 1.0), "inside": '<body name="hand"/>'},
-        "hand.displaced_mass: body 'hand' has no joint: its water is part of that of 'arm', which carries it",
+        "hand.displaced_mass: body 'hand' has no joint: its water is part of the water of 'arm', which carries it",
     ),
     "speed of a link": (
         {"water": WATER + numeric("arm.speed_limit", 1.0)},
@@ -154,7 +154,7 @@ REFUSED = {
             "inside": HAND,
             "water": WATER + FIST,
         },
-        "geom 'rod': of body 'arm' would collide with those of body 'hand'; write contype=\"0\"",
+        "geom 'rod': of body 'arm' would collide with geoms of body 'hand'; write contype=\"0\"",
     ),
 }
 

@@ -391,7 +391,7 @@ def test_no_force_is_demanded_along_several_normals():
         assert np.isnan(demanded_force(trace.scenario))
         assert NUMBERS["force_error_N"].of(trace) is None
         assert "expected" not in dict(expected_forces(trace))
-        with pytest.raises(InputError, match=r"^push: force_d: .* without it, it is the one that the scenario"):
+        with pytest.raises(InputError, match=r"^push: force_d: .* without it, the scenario"):
             push.Push(trace.scenario)
         push.Push(trace.scenario, force_d=1.5)
     assert "expected" in dict(expected_forces(run({"simulation.duration": 0.01})))

@@ -1,5 +1,5 @@
 """Actuation: the thrusts and the joints' torques. :mod:`uvms_mj.actuation.base` has the contract of an allocation,
-:mod:`uvms_mj.actuation.thrusters` that of a thruster model, and :mod:`uvms_mj.actuation.joints` that of a joint
+:mod:`uvms_mj.actuation.thrusters` the contract of a thruster model, and :mod:`uvms_mj.actuation.joints` that of a joint
 interface."""
 
 from .allocation import Constrained, Weighted

@@ -1,18 +1,17 @@
 r"""Allocations that know costs, weights and limits of the thrusters.
 
-Allocation by a weighted pseudoinverse: less thrust from a thruster that is costly or weak.
-
-Of all thrusts with :math:`B u = \tau_{cmd}` it takes those with the least :math:`u^\top W u`, a generalised inverse
-(Fossen 2021, sec. 11.2):
+**Weighted pseudoinverse.** A thruster that is costly or weak gets less thrust. Of all thrusts with :math:`B u =
+\tau_{cmd}` the allocation takes the ones with the least :math:`u^\top W u`, a generalised inverse (Fossen 2021, sec.
+11.2):
 
 .. math:: u = W^{-1} B^\top (B W^{-1} B^\top)^{-1} \tau_{cmd}
 
-Allocation to the nearest wrench that the thrusters reach within their limits.
+**Constrained.** The thrusters are given the nearest wrench that they reach within their limits:
 
 .. math:: \min_u \; |W (B u - \tau_{cmd})|^2 + \epsilon |u|^2, \qquad u_{min} \le u \le u_{max}
 
-W has the weights of the six axes. Where no limit binds, the result is that of the weighted least squares with the least
-thrust, :math:`\epsilon = 0`. Where one binds, :math:`\epsilon` is 1e-6 of the largest eigenvalue of
+W has the weights of the six axes. Where no limit binds, the result is the weighted least squares with the least thrust,
+:math:`\epsilon = 0`. Where one binds, :math:`\epsilon` is 1e-6 of the largest eigenvalue of
 :math:`B^\top W^2 B`, and an active-set method solves the problem: free thrusters are solved for, one that would leave
 its limits is held at them, and one whose limit costs most is freed. The problem is strictly convex, so the method
 ends at the solution.
@@ -32,6 +31,7 @@ from ..physics.linear_algebra import backward, cholesky, forward
 from ..physics.spanned_axes import pseudoinverse, spanning
 from ..quantities import Number, of_length, within
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .base import Actuation
 
 _Weight = Annotated[Number, within(1e-3, 1e3, "")]
@@ -61,7 +61,7 @@ class Weighted(Actuation):
         root = np.sqrt(np.array(self.weights or (1.0,) * B.shape[1]))
         return pseudoinverse(B, columns=root)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {"inverse": self.inverse(setup.nominal.B)}
 
     @staticmethod
@@ -89,7 +89,7 @@ class Constrained(Actuation):
     def inverse(self, B: np.ndarray) -> np.ndarray:
         return pseudoinverse(B, rows=np.array(self.weights))
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         B, n = setup.nominal.B, setup.nominal.B.shape[1]
         if n > MOST_THRUSTERS:
             wrong = f"constrained is for at most {MOST_THRUSTERS} thrusters; the vehicle has {n}"

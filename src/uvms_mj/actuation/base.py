@@ -14,6 +14,7 @@ from ..physics.kernels import kernel
 from ..physics.spanned_axes import pseudoinverse
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import actuation_given, thruster_signal
 from .propeller import NEUTRAL_US, PULSE_WIDTHS_US, Propeller
 from .thrusters import interpolated, interval
@@ -111,8 +112,8 @@ class Pwm(Actuation):
     start_values: ClassVar = {"pwm_cmd": NEUTRAL_US}
     units: ClassVar = {"pwm_cmd": "us"}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The curve: that of the thrusters, so that their inverse gives the pulse width back."""
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
+        """The thrusters' curve, so that their inverse gives the pulse width back."""
         thrusters = setup.scenario.thrusters
         true, assumed = thrusters.curves() if isinstance(thrusters, Propeller) else (None, None)
         if true is None or assumed is None:
@@ -140,8 +141,3 @@ class Autopilot(Pwm):
     states: ClassVar = {"pwm_cmd": "thrusters", "frame": 1}
     start_values: ClassVar = {"pwm_cmd": NEUTRAL_US}
     units: ClassVar = {"pwm_cmd": "us", "frame": "1"}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, u):
-        for k in range(u.shape[0]):
-            u[k] = thrust_of(settings.command, settings.thrust, state, k)

@@ -1,14 +1,15 @@
 r"""Joint interfaces, stages that set the torques of the joints' motors: their contract, torque, velocity and position;
 and the motions that they follow.
 
-A motion is a table over time, in a scenario or in a CSV file. It is made of segments, polynomials of third order that
-are held before the first and after the last time. Linear interpolation has straight segments. Cubic interpolation is
-the cubic spline with zero velocity at both ends, so that velocity and acceleration are continuous in between.
+**Motion.** A motion is a table over time, in a scenario or in a CSV file. It is made of segments, polynomials of third
+order that are held before the first and after the last time. Linear interpolation has straight segments. Cubic
+interpolation is the cubic spline with zero velocity at both ends, so that velocity and acceleration are continuous in
+between.
 
 Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.physics.tree.deliverable` says.
 
-The velocity loop is a PI controller with the bandwidth :math:`\omega_v`, for the inertia I that the motor feels while
-all other joints and the vehicle are free, at the start:
+**Velocity.** The velocity loop is a PI controller with the bandwidth :math:`\omega_v`, for the inertia I that the motor
+feels while all other joints and the vehicle are free, at the start:
 
 .. math::
 
@@ -21,7 +22,7 @@ b and the Coulomb friction :math:`\tau_c`, below the speed :math:`v_s` in propor
 
 .. math:: \tau_g = \sigma (b v + \tau_c \max(-1, \min(1, v / v_s)))
 
-The position loop around it is proportional, with feed-forward of the given velocity,
+**Position.** The position loop around it is proportional, with feed-forward of the given velocity,
 
 .. math:: v = \dot q_d + \omega_p (q_d - q_m), \qquad |v| \le \dot q_{max}
 
@@ -47,6 +48,7 @@ from ..physics.kernels import kernel
 from ..physics.tree import deliverable
 from ..quantities import STRICT, Lowercase, Number, Positive, Step, Time, within
 from ..stages.base import Room, Stage, setting, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import joint_torque_signal, joints_given
 
 MOST_TIMES = 100_000
@@ -184,16 +186,16 @@ class Joints(Stage):
         counts="joints",
     )
 
-    def resolved(self, setup: Any) -> Joints:
+    def resolved(self, setup: SetupLike) -> Joints:
         """The interface that a run uses: itself."""
         return self
 
-    def target_at(self, setup: Any, t: float) -> np.ndarray | None:
+    def target_at(self, setup: SetupLike, t: float) -> np.ndarray | None:
         """The value (n,) that the interface makes the signal :attr:`tracked_signal` have at the time t [s]; None if it
         follows nothing that is known before the run."""
         return None
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:
             yield Fault("joints.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
 
@@ -229,7 +231,7 @@ FASTEST = 2.0
 _SOURCES = ("target", "motion", "motion_file")
 
 
-def at_body(setup: Any) -> bool:
+def at_body(setup: SetupLike) -> bool:
     """Whether the law commands a wrench on the body, and no joint torques."""
     return setup.scenario.task.frame == "body"
 
@@ -262,11 +264,11 @@ class Servo(Joints):
         if len(given) > 1:
             raise InputError([Fault(given[1], f"is given beside {given[0]}; give one of them")])
 
-    def at_start(self, setup: Any) -> np.ndarray:
+    def at_start(self, setup: SetupLike) -> np.ndarray:
         """The value (n,) where no target and no motion is given."""
         raise NotImplementedError
 
-    def given_motion(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+    def given_motion(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         """Times (m,) of the run [s] and values (m, n) of the given motion, one time and value if it is constant. Raises
         InputError if a file can't be read."""
         if self.motion_file is not None:
@@ -278,13 +280,13 @@ class Servo(Joints):
             times, values = np.zeros(1), np.array([self.at_start(setup) if self.target is None else self.target])
         return times + self.motion_start, values
 
-    def target_at(self, setup: Any, t: float) -> np.ndarray:
+    def target_at(self, setup: SetupLike, t: float) -> np.ndarray:
         motion = segments(*self.given_motion(setup), self.interpolation)
         begins, c = motion["begins"], motion["coefficients"]
         n = segment_at(begins, t)
         return np.array([value_at(begins, c, n, j, t) for j in range(c.shape[2])])
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         yield from super().faults(setup)
         joints = setup.vehicle.arm.joints
         if not joints:
@@ -311,11 +313,11 @@ class Servo(Joints):
         else:
             yield from self.out_of_range(setup, reached)
 
-    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+    def out_of_range(self, setup: SetupLike, values: np.ndarray) -> Iterator[Fault]:
         """Errors for values (m, n) of the given motion that no joint can reach."""
         return iter(())
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The gains K_v (n,), and the motion as :func:`.motion.segments`."""
         links = setup.nominal.arm.links
         return {
@@ -345,7 +347,7 @@ class Velocity(Servo):
     name = "velocity"
     tracked_signal: ClassVar = "q_dot"
 
-    def at_start(self, setup: Any) -> np.ndarray:
+    def at_start(self, setup: SetupLike) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))
 
     @staticmethod
@@ -359,22 +361,22 @@ class Velocity(Servo):
 
 @dataclasses.dataclass(frozen=True)
 class Position(Servo):
-    """Position interface: each joint follows a given position, by default that of the start."""
+    """Position interface: each joint follows a given position, by default its position at the start."""
 
     position_bandwidth: Positive = setting(40.0, "rad/s", "bandwidth omega_p of the position loop")
 
     name = "position"
 
-    def at_start(self, setup: Any) -> np.ndarray:
+    def at_start(self, setup: SetupLike) -> np.ndarray:
         return setup.initial_joints
 
-    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+    def out_of_range(self, setup: SetupLike, values: np.ndarray) -> Iterator[Fault]:
         key = next((f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())), "initial.joints")
         for link, low, high in zip(setup.vehicle.arm.links, values.min(axis=0), values.max(axis=0), strict=False):
             if wrong := link.out_of_range(low if low < link.range[0] else high, _SLACK):
                 yield Fault(key, wrong)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {**super().constants(setup), "omega_p": self.position_bandwidth}
 
     @staticmethod
@@ -395,8 +397,8 @@ class Auto(Joints):
     name = "auto"
     runs: ClassVar[bool] = False
 
-    def resolved(self, setup: Any) -> Joints:
+    def resolved(self, setup: SetupLike) -> Joints:
         return Position(period=self.period) if at_body(setup) else Torque(period=self.period)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return self.resolved(setup).constants(setup)

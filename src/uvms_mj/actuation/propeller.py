@@ -16,13 +16,10 @@ The commanded thrust of a thruster passes these elements in order, each of which
 
 A failed thruster keeps the command of its last good instant, or a fraction of its thrust.
 
-A thruster with every setting spelt out.
-
-The T200 thruster of Blue Robotics at a battery's voltage.
-
-``t200.toml`` has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the pulse width
-of the speed controller's command, on a test stand. Between two voltages the thrust is interpolated linearly at equal
-pulse width.
+:class:`General` has every setting spelt out. :class:`T200` is the thruster of Blue Robotics at a battery's
+voltage: ``t200.toml`` has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the
+pulse width of the speed controller's command, on a test stand. Between two voltages the thrust is interpolated linearly
+at equal pulse width.
 """
 
 from __future__ import annotations  # so that help(Propeller) shows short type names
@@ -45,6 +42,7 @@ from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Positive, Time, within
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .thrusters import Curve, StaticThrust, Thrusters, discrete, interpolated, interval, mean_delay, wrong_points
 
 _Efficiency = Annotated[Number, within(1e-3, 10.0, "")]
@@ -113,7 +111,7 @@ def lagged(settings, state, k, thrust) -> float:
 class Propeller(Thrusters):
     """Base class of the shipped thruster models. A derived class gives the static curves."""
 
-    efficiency: _Efficiency = setting(1.0, "1", "installed thrust over that of the curve")
+    efficiency: _Efficiency = setting(1.0, "1", "installed thrust over the curve's")
     assumed_efficiency: _Efficiency = setting(1.0, "1", "efficiency that the control system assumes")
     quantum: _Quantum = setting(0.0, "us or N", "step of the speed controller's command; 0: none")
     dead_band: _Quantum = setting(
@@ -148,10 +146,10 @@ class Propeller(Thrusters):
             raise InputError([Fault("thrusters.failed_fraction", wrong)])
 
     def curves(self) -> tuple[Curve | None, Curve | None]:
-        """The true curve and the one that the control system inverts, or None without one."""
+        """The true curve and the curve that the control system inverts, or None without one."""
         return None, None
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         n = len(setup.vehicle.thrusters)
         if self.failed > n:
             wrong = f"{self.failed}: the vehicle has {n} thrusters"
@@ -177,7 +175,7 @@ class Propeller(Thrusters):
             "failed": self.failed - 1.0,
         }
 
-    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+    def command_limits(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         low, high = super().command_limits(setup)
         true, assumed = self.curves()
         ends = assumed.thrust if assumed is not None else true.command if true is not None else None
@@ -191,7 +189,7 @@ class Propeller(Thrusters):
     def lag_model(self, period: float) -> Mapping[str, np.ndarray] | None:
         return None if self.lag == "none" else discrete(self.lag, self.time_constant, period)
 
-    def at_rest(self, setup: Any) -> StaticThrust | str:
+    def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"
@@ -216,7 +214,7 @@ class Propeller(Thrusters):
         proportional = true is None or (assumed is not None and assumed.same_as(true))
         error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
         if not proportional:
-            error = "the thrusters' curve is not the one that the control system assumes"
+            error = "the thrusters' curve differs from the one of the control system"
         return StaticThrust(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
 
     @staticmethod

@@ -16,6 +16,7 @@ from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, TRUE, Signal, thruster_signal, thrusters_given
 
 
@@ -110,7 +111,7 @@ def interval(points, x, near) -> int:
 
 @kernel
 def interpolated(points, values, i, x) -> float:
-    """The value at x in the interval i, and that of the interval's nearer end if x is outside."""
+    """The value at x in the interval i; outside, the value of the interval's nearer end."""
     at = min(points[i + 1], max(points[i], x))
     return values[i] + (at - points[i]) * ((values[i + 1] - values[i]) / (points[i + 1] - points[i]))
 
@@ -130,7 +131,7 @@ def transfer_function(lag: str, time_constant: float) -> tuple[tuple[float, ...]
 def discrete(lag: str, time_constant: float, period: float) -> dict[str, np.ndarray]:
     """The matrices of x' = Phi x + Gamma f, y = C x for a command f that is held over ``period`` [s].
 
-    The states are those of the controllable form. The result is exact: Phi and Gamma are blocks of a matrix
+    The states have the controllable form. The result is exact: Phi and Gamma are blocks of a matrix
     exponential. Lags of a lower order than three have zeros in their last rows and columns.
     """
     from scipy.linalg import expm  # imported where it is used, because it takes long
@@ -195,11 +196,11 @@ class Thrusters(Stage):
         """Set u (n,) and state_dot from settings, state and given."""
         raise NotImplementedError
 
-    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+    def command_limits(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest thrust (n,) that the allocation may command [N]."""
         return setup.vehicle.u_min, setup.vehicle.u_max
 
-    def at_rest(self, setup: Any) -> StaticThrust | str:
+    def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         """The thrust for a constant command, or the reason why it is not known."""
         return "closed forms are known for the shipped thruster models only"
 
@@ -225,7 +226,7 @@ class IdealThrusters(Thrusters):
         if self.period is not None:
             raise InputError([Fault("thrusters.period", "ideal thrusters have no period; choose thrusters.name")])
 
-    def at_rest(self, setup: Any) -> StaticThrust:
+    def at_rest(self, setup: SetupLike) -> StaticThrust:
         return StaticThrust(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))
 
 
@@ -239,11 +240,11 @@ class Inflow(Stage):
         "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
     )
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of the thrusters [s]."""
         return scenario.thrusters.period_in(scenario)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         B = setup.vehicle.B
         return {"columns": (B * B[:3].any(axis=0)).T}
 

@@ -42,7 +42,7 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     0.1 %, and by its :func:`trend` less than 0.1 % is still to come.
 
     Both are computed from every step, at any log rate. For a run that stopped early, the window is the last 0.5 s of
-    its rows. The mean is still that of every step; the force has settled if no row in the window, with its band,
+    its rows. The mean still counts every step; the force has settled if no row in the window, with its band,
     differs from it. A run that diverged, or that has no 0.5 s, has not settled.
     """
     mean, spread, lasted = _final_window(trace)
@@ -152,7 +152,7 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
     None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
-    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled.
+    end of the run. The time is the time of a row. A force that leaves the band between two rows has not settled.
     """
     final, settled = final_force(trace)
     if not final or not settled:

@@ -30,8 +30,8 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
               - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
 
-    Accelerations, and steps between rows, are not sampled. Their integrals come from differences between rows: that of
-    nu_dot is the change of nu_e, that of the normal force the running impulse, that of nu_e the displacement. These
+    Accelerations, and steps between rows, are not sampled. Their integrals come from differences between rows: of
+    nu_dot it is the change of nu_e, of the normal force the running impulse, of nu_e the displacement. These
     three are exact even if s changes its sign at every step. The sum over steps contains nu at the beginning of each
     step, while the vehicle moves with nu at its end (correction h nu) and the reference with the mean of both
     (correction h/2 nu_d). eta_e and the rotation of B are integrated over rows by the trapezoidal rule: at rest any log
@@ -124,7 +124,8 @@ class Experienced:
         rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]. They are means between rows, so
             that faster changes need a log with more rows. varphi is continuous at an impact, because it depends on nu
             and not on the contact force. Its rate is largest there, like nu_dot.
-        doubt: (6,) ratio of the largest rate of all rows to that of every second row, at least 1; 1 for a log of every
+        doubt: (6,) ratio of the largest rate of all rows to the largest rate of every second row, at least 1; 1 for a
+        log of every
             step. It estimates by how much the true rate may be larger. Verdicts use the rate times this factor.
         contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_given) [m/s^2, rad/s^2]. A law that holds its command for
             longer than a time step also holds the contact force. The difference is a disturbance, but it jumps at each

@@ -335,7 +335,7 @@ NUMBERS: Mapping[str, Number] = {
     "course.least_N": _course(_push("least"), "least push in each sixtieth of the run, at every step"),
     "course.greatest_N": _course(_push("greatest"), "greatest push in each sixtieth of the run, at every step"),
 }
-"""The numbers of a run, by their place in its summary; the order is that of the rows of a study."""
+"""The numbers of a run, by their place in its summary; the rows of a study have the same order."""
 COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
 """The push over time, for figures."""
 

@@ -27,7 +27,7 @@ STOPPING = tuple(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
 )
-"""The signals that stop a command: Ctrl-C, SIGTERM and that of a closed terminal, unless nohup ignores it."""
+"""The signals that stop a command: Ctrl-C, SIGTERM, and the signal of a closed terminal, unless nohup ignores it."""
 
 
 class Stop:
@@ -215,7 +215,7 @@ def ended(trace: "Trace") -> int:
 
 
 def warn(message: object, *_: Any, **__: Any) -> None:
-    """Print a warning as one line. The further arguments are those that Python gives its hook for warnings."""
+    """Print a warning as one line. Python gives its hook for warnings the further arguments."""
     click.echo(f"warning: {printable(str(message))}", err=True)
 
 
@@ -257,7 +257,7 @@ class Listing:
         columns: the heads; none for a table of names and values.
         rows: the cells, as texts or as rich has them.
         notes: texts below the rows.
-        right, fixed: the columns that are aligned to the right, and those that do not wrap.
+        right, fixed: the columns that are aligned to the right, and the columns that do not wrap.
         width: least width in characters.
         ruled: whether there is a line between two rows.
     """
@@ -334,7 +334,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
 def print_verdicts(
     title: str, heads: Sequence[str], rows: "Sequence[Row]", cells: "Callable[[Row, str], tuple[str, ...]]"
 ) -> None:
-    """Print claims with their verdicts; ``cells`` gives those of a row, from its value as text."""
+    """Print claims with their verdicts; ``cells`` gives the cells of a row, from its value as text."""
     from rich.text import Text
 
     from ..studies.pages import number

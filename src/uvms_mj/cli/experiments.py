@@ -10,6 +10,7 @@ import click
 from .common import Listing, Resumed, Stop, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
 from .folders import folder_for, move_aside
 from .options import (
+    OneOrNone,
     asked_for,
     command,
     json_option,
@@ -251,15 +252,6 @@ def _errors_of_the_pool(found: dict[str, Any]) -> None:
 validate.add_command(pool)
 
 
-class _Commands(click.Group):
-    """``bench compare`` and ``bench tasks``; every other first word is a law."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
-        if args and args[0] in self.commands:
-            return super().make_context(info_name, args, parent, **extra)
-        return run_bench.make_context(info_name, args, parent, **extra)
-
-
 @command(
     epilog="Exit status: 0 every law has its rows, also where it fails, 2 bad input or no space, 130 interrupted (143 "
     "SIGTERM, 129 SIGHUP)."
@@ -349,9 +341,12 @@ def _draws_passed(found: "Mapping[str, Any]") -> None:
             click.echo(printable(f"- {law['label']} can't run {where}: {why}"))
 
 
-@click.group(cls=_Commands, short_help="Measure laws on ten tasks of contact, the same for everybody.")
+@click.group(cls=OneOrNone, short_help="Measure laws on ten tasks of contact, the same for everybody.")
 def bench() -> None:
     """Measure laws on Contact-10, or look at its tasks and results."""
+
+
+bench.otherwise = run_bench
 
 
 @command("tasks")
@@ -384,7 +379,7 @@ def bench_tasks(as_json: bool) -> None:
 def bench_compare(first: str, second: str, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
-    Of each task: the draws that each law passes, those that one of them alone passes, the better law, by how many
+    Of each task: the draws that each law passes, the draws that one of them alone passes, the better law, by how many
     points of the share of draws, and the interval; "not resolved" if the interval has zero. Below it stands whether the
     comparison is valid, and why: other code is no fault where a law that is in both results has the same numbers.
 

@@ -145,7 +145,7 @@ def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: boo
 
 def _header(description: Path, out: str | None, vehicle: str | None, force: bool) -> str:
     """Write the header of a description, for the thrusters and joints of a vehicle. Returns its line. Raises InputError
-    if there is that of another stage."""
+    if another stage's is there."""
     from ..errors import InputError
     from ..files import atomic_write
     from ..plant.mjcf import Mjcf

@@ -31,6 +31,18 @@ class _Command(click.Command):
 
 command = functools.partial(click.command, cls=_Command)
 
+
+class OneOrNone(click.Group):
+    """A group whose command ``otherwise`` is meant where the first word is no command of the group."""
+
+    otherwise: click.Command
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
+        if args and args[0] in self.commands:
+            return super().make_context(info_name, args, parent, **extra)
+        return self.otherwise.make_context(info_name, args, parent, **extra)
+
+
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
     *("-s", "--set", "settings"),
@@ -117,6 +129,15 @@ def number(option: str, text: str, unit: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise InputError(f"{option} {text}: must be from {low:g} to {high:g} {unit}")
     return value
+
+
+def set_by_option(overrides: dict[str, Any], key: str, value: Any, option: str) -> None:
+    """Set a key that has an option of its own, unless ``value`` is None. Raises InputError if it is also set to another
+    value."""
+    from ..errors import InputError
+
+    if value is not None and overrides.setdefault(key, value) != value:
+        raise InputError(f"{key}: is given twice, {overrides[key]!r} and {option} {value}")
 
 
 def asked_for(

@@ -140,7 +140,7 @@ def _from_log(
 
 
 def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
-    """Warn of code of stages and of versions that are not those of a log."""
+    """Warn of code of stages and of versions that differ from a log's."""
     from ..records.header import StageSource, versions
 
     for name, then in header.sources.items():
@@ -242,8 +242,8 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dic
 def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario, str]":
     """Scenario and engine of a run of a study, by the study's folder and the run's row.
 
-    The engine is that of the row, or of a run that is not done yet the one that the study would choose. Of the files
-    that the study names only those of the row are imported, and only if they have not changed. Warns if the code has
+    The row names the engine; for a run that is not done yet the study chooses it. Of the files that the study names
+    only the row's are imported, and only if they have not changed. Warns if the code has
     changed. Raises InputError if there is no such run, or one of its files has changed, which is a warning if a law,
     another stage or the vehicle is named anew.
     """
@@ -299,7 +299,7 @@ def _engine_of(folder: Path, row: int) -> str:
     return found[0] if found else ""
 
 
-@command(epilog="Exit status: that of uvms-mj run; Ctrl-C ends the session, and its log is whole.")
+@command(epilog="Exit status: as of uvms-mj run; Ctrl-C ends the session, and its log is whole.")
 @scenario_argument
 @set_option
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
@@ -333,7 +333,7 @@ def sitl(
     """Be the physics of an ArduSub: its pulse widths move a vehicle in our water, in lockstep.
 
     The plant owns time: it steps when the autopilot has sent a frame, and the autopilot's clock follows the plant's.
-    Wall, current, sensors and thrusters are those of the scenario. The log has the pulse widths and the numbers of
+    The scenario has wall, current, sensors and thrusters. The log has the pulse widths and the numbers of
     the frames.
 
     \b

@@ -22,6 +22,7 @@ from .common import (
 )
 from .folders import folder_for
 from .options import (
+    OneOrNone,
     asked_for,
     command,
     force_option,
@@ -30,6 +31,7 @@ from .options import (
     output_options,
     path_argument,
     path_option,
+    set_by_option,
     workers_option,
 )
 from .plot import figure_files, figure_options, inches
@@ -37,15 +39,6 @@ from .plot import figure_files, figure_options, inches
 if TYPE_CHECKING:
     from ..studies.pool.execution import Estimate
     from ..studies.study import Study
-
-
-class _Commands(click.Group):
-    """``study report DIR``, ``plot``, ``table`` and ``list``; every other first word is the study to run."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
-        if args and args[0] in self.commands:
-            return super().make_context(info_name, args, parent, **extra)
-        return run_study.make_context(info_name, args, parent, **extra)
 
 
 @command(
@@ -125,10 +118,7 @@ def _chosen(
     name, overrides = asked_for(arguments, settings, "study")
     if name is None:
         raise InputError("name a study: a TOML file, one of `uvms-mj study list`, or the folder of one that ran")
-    if engine is not None:
-        if overrides.get("run.engine", engine) != engine:
-            raise InputError(f"run.engine: is given twice, {overrides['run.engine']!r} and --engine {engine}")
-        overrides["run.engine"] = engine
+    set_by_option(overrides, "run.engine", engine, "--engine")
     study = Study.load(name, overrides)
     return study, Path(out) if out is not None else study.folder or Path("runs", study.plan.name)
 
@@ -145,9 +135,12 @@ def pool_of(scheduler: str | None, workers: int | None) -> "contextlib.AbstractC
     return executor_of(None, workers, scheduler)
 
 
-@click.group(cls=_Commands, short_help="Run a study: many runs with laws to compare and keys that vary.")
+@click.group(cls=OneOrNone, short_help="Run a study: many runs with laws to compare and keys that vary.")
 def study() -> None:
     """Run a study, or look at one."""
+
+
+study.otherwise = run_study
 
 
 @study.command("list")

@@ -9,7 +9,7 @@ import click
 
 from .common import EXIT_ENGINES_DIFFER, Listing, Resumed, bad_input, draw_to_files, printable
 from .folders import folder_for
-from .options import asked_for, command, output_options, path_option, workers_option
+from .options import asked_for, command, output_options, path_option, set_by_option, workers_option
 from .study import duration, engines_differ, finite, pool_of
 
 if TYPE_CHECKING:
@@ -96,10 +96,7 @@ def _chosen(
     name, overrides = asked_for(arguments, settings, "tuning")
     if name is None:
         raise InputError("name a tuning: a TOML file, or the folder of one that was interrupted")
-    if trials is not None:
-        if overrides.get("tune.trials", trials) != trials:
-            raise InputError(f"tune.trials: is given twice, {overrides['tune.trials']!r} and --trials {trials}")
-        overrides["tune.trials"] = trials
+    set_by_option(overrides, "tune.trials", trials, "--trials")
     tuning = Tuning.load(name, overrides)
     given = Path(name) if Path(name).is_dir() else Path("runs", tuning.name)
     return tuning, given if out is None else Path(out)

@@ -39,7 +39,7 @@ WRITTEN_OUT = 216
 which take a fifth of the time to compile, and none longer to run."""
 _ONLY_READ = "NumPy gives a view here that is only read; write .copy()"
 _BLOCK, _LANES = 128, 8
-"""NumPy sums up to 128 numbers in eight partial sums, and halves what is longer."""
+"""NumPy sums up to 128 numbers in eight partial sums, and halves longer arrays."""
 
 
 class Arrays(Scalars):
@@ -279,7 +279,7 @@ class Arrays(Scalars):
 
     @contextmanager
     def refused_by_numpy(self) -> Iterator[None]:
-        """What NumPy refuses, of arrays like those of the function, the function's author has to change."""
+        """If NumPy refuses it, too, for arrays like the function's, the function's author has to change it."""
         try:
             yield
         except (ValueError, TypeError, IndexError) as error:
@@ -311,7 +311,7 @@ class Arrays(Scalars):
         return out
 
     def _spread(self, out: Value, places: np.ndarray, value: Value, order: np.ndarray) -> None:
-        """Set entries of a new array, by their numbers, to those of a value."""
+        """Set entries of a new array, by their numbers, to the entries of a value."""
         base, sizes, strides = out.kind.base, value.kind.sizes, value.kind.strides
         if out.kind.size <= self.unit.unrolled:
             for place, number in zip(places, order, strict=True):

@@ -212,7 +212,7 @@ def _elementwise(count: int, function: Callable[..., Value], of_numpy: Any) -> C
 
 
 def _agree(at: Arrays, function: Any, given: list[np.dtype], found: np.dtype) -> None:
-    """Refuse what is of another type than NumPy's."""
+    """Refuse a type that is not NumPy's."""
     with np.errstate(all="ignore"):
         try:
             wanted = function(*(np.ones(1, base) for base in given)).dtype

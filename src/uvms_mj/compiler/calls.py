@@ -40,7 +40,7 @@ Type = np.dtype
 def entry(*functions: Any, method: str = "") -> Callable[[Callable], Callable]:
     """Mark what writes the code of a call of these functions; of a method, too, the first one's.
 
-    Its parameters are those of the call, after ``at``, which writes, with NumPy's names. One that has a default may be
+    Its parameters are the call's, with NumPy's names, after ``at``, which writes. One that has a default may be
     left out, or None.
     """
 

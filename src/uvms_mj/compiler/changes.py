@@ -28,7 +28,7 @@ class Changes:
 
 
 def changes_of(function: types.FunctionType) -> Changes:
-    """What the functions in a function's file, and in that of its global names, change. A file that can't be read
+    """What the functions in a function's file, and in the files of its global names, change. A file that can't be read
     changes nothing."""
     found = Changes()
     for file in sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))}):

@@ -32,7 +32,7 @@ class Module:
             A function then returns 0, or a number that says why and where it ended early (:mod:`.refusals`).
         intrinsics: functions with code of their own, which get their arguments as integers, an array by its address.
         instead: functions that others replace.
-        own: functions of the project in place of those of the C library, by their names in C.
+        own: functions of the project in place of the C library's, by their names in C.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
         library: prefix of the target's names for the functions of the C library.

@@ -278,7 +278,7 @@ class Expressions(Forms):
         return out
 
     def unified(self, values: Sequence[Value]) -> Kind:
-        """The one kind of several values of which one is taken. Refuses those of different kinds."""
+        """The one kind of several values of which one is taken. Refuses values of different kinds."""
         kinds = [value.kind for value in values]
         if all(kind.is_number for kind in kinds):
             if {kind.base for kind in kinds} == {BOOL, INT}:

@@ -44,7 +44,7 @@ from .values import (
 )
 
 MISSING = object()
-"""What a name stands for that is not known when compiling."""
+"""The value of a name that is not known when compiling."""
 MOST_TURNS = 256
 """A loop of up to so many turns may be written out, with those around it, and is not looked at for an interrupt."""
 LIST = Form(list)
@@ -117,7 +117,7 @@ class Forms(Arrays):
         return known
 
     def _present(self, name: str) -> Value:
-        """What a local name stands for, without code for numbers and arrays."""
+        """The value of a local name, without code for numbers and arrays."""
         if name in self.constants and name in self.assigned:
             return self.constants[name]
         its = self.kind_of_name(name)

@@ -56,7 +56,7 @@ class Loop:
 
 @dataclass
 class Iteration:
-    """What a loop runs over: the number of turns, and the value of the variable at each. ``apart``: the values have
+    """The range of a loop: the number of turns, and the value of the variable at each. ``apart``: the values have
     kinds of their own, so the turns are written out."""
 
     n: ir.Value
@@ -66,7 +66,7 @@ class Iteration:
 
 @dataclass(frozen=True)
 class _Said:
-    """What the tree of a function says, whatever its arguments are.
+    """Facts about a function that its tree tells, whatever its arguments are.
 
     Attributes:
         lists: names that stand for a list or a dict that it makes.
@@ -676,7 +676,7 @@ class Function(Lifetimes):
             self.constants[target.id] = value
 
     def iteration(self, node: ast.expr) -> Iteration:
-        """What a loop runs over: a range, an array, a tuple, enumerate or zip of them."""
+        """The range of a loop: a range, an array, a tuple, enumerate or zip of them."""
         known = self.known(node.func) if isinstance(node, ast.Call) else None
         if isinstance(node, ast.Call) and known is range:
             start, stop, step = self._range(node)

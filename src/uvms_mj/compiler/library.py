@@ -277,7 +277,7 @@ def convolve_full(a, v):
 
 
 def part_of_convolution(n, m, mode):
-    """The first number and the size of what a mode takes of a whole convolution."""
+    """The first number and the size of the part of a whole convolution that a mode takes."""
     most, least = max(n, m), min(n, m)
     return {"full": (0, n + m - 1), "same": ((least - 1) // 2, most), "valid": (least - 1, most - least + 1)}[mode]
 

@@ -56,7 +56,7 @@ def _names_in(target: ast.expr | None) -> Iterator[str]:
 
 
 def _changed(statement: ast.stmt) -> Iterator[str]:
-    """Names of what a statement changes in place."""
+    """Names of the objects that a statement changes in place."""
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
         function = statement.value.func
         if isinstance(function, ast.Attribute) and function.attr in ("append", "extend", "insert", "reverse"):
@@ -73,7 +73,7 @@ class Again(Exception):
 
 @dataclass
 class Plan:
-    """What is known of a function from translating it before.
+    """Knowledge of a function from translating it before.
 
     Attributes:
         kinds: of the names that are bound to values of several kinds.

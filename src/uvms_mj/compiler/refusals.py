@@ -1,4 +1,4 @@
-"""What the compiler refuses, with file, line and the words of the source; and the numbers by which a checked function
+"""Refusals of the compiler, with file, line and the words of the source; and the numbers by which a checked function
 says why and where it ended early."""
 
 import types

@@ -27,6 +27,7 @@ from pydantic import Field
 from ..errors import Fault
 from ..quantities import Number, Step, Vector6, refusing, repeated, within
 from ..stages.base import Room, Stage, setting, shared
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
 if TYPE_CHECKING:
@@ -111,10 +112,10 @@ class Controller(Stage):
         """Set tau_cmd (6,) and state_dot from gains, state and signals."""
         raise NotImplementedError
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {**super().constants(setup), "delay": None}  # not the law's
 
-    def at_rest(self, setup: Any) -> float | str | SteadyState:
+    def at_rest(self, setup: SetupLike) -> float | str | SteadyState:
         """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
 
         It gives the pushing force on the wall [N], the whole state, or a text with the reason why there is no closed
@@ -122,12 +123,12 @@ class Controller(Stage):
         """
         return "no closed form is known for this law"
 
-    def notes(self, setup: Any) -> Iterable[str]:
+    def notes(self, setup: SetupLike) -> Iterable[str]:
         """Theory of the law: warnings for a run with these settings, given before the first step. A law may override
         it."""
         return ()
 
-    def certificate(self, setup: Any) -> Certificate | None:
+    def certificate(self, setup: SetupLike) -> Certificate | None:
         """Theory of the law: the rate of disturbance that the gains certainly reject, or None. A law may override
         it."""
         return None
@@ -165,17 +166,17 @@ class Delay(Stage):
     room: ClassVar[Room] = Room("control", "delay", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
-    def steps(scenario: Any) -> tuple[int, int, int]:
+    def steps(scenario: ScenarioLike) -> tuple[int, int, int]:
         """Time steps of the control period, of the delay, and of their greatest common divisor, the stage's period."""
         h = scenario.simulation.timestep
         period, delay = round(scenario.control_period / h), round(scenario.controller.delay / h)
         return period, delay, math.gcd(period, delay)
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The greatest common divisor of the control period and the delay [s]."""
         return self.steps(scenario)[2] * scenario.simulation.timestep
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The control period and the delay in periods of the stage."""
         period, delay, own = self.steps(setup.scenario)
         return {"control": period / own, "delay": delay / own}
@@ -191,7 +192,7 @@ class Delay(Stage):
             out[:] = state.queue[(given.instant - delay) // control % (MOST_WAITING + 1)]
 
 
-def delay_faults(scenario: Any) -> Iterator[Fault]:
+def delay_faults(scenario: ScenarioLike) -> Iterator[Fault]:
     """Errors in the computation delay: it is a multiple of the time step, and not too many control periods long."""
     h, delay = scenario.simulation.timestep, scenario.controller.delay
     if delay is None:
@@ -225,5 +226,5 @@ class Udp(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         pass
 
-    def at_rest(self, setup: Any) -> str:
+    def at_rest(self, setup: SetupLike) -> str:
         return "the law runs in another process"

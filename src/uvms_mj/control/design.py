@@ -27,6 +27,7 @@ from ..quantities import (
     doc,
     within,
 )
+from ..stages.setup import ScenarioLike
 from .task import Change, in_order
 
 
@@ -72,7 +73,7 @@ def _named_once(links: "tuple[LinkEstimates, ...]") -> "tuple[LinkEstimates, ...
 
 @table(frozen=True, config=STRICT)
 class LinkEstimates:
-    """One table of ``[[estimates.links]]``: the factors of one link in place of those of ``[estimates]``."""
+    """One table of ``[[estimates.links]]``: the factors of one link in place of the factors of ``[estimates]``."""
 
     name: str
     inertia: PositiveFactor | None = None
@@ -109,7 +110,7 @@ INNER_TABLES = {"impedance.schedule": Change, "estimates.links": LinkEstimates}
 @dataclass(frozen=True, eq=False)
 class Design:
     """Constant matrices of a run, (6, 6) in the frame of the task unless another shape is given. Of a vehicle with
-    joints, the inertias are those of the initial posture."""
+    joints, the inertias belong to the initial posture."""
 
     M: np.ndarray
     """True inertia, added mass included; at a tool Lambda."""
@@ -124,7 +125,7 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray, M_hat: np.ndarray) -> "Design":
+    def of(cls, scenario: ScenarioLike, M: np.ndarray, nominal: np.ndarray, M_hat: np.ndarray) -> "Design":
         """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle,
         of its file and of the estimates. Raises InputError if M_d is not symmetric positive definite, or D_d is not
         dissipative."""
@@ -149,7 +150,7 @@ class Design:
 
     def along_normal(self, inertia: np.ndarray, normal: np.ndarray | None = None) -> float:
         """Effective mass of an inertia (6, 6) along a normal (6,), with all other directions free [kg]; by default
-        along that of the wall."""
+        along the wall's."""
         inverse, n = _inertia(inertia.tobytes())[1], self.normal if normal is None else normal
         return 1.0 / float(n.dot(inverse).dot(n))
 
@@ -174,7 +175,7 @@ def wall_normal(quat_d: np.ndarray) -> np.ndarray:
 
 
 _remembered = functools.lru_cache(maxsize=8)
-"""A reset of a Simulation computes only the matrices that differ from those of the resets before."""
+"""A reset of a Simulation computes only the matrices that no reset before has computed."""
 
 
 @_remembered
@@ -266,7 +267,7 @@ def _frozen(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     return arrays
 
 
-def demanded_force(scenario: Any, k_c: float | None = None) -> float:
+def demanded_force(scenario: ScenarioLike, k_c: float | None = None) -> float:
     r"""The pushing force on a wall at rest that the desired impedance demands, for any disturbance [N].
 
     With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n in B,

@@ -35,15 +35,17 @@ from ..physics.tree import (
     multiply,
     whole,
 )
+from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, TRUTH, WRENCH_COMMAND
 from .base import Delay
 from .design import Estimates
 from .task import tracking_errors
 
 
-def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
-    """The fields of the record for :func:`model_wrenches`; ``factors`` of C, D and g are those of the estimates."""
+def coefficients(vehicle: VehicleLike, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
+    """The fields of the record for :func:`model_wrenches`; ``factors`` are the factors of the estimated C, D and g."""
     coriolis, damping, restoring = (factors.coriolis, factors.damping, factors.restoring) if factors else (1.0,) * 3
     return {
         "M_RB": coriolis * vehicle.M_RB,
@@ -168,7 +170,7 @@ ROW = np.dtype(
     ],
     align=True,
 )
-"""Motion and water of one row of a log, and the wrenches that the law believes, and those that act."""
+"""Motion and water of one row of a log, the wrenches that the law believes, and the wrenches that act."""
 
 
 @kernel
@@ -190,7 +192,7 @@ class Truth(Stage):
     name = "truth"
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {**coefficients(setup.vehicle, setup.gravity_W), "M": setup.design.M}
 
     @staticmethod
@@ -200,7 +202,7 @@ class Truth(Stage):
 
 
 UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
-"""What the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
+"""Signals that the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,7 @@ class ModelAtBody(Stage):
     name = "model_at_body"
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Number of control instants from one estimate of the inertia to the next."""
         return {"every": max(1, round(setup.scenario.task.inertia_period / setup.scenario.control_period))}
 
@@ -288,7 +290,7 @@ class ResolveAtBody(Stage):
     name = "resolve_at_body"
     room: ClassVar[Room] = Room("control", "resolution", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period at which a command arrives [s]."""
         return scenario.control_period if scenario.controller.delay is None else Delay().period_in(scenario)
 

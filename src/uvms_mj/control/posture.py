@@ -1,4 +1,4 @@
-"""The posture of a vehicle with joints: what is done with the motion that the task leaves free.
+"""The posture of a vehicle with joints: levels for the motion that the task leaves free.
 
 The kernel is :func:`uvms_mj.physics.operational.posture`. Gains are natural frequencies, so that the
 torques scale with the inertia that a level has.
@@ -23,6 +23,7 @@ from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
 from ..quantities import STRICT, Angles, Number, Position, Step, doc, refusing, within
 from ..stages.base import Room, Stage
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, Signal
 
 LEVELS = ("attitude", "station", "joints")
@@ -63,7 +64,7 @@ class Posture:
     )
 
 
-def posture_constants(setup: Any) -> dict[str, Any]:
+def posture_constants(setup: SetupLike) -> dict[str, Any]:
     """The settings of the kernel :func:`uvms_mj.physics.operational.posture`, from the run's Setup."""
     given, initial = setup.scenario.posture, setup.scenario.initial
     frequency = np.array([getattr(given, f"{level}_frequency") for level in LEVELS])
@@ -83,7 +84,7 @@ def posture_constants(setup: Any) -> dict[str, Any]:
     }
 
 
-def posture_faults(setup: Any) -> Iterator[Fault]:
+def posture_faults(setup: SetupLike) -> Iterator[Fault]:
     """Errors of ``[posture]`` that need the vehicle and the interface of its joints."""
     given, links = setup.scenario.posture, setup.nominal.arm.links
     if not links:
@@ -107,7 +108,7 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
             yield Fault(f"posture.joints[{k}]", wrong)
 
 
-def posture_notes(setup: Any) -> Iterator[str]:
+def posture_notes(setup: SetupLike) -> Iterator[str]:
     """Notes on levels that have no freedom left in the initial posture."""
     given, arm = setup.scenario.posture, setup.nominal.arm
     if not arm.links or not type(setup.interface).torque_controlled:
@@ -144,12 +145,12 @@ class PostureBelowTool(Stage):
         (Signal("tau_posture", (0,), "N, N m", "B", "wrench on the base and torques of the joints"),),
     )
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """``posture.period`` in whole control periods [s]."""
         control = scenario.control_period
         return control * max(1, round(scenario.posture.period / control))
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return posture_constants(setup)
 
     @staticmethod

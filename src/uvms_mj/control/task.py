@@ -1,8 +1,7 @@
 r"""The impedance task, and what changes its matrices on the way: a schedule, and the natural inertia.
 
-The stages before the law: tracking errors, and the impedance task, which most laws share.
-
-The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
+**Task.** Most laws share the tracking errors and the impedance task. The paper's eqs. (14), (15), (21) and (23) share
+one term, the acceleration of the desired impedance,
 
 .. math::
 
@@ -19,15 +18,12 @@ eq. (21), eq. (15) becomes
 where :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices. The nominal control (23) becomes
 :math:`\hat M (\dot\nu_d - w) - \tau_c + \hat C \nu + \hat D \nu + \hat g`.
 
-A hybrid of force and motion over time: K_f and F_d of the generalised impedance, eq. (7), by a schedule.
+**Schedule.** A hybrid of force and motion over time has K_f and F_d of eq. (7) by a schedule. From the time of an entry
+on, K_f and F_d go to its values within its ramp, along :math:`10 x^3 - 15 x^4 + 6 x^5`, so that their first two
+derivatives are continuous. Without a schedule they are constants, and this stage does not exist.
 
-From the time of an entry on, K_f and F_d go to its values within its ramp, along :math:`10 x^3 - 15 x^4 + 6 x^5`, so
-that their first two derivatives are continuous. Without a schedule they are constants, and this stage does not exist.
-
-The natural inertia as the desired one, ``impedance.M_d = "natural"``: classical impedance control without a force.
-
-With M_d = M_hat the contact force cancels in the nominal control (23), as in the paper's eq. (4) with Lambda_des =
-Lambda:
+**Natural inertia.** With ``impedance.M_d = "natural"`` the task is classical impedance control without a force. With
+M_d = M_hat the contact force cancels in the nominal control (23), as in the paper's eq. (4) with Lambda_des = Lambda:
 
 .. math:: \tau_{nom} = \hat M \dot\nu_d + \hat C \nu + \hat D \nu + \hat g - K_d \tilde\eta - D_d \tilde\nu
     + (K_f - I) \tau_c - K_f F_d.
@@ -58,6 +54,7 @@ from ..physics.kernels import kernel
 from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import CLOCK, IMPEDANCE, SCHEDULED, TASK, TASK_GIVEN
 from .base import Diagonal
 
@@ -96,7 +93,7 @@ class ImpedanceTask(Stage):
                 raise InputError([fault], "the gains of the task")
             object.__setattr__(self, "A", (0.0,) * 6)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         own = {"M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
         return {**super().constants(setup), "frame": None, "inertia_period": None, **own}
 
@@ -198,7 +195,7 @@ class Schedule(Stage):
     name = "schedule"
     room: ClassVar[Room] = Room("control", "impedance", lambda thrusters: CLOCK, SCHEDULED)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Times (n,), infinite for entries that are not given, and ramps (n,) [s]; values (n + 1, 12) of K_f and F_d
         before the first entry and after each."""
         impedance = setup.scenario.impedance
@@ -238,7 +235,7 @@ class NaturalInertia(Stage):
     name = "natural_inertia"
     room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """Damping ratio; number of control instants from one D_d to the next, or 0 if D_d is given."""
         scenario = setup.scenario
         impedance = scenario.impedance

@@ -2,7 +2,7 @@
 
 The autopilot sends the pulse widths of a frame; the plant takes the steps of the frame and answers with what the
 sensors measure and with its time, by which the autopilot's clock advances. A frame that is repeated gets the same
-answer again, and no second step. Formats and their quirks are those of ArduPilot's SIM_JSON; its frames are north,
+answer again, and no second step. Formats and their quirks are as in ArduPilot's SIM_JSON; its frames are north,
 east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
 
 One autopilot flies the vehicle. What others send is ignored, and said once. An autopilot that is started again has a
@@ -217,7 +217,7 @@ class ArduPilot:
         """The last pulse widths hold."""
 
     def answer(self, sim: Any) -> bytes:
-        """What the sensors measure at the instant in hand, as the answer."""
+        """The measurements of the sensors at the instant in hand, as the answer."""
         signals = sim.signals
         p, quat, nu = (signals[f"{name}_m" if f"{name}_m" in signals else name] for name in ("p_WB", "quat_WB", "nu"))
         velocity = np.zeros(3)

@@ -1,8 +1,7 @@
 """The engines, which move the body: their contract, one free rigid vehicle without MuJoCo, and MuJoCo.
 
-The engine ``free_body``: the closed loop around one free rigid vehicle, with a step of its own, without MuJoCo.
-
-It computes what MuJoCo computes for such a vehicle, from the same state and with the same kernels; its step is
+The engine ``free_body`` takes the closed loop around one free rigid vehicle with a step of its own. It computes
+such a vehicle as MuJoCo does, from the same state and with the same kernels; its step is
 MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms_mj.physics.free_body`).
 """
 
@@ -36,7 +35,7 @@ class Engine(ABC):
         code: the kernel of its step, from the record of a run and two integers.
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
         water: the motion of the water in the record of the run.
-        qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, those of its free joint.
+        qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, of its free joint.
         closed: whether the engine can't step any more.
     """
 

@@ -32,7 +32,7 @@ from .simulation import Simulation, valid_scenario
 
 DEVICES: Mapping[str, Callable[[], Any]] = {each.name: each for each in (Gpu, Processor)}
 _ADDED = ("stop", "steps")
-"""Signals that every fleet has, behind those that are asked for."""
+"""Signals that every fleet has, behind the signals that are asked for."""
 _OF_ALL = ("simulation.timestep", "simulation.duration")
 """Keys that can't differ between the runs of a fleet."""
 LAUNCH_S = 0.25
@@ -95,7 +95,7 @@ class Starts:
         for table, stage in stages.items():
             given = scenario.named_stages.get(table)
             if given is not None and type(given) is not type(stage.stage) and type(stage.stage).room.table == table:
-                raise NotInFleet(f"{table}.name is another one than that of the first run")
+                raise NotInFleet(f"{table}.name is another one than in the first run")
         return self.of_setup(setup)
 
     def rooms(self) -> np.ndarray:
@@ -110,7 +110,7 @@ class Starts:
         return {name: (image.place(each), each.shape, each.dtype.str) for name, each in arrays.items()}
 
     def commands(self) -> dict[str, np.ndarray]:
-        """What the caller sets between steps: tau_cmd, or the thrusts u."""
+        """The signal that the caller sets between steps: tau_cmd, or the thrusts u."""
         stages = self.memory.stages
         arrays = {"tau_cmd": stages.tau_cmd, "u_cmd": stages.u_cmd}
         return {name: arrays[name] for name, set_ in zip(arrays, self.external, strict=True) if set_}
@@ -433,7 +433,7 @@ class Fleet:
 
     @property
     def code(self) -> bytes:
-        """What the device runs: PTX, or an object file of this processor."""
+        """The code of the device: PTX, or an object file of this processor."""
         return self._compiled().code
 
     def describe(self) -> str:

@@ -54,7 +54,7 @@ class Peer(Protocol):
         Returns the number of time steps that they are held; 0 ends the run."""
 
     def measure(self, sim: Simulation) -> None:
-        """Give the other program what is measured at the instant in hand."""
+        """Give the other program the measurements of the instant in hand."""
 
     def finish(self, sim: Simulation) -> None:
         """Set the commands of the last instant, from which no step begins."""

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US, Autopilot, Pwm
+from ..actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US, Actuation, Autopilot, Pwm
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
@@ -174,9 +174,7 @@ class Simulation:
     def pwm_cmd(self) -> np.ndarray:
         """(n,) pulse widths commanded [us], from 1100 to 1900; 1500 is neutral. With the actuation ``pwm`` the caller
         sets them before a step. InputError with another actuation."""
-        if not isinstance(self.scenario.actuation, Pwm):
-            raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: pwm_cmd needs pwm")])
-        return _view(self._stages.stages["actuation"].state["pwm_cmd"][0], True)
+        return self._state_of(Pwm, "pwm_cmd")
 
     @property
     def given(self) -> np.ndarray:
@@ -188,9 +186,14 @@ class Simulation:
     def frame(self) -> np.ndarray:
         """(1,) number of the frame of the pulse widths. With the actuation ``autopilot`` the caller sets it before a
         step. InputError with another actuation."""
-        if not isinstance(self.scenario.actuation, Autopilot):
-            raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: frame needs autopilot")])
-        return _view(self._stages.stages["actuation"].state["frame"][0], True)
+        return self._state_of(Autopilot, "frame")
+
+    def _state_of(self, kind: type[Actuation], name: str) -> np.ndarray:
+        """A state of the actuation that the caller sets. Raises InputError for another kind of actuation."""
+        actuation = self.scenario.actuation
+        if not isinstance(actuation, kind):
+            raise InputError([Fault("actuation.name", f"{actuation.label()}: {name} needs {kind.name}")])
+        return _view(self._stages.stages["actuation"].state[name][0], True)
 
     def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.

@@ -1,4 +1,4 @@
-"""A law in another process: what the law ``udp`` exchanges.
+"""A law in another process: the messages of the law ``udp``.
 
 A request is 8 bytes ``uvms-mj1``, the number of the instant (uint64), and the record of signals that a law is given, as
 ``struct signals`` of ``uvms_stage.h`` has it. The answer is the number of the instant and tau_cmd, six doubles. All
@@ -98,7 +98,7 @@ class UdpLaw:
                 self._odd = f"; an answer of instant {instant} came, and {self._instant} was asked for"
 
     def measure(self, sim: Any) -> None:
-        """The next request has what is measured."""
+        """The next request has the measurements."""
 
     def finish(self, sim: Any) -> None:
         self.command(sim)

@@ -46,7 +46,7 @@ def _numbered(vehicle: Vehicle) -> str:
 
 def write_plugin(model: str, folder: Path) -> list[Path]:
     """Write the library and the MJCF of a vehicle, a shipped one's name or a file's path, into a folder. Returns the
-    files: the library, then those of the MJCF, its main file first.
+    files: the library, then the files of the MJCF, its main file first.
 
     Raises:
         InputError: the vehicle's file is wrong, or there is no C compiler.

@@ -1,9 +1,9 @@
-"""What is drawn at the beginning of an episode: the ``[[vary]]`` of a study, with its keys and its distributions.
+"""The draws at the beginning of an episode: the ``[[vary]]`` of a study, with its keys and its distributions.
 
 An episode draws each entry at random from the numbers of its own seed. The design of the study, such as a grid or Sobol
 points, is of its runs and not of episodes: values and points of a grid are equally likely.
 
-The checks of an environment's arguments give a value that can be used, or raise InputError.
+Checks of an environment's arguments give a value that can be used, or raise InputError.
 """
 
 import dataclasses
@@ -151,7 +151,7 @@ class Domain:
         return fault
 
     def check(self, fixed: Mapping[str, Any], replaced: Container[str]) -> None:
-        """Check the entries as those of a study are checked.
+        """Check the entries as a study's are checked.
 
         Args:
             fixed: overrides of the scenario by dotted key, which no entry may vary.
@@ -187,7 +187,7 @@ class Domain:
 
 def domain_of(randomise: Any) -> tuple[Scenario | None, dict[str, Vary]]:
     """The base scenario of a study and its entries of ``[[vary]]``, from its name or its path. Otherwise there is no
-    scenario, and the entries are those of :func:`variations_of`. Raises InputError if it is invalid."""
+    scenario, and the entries come from :func:`variations_of`. Raises InputError if it is invalid."""
     if not isinstance(randomise, str | os.PathLike):
         return None, variations_of(randomise)
     plan = Plan.load(randomise)

@@ -81,7 +81,7 @@ class PushWallVec(VectorEnv):
         autoreset_mode: a ``gymnasium.vector.AutoresetMode``, or its value: an environment whose episode has ended
             begins the next one in the next step (the default), in the same step, with the last observation in
             ``infos["final_obs"]``, or when the caller resets it with ``options={"reset_mask": ...}``.
-        settings: those of :class:`PushWall`, and ``threads``, the number of threads; default: one a core.
+        settings: the settings of :class:`PushWall`, and ``threads``, the number of threads; default: one a core.
     """
 
     def __init__(

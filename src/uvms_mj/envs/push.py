@@ -99,7 +99,7 @@ class Pushes:
         action: "wrench", "thrusts" or "gains".
         control_rate: control steps per second [Hz]; must divide the step rate.
         gains: names of the gains that an action changes, for "gains".
-        force_d: desired pushing force [N]; default: the one that the impedance of each episode's scenario demands.
+        force_d: desired pushing force [N]; default: the force that the impedance of each episode's scenario demands.
         observe: names of the observed signals, or a function of :class:`Seen` that gives an array (n, m), or arrays
             (n, ...) by name.
         reward: a function of :class:`Seen` that gives the rewards (n,); default: the one above.
@@ -149,7 +149,7 @@ class Pushes:
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
         if engine not in (*ENGINES, "auto"):
             faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'"))
-        wanted = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
+        wanted = "a positive force [N]; without it, the scenario's impedance demands it"
         demanded = _demanded(self.scenario) if force_d is None else force_d
         number = checked(domain.positive, "force_d", demanded, ((), (1,)), wanted)
         self._force_d = None if force_d is None or number is None else number.item()
@@ -352,7 +352,7 @@ class Push:
         return self.simulation.steps >= self.simulation.scenario.steps
 
     def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> Observation:
-        """Begin an episode. The arguments are those of :meth:`Pushes.begin`."""
+        """Begin an episode, with the arguments of :meth:`Pushes.begin`."""
         self._runs.begin(0, seed, overrides)
         return self.observation()
 

@@ -17,6 +17,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import called_on, kernel, record_of
 from ..quantities import Angles
 from ..stages.base import Room, Stage, is_shipped, random_key, shared
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
 
 _REFERENCES = record_dtype(REFERENCE)
@@ -63,7 +64,7 @@ class Guidance(Stage):
         from settings, state and given."""
         raise NotImplementedError
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         quat_d = quat_from_euler_deg(*self.attitude_deg)
         return {**super().constants(setup), "attitude_deg": None, "quat_d": quat_d}
 
@@ -72,11 +73,11 @@ class Guidance(Stage):
         stage may override it."""
         return None
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
         """The position of :meth:`rests_at` and the attitude [deg] at the end of a run, from its scenario."""
         return self.rests_at(), self.attitude_deg
 
-    def way(self, setup: Any, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | str:
+    def way(self, setup: SetupLike, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | str:
         """Theory of the reference: its positions (n, 3) [m] and attitudes (n, 4) in W at times (n,) [s], or the reason
         why they are not known before the run."""
         if self.states or self.memory:
@@ -93,13 +94,13 @@ class Guidance(Stage):
             return "the way of the reference is not known before the run"
         return found["p_d"], found["quat_d"]
 
-    def notes(self, setup: Any) -> Iterable[str]:
+    def notes(self, setup: SetupLike) -> Iterable[str]:
         """Theory of the reference: warnings for a run, from its :class:`uvms_mj.setup.base.Setup`. A stage may
         override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""
         return () if is_shipped(self) or self.states or self.memory else _trial_notes(self, setup)
 
 
-def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
+def start_notes(stage: Guidance, setup: SetupLike) -> Iterator[str]:
     """A warning if a stage without states begins far from the vehicle, which the law sees as a jump."""
     initial, (out,) = setup.initial, samples(stage, setup, [0])
     away = float(np.linalg.norm(out["p_d"] - initial.position))
@@ -113,7 +114,7 @@ def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
         )
 
 
-def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
+def _trial_notes(stage: Guidance, setup: SetupLike) -> list[str]:
     """The warnings about a user's stage without states. One that raises has none: the run reports it."""
     try:
         with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
@@ -124,7 +125,7 @@ def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
         return []
 
 
-def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
+def _rate_notes(stage: Guidance, setup: SetupLike) -> Iterator[str]:
     """A warning if p_d_dot is clearly not the derivative of p_d, from the differences over one period at the beginnings
     of :data:`_TRIALS` equal parts of the run."""
     period = stage.period_in(setup.scenario)
@@ -140,9 +141,10 @@ def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
         )
 
 
-def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
+def samples(stage: Guidance, setup: SetupLike, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, while the vehicle stays at its initial pose. A
-    shipped stage is machine code for many instants, any other one plain Python. What the stage leaves unset is nan."""
+    shipped stage is machine code for many instants, any other one plain Python. A signal that the stage leaves unset is
+    nan."""
     initial, period = setup.initial, stage.period_in(setup.scenario)
     settings, given = stage.record(setup), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)

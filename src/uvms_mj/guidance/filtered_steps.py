@@ -26,6 +26,7 @@ from pydantic.dataclasses import dataclass as table
 from ..physics.frames import quat_from_euler_deg
 from ..quantities import STRICT, Number, Position, Time, within
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .base import Guidance, start_notes
 
 MOST_WAYPOINTS = 1000
@@ -86,7 +87,7 @@ class FilteredSteps(Guidance):
         """Position steps at the input of the filter."""
         return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """quat_d (4,), the quaternion of attitude_deg; start (3,), the position before the first step [m]; times (n,),
         increasing [s]; positions (n, 3), after the steps [m]; and bandwidth. The arrays have room for
         :data:`MOST_WAYPOINTS`, so that the machine code is the same for any number of steps. A step at infinity never
@@ -98,8 +99,8 @@ class FilteredSteps(Guidance):
     def rests_at(self) -> tuple[float, ...]:
         return self.waypoints[-1].position if self.waypoints else self.target
 
-    def notes(self, setup: Any) -> Iterable[str]:
-        if setup.scenario.task.frame != "body":  # whose attitude is that of a posture, not a choice
+    def notes(self, setup: SetupLike) -> Iterable[str]:
+        if setup.scenario.task.frame != "body":  # whose attitude follows from a posture, and is no choice
             yield from start_notes(self, setup)
         period = setup.scenario.control_period
         if self.bandwidth * period > _FASTEST:

@@ -39,6 +39,7 @@ from ..physics.frames import multiply, quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import kernel
 from ..quantities import STRICT, Angle, Angles, Coordinate, NonNegative, Number, Position, Positive, Time, within
 from ..stages.base import setting
+from ..stages.setup import ScenarioLike, SetupLike
 from .base import Guidance, start_notes
 from .spline import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
 
@@ -77,13 +78,13 @@ def motion(
 ) -> dict[str, np.ndarray]:
     """The constants of :func:`.spline.follow` for a path through positions with attitudes [deg], the first of which
     is the start; with the dwell at each [s]. ``timing`` has the time at which the start is left, the speed V and the
-    acceleration a; ``keys`` are those of the poses after the start, for messages."""
+    acceleration a; ``keys`` name the poses after the start, in messages."""
     numbers = pose_numbers(positions, attitudes, keys)
     chords = np.linalg.norm(np.diff(numbers[:, :3], axis=0), axis=1)
     faults = [
         Fault(
             keys[i],
-            f"the position {list(positions[i + 1])} is that of the pose before it, or of the start: a path has "
+            f"the position {list(positions[i + 1])} is the position of the pose before it, or of the start: a path has "
             "no direction there; use reference.name = spline, or a dwell at the pose before it",
         )
         for i in np.flatnonzero(chords < _SHORTEST)
@@ -164,7 +165,7 @@ class Path(Followed):
     name = "path"
     _inner_keys: ClassVar = {"reference.poses": ("position", "attitude_deg", "dwell")}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""
         initial = setup.initial
         positions = (self.start or initial.position, *(pose.position for pose in self.poses))
@@ -176,7 +177,7 @@ class Path(Followed):
     def rests_at(self) -> tuple[float, ...]:
         return self.poses[-1].position
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg
 
 
@@ -200,7 +201,7 @@ class Circle(Guidance):
 
     name = "circle"
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """quat_d (4,) at the start; u and v (3,), radii of the plane along x and y [m]; centre and normal (3,); angle
         at the start [rad], Omega [rad/s], rise [s]; whole [rad], the angle of all turns; end [s] of the motion."""
         plane = rotation_matrix(quat_from_euler_deg(*self.plane_deg))
@@ -229,7 +230,7 @@ class Circle(Guidance):
     def rests_at(self) -> tuple[float, ...] | None:
         return None if self.start is None else self._end(self.start)
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
         position, attitude = self._end(self.start or scenario.initial.position), self.attitude_deg
         if position is not None and self.heading and self.turns % 1.0:
             from scipy.spatial.transform import Rotation  # most runs start without SciPy
@@ -251,7 +252,7 @@ class Circle(Guidance):
         moved = (math.cos(last) - math.cos(first)) * plane[:, 0] + (math.sin(last) - math.sin(first)) * plane[:, 1]
         return tuple((np.array(start) + self.radius * moved).tolist())
 
-    def notes(self, setup: Any) -> Iterable[str]:
+    def notes(self, setup: SetupLike) -> Iterable[str]:
         return start_notes(self, setup)
 
     @staticmethod
@@ -318,7 +319,7 @@ class AlongWall(Followed):
 
     name = "along_wall"
 
-    def depth(self, scenario: Any) -> float:
+    def depth(self, scenario: ScenarioLike) -> float:
         """x_d - x_c [m] that demands the push."""
         impedance, wall = scenario.impedance, scenario.wall
         normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
@@ -330,7 +331,7 @@ class AlongWall(Followed):
         k_c, _ = scenario.bumper.in_front_of(wall.stiffness, wall.damping)
         return self.push * (float(n @ (give * n)) + 1.0 / k_c) + float(n @ (give * F_d))
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""
         scenario = setup.scenario
         initial, x_d = setup.initial, scenario.wall.position + self.depth(scenario)
@@ -341,10 +342,10 @@ class AlongWall(Followed):
         timing = (self.start_time, self.speed, self.acceleration)
         return motion(tuple(positions), attitudes, dwells, timing, keys)
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return (scenario.wall.position + self.depth(scenario), *self.points[-1]), self.attitude_deg
 
-    def faults(self, setup: Any) -> Iterable[Fault]:
+    def faults(self, setup: SetupLike) -> Iterable[Fault]:
         scenario = setup.scenario
         if not scenario.wall.present:
             yield Fault("reference.name", "along_wall follows [wall], and wall.present is false; use path")

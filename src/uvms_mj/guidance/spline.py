@@ -1,15 +1,15 @@
 r"""Motion as polynomial segments: position and attitude of a reference, each with its first two time derivatives.
 
-A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and four numbers
-Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular velocity in W
-and its derivative follow exactly from the polynomials:
+**Piece.** A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and
+four numbers Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular
+velocity in W and its derivative follow exactly from the polynomials:
 
 .. math::
 
     \omega = \frac{2}{|Q|^2} \mathrm{vec}(\dot Q \bar Q), \qquad
     \dot\omega = \frac{2}{|Q|^2} (\mathrm{vec}(\ddot Q \bar Q) - (Q \cdot \dot Q) \omega).
 
-Timed poses: a smooth motion in six degrees of freedom that is at each pose at its time.
+**Timed poses** are a smooth motion in six degrees of freedom that is at each pose at its time.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
+from ..stages.setup import ScenarioLike, SetupLike
 from .base import Guidance, start_notes
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ uneven."""
 class Followed(Guidance):
     """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
 
-    def notes(self, setup: Any) -> Iterable[str]:
+    def notes(self, setup: SetupLike) -> Iterable[str]:
         return start_notes(self, setup)
 
     @staticmethod
@@ -57,7 +58,7 @@ class Followed(Guidance):
 
 def pose_numbers(positions: Sequence[Any], attitudes_deg: Sequence[Any], keys: Sequence[str]) -> np.ndarray:
     """(n, 7) positions and quaternions of n poses. Successive quaternions have the sign of the shorter rotation. Raises
-    InputError if one of them is too large; ``keys`` are those of the poses after the first."""
+    InputError if one of them is too large; ``keys`` name the poses after the first."""
     quats = [quat_from_euler_deg(*attitude) for attitude in attitudes_deg]
     for i in range(1, len(quats)):
         quats[i] = -quats[i] if quats[i] @ quats[i - 1] < 0.0 else quats[i]
@@ -197,7 +198,7 @@ class Spline(Followed):
     name = "spline"
     _inner_keys: ClassVar = {"reference.poses": ("time", "position", "attitude_deg", "dwell")}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""
         initial = setup.initial
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))
@@ -206,5 +207,5 @@ class Spline(Followed):
     def rests_at(self) -> tuple[float, ...]:
         return self.poses[-1].position
 
-    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def rest_pose(self, scenario: ScenarioLike) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg

@@ -4,13 +4,14 @@ from __future__ import annotations  # so that help(Navigation) shows short type 
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ..physics.frames import quat_product
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
+from ..stages.setup import SetupLike
 from ..stages.signals import CLOCK, MEASURED, TRUE
 from .channel import Channel
 
@@ -93,7 +94,7 @@ class Navigation(Stage):
         """The same of the velocity."""
         return None, 0.0
 
-    def rest_errors(self, setup: Any) -> RestErrors | str:
+    def rest_errors(self, setup: SetupLike) -> RestErrors | str:
         """Theory of navigation: the measurements of a vehicle at rest, or the reason why they are not known."""
         return "no closed form is known for this navigation"
 
@@ -121,7 +122,7 @@ class Perfect(Navigation):
 
     name = "perfect"
 
-    def rest_errors(self, setup: Any) -> RestErrors | str:
+    def rest_errors(self, setup: SetupLike) -> RestErrors | str:
         return no_errors
 
     @staticmethod

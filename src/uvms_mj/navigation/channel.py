@@ -151,7 +151,7 @@ def measure(channel, memory, truth, first, instant, key, index, measured):
 
 @kernel
 def measure_attitude(channel, memory, quat, instant, key, index, measured):
-    """Measure a unit quaternion (4,); the other arguments are those of :func:`measure`."""
+    """Measure a unit quaternion (4,); the other arguments are as in :func:`measure`."""
     if channel[PERIOD] == 0.0:
         measured[:] = quat
         return

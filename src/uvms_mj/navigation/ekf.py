@@ -46,6 +46,7 @@ from ..physics.linear_algebra import cholesky, forward
 from ..physics.random import standard_normal
 from ..quantities import NonNegative, Positive, Step
 from ..stages.base import setting
+from ..stages.setup import SetupLike
 from .base import Navigation
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
@@ -74,7 +75,7 @@ def rotation_vector(start, end, out):
 def increments(given, quat_before, v_before_W, gravity_W, interval, turn, push):
     """Set the true increments of an interval [s] that ends now: turn (3,) [rad], the rotation vector, and push (3,)
     [m/s], the integral of the specific force in B at the beginning. quat_before (4,) and v_before_W (3,) are the
-    attitude and velocity there; they are set to those of now."""
+    attitude and velocity there; they are set to the present ones."""
     v_W, R_before = given.R_WB @ given.nu[:3], np.zeros((3, 3))
     rotation_vector(quat_before, given.quat_WB, turn)
     rotation(quat_before, R_before)
@@ -328,7 +329,7 @@ class Ekf(_ForceSensor):
     initial_position: Positive = setting(0.01, "m", "standard deviation of the first estimate's position")
     initial_velocity: Positive = setting(0.01, "m/s", "standard deviation of the first estimate's velocity")
     initial_attitude: Positive = setting(0.01, "rad", "standard deviation of the first estimate's attitude")
-    assumed_noise: Positive = setting(1.0, "1", "what the filter takes all standard deviations for, over the true ones")
+    assumed_noise: Positive = setting(1.0, "1", "standard deviations in the filter over the true ones")
 
     name = "ekf"
     every_step: ClassVar = True
@@ -348,7 +349,7 @@ class Ekf(_ForceSensor):
         **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings with the rates in samples and instants, the packed channels of the force, and gravity."""
         numbers = {f.name: getattr(self, f.name) for f in dataclasses.fields(Ekf) if "period" not in f.name}
         numbers = {name: value for name, value in numbers.items() if name.partition("_")[0] not in _FORCE}
@@ -358,7 +359,7 @@ class Ekf(_ForceSensor):
         force = {quantity: channel_of(self, quantity).pack(step) for quantity in _FORCE}
         return {**numbers, **rates, **force, "gravity_W": setup.gravity_W}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
         yield from _odd("imu", h, step, "the period of this stage")
         for aid in _AIDS:
@@ -370,7 +371,7 @@ class Ekf(_ForceSensor):
         force = channel_of(self, "force")
         return force.period, force.delay + 0.5 * force.jitter
 
-    def rest_errors(self, setup: Any) -> str:
+    def rest_errors(self, setup: SetupLike) -> str:
         return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
 
     @staticmethod

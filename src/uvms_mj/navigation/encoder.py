@@ -15,6 +15,7 @@ from ..physics.random import standard_normal
 from ..physics.tree import MOST_JOINTS
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, repeated, within
 from ..stages.base import Room, Stage, setting, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import encoder_given, encoder_signals
 
 MOST_LATE = 500
@@ -79,7 +80,7 @@ class JointEncoder(Encoder):
         "rate": "joints",
     }
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:
             yield Fault("encoder.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
             return
@@ -96,7 +97,7 @@ class JointEncoder(Encoder):
         if self.velocity == "differences" and any(self.velocity_noise):
             yield Fault("encoder.velocity_noise", "is of a measured velocity; set encoder.velocity = measured")
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         n = len(setup.vehicle.arm.links)
         step = self.period or setup.scenario.simulation.timestep
         names = ("resolution", "bias", "noise", "velocity_noise")

@@ -30,7 +30,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ..errors import Fault, InputError
 from ..physics.frames import to_world
 from ..quantities import NonNegative, Number, Time, within
 from ..stages.base import Room, Stage, setting
+from ..stages.setup import ScenarioLike
 from ..stages.signals import CLOCK, MEASURED, OBSERVER_GIVEN
 from .base import Measurement
 
@@ -62,7 +63,7 @@ class Observer(Stage):
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
-        """As that of :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
+        """As in :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
         return None, 0.0
 
     def out_of_range(self, measured: Measurement) -> str:
@@ -78,7 +79,7 @@ class Observer(Stage):
 
 @dataclasses.dataclass(frozen=True)
 class NoObserver(Observer):
-    """No observer: the contact force is that of navigation's force sensor."""
+    """No observer: navigation's force sensor gives the contact force."""
 
     name = "none"
     runs: ClassVar[bool] = False
@@ -91,7 +92,7 @@ class MotionOnly(Stage):
     name = "sensed"
     room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + MEASURED, MEASURED[:4])
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of navigation [s]."""
         return scenario.navigation.period_in(scenario)
 

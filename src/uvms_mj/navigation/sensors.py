@@ -1,6 +1,6 @@
 r"""Sensors of the vehicle: a channel for each measured quantity, and a force sensor with something behind it.
 
-Position is measured in W, everything else in B; velocity and the wrench of the contact are those at B's origin.
+Position is measured in W, everything else in B; velocity and the wrench of the contact are given at B's origin.
 :mod:`.channel` has the errors of a channel.
 
 The force sensor is between the vehicle and a tool of the mass m at r, the water that moves with it included. With the
@@ -12,10 +12,10 @@ measures -f_s, the force of the tool on the vehicle, and drifts with the depth b
     f_m = f_c - m a - \kappa (z - z_0), \quad a = \dot v + \omega \times v + \dot\omega \times r
           + \omega \times (\omega \times r), \quad \tau_m = \tau_c - r \times m a.
 
-The tool's weight in water is taken as zero. The acceleration is that of the last time step, because that of the present
+The tool's weight in water is taken as zero. The acceleration is taken from the last time step, because the present
 one depends on the thrust that the measurement decides.
 
-Presets of the sensors from ``presets.toml``, which has their sources: classes with other defaults.
+Presets are classes with other defaults. They are read from ``presets.toml``, which has their sources.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from ..physics.frames import rotation, to_world, velocity_at
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
+from ..stages.setup import SetupLike
 from .base import ConstantErrors, Measurement, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
@@ -60,7 +61,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 
 
 def channel_settings(*quantities: str, frame: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """The settings of channels: names, types and fields; ``frame`` replaces that of the quantities."""
+    """The settings of channels: names, types and fields; ``frame`` replaces the frame of the quantities."""
     for quantity in quantities:
         unit, where = QUANTITIES[quantity]
         where = frame or where
@@ -115,9 +116,9 @@ class Sensors(_Channels):
     """Sensors with rates, delays, noise, bias, drift, resolution, limits and lost samples; by default perfect."""
 
     mass_behind: Annotated[NonNegative, Lt(1e6)] = setting(
-        0.0, "kg", "inertia of what is behind the force sensor, the water that moves with it included"
+        0.0, "kg", "inertia of the parts behind the force sensor, the water that moves with them included"
     )
-    mass_behind_at: Vector3 = setting(_NONE, "m", "centre of what is behind the force sensor, in B")
+    mass_behind_at: Vector3 = setting(_NONE, "m", "centre of the parts behind the force sensor, in B")
     depth_drift: Axes = setting(_NONE, "N/m", "drift of the force per metre of depth below the start, in B")
 
     period: Step | None = shared(
@@ -142,14 +143,14 @@ class Sensors(_Channels):
         channels = (self.channel(quantity).perfect for quantity in ("attitude", "force", "moment"))
         return all(channels) and self.mass_behind == 0.0 and not any(self.depth_drift)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
         step = self.period or setup.scenario.simulation.timestep
         channels = {quantity: self.channel(quantity).pack(step) for quantity in QUANTITIES}
         kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         return channel_faults(self, QUANTITIES, self.period or setup.scenario.simulation.timestep)
 
     @property
@@ -165,7 +166,7 @@ class Sensors(_Channels):
         channel = self.channel(quantity)
         return channel.period, channel.delay + 0.5 * channel.jitter
 
-    def rest_errors(self, setup: Any) -> RestErrors | str:
+    def rest_errors(self, setup: SetupLike) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
         channels = self.white_channels
         for quantity, channel in channels.items():

@@ -8,10 +8,10 @@ them, which their inertia, the water and their weight need, less what a wall giv
     W = \sum_{behind} \big( M_{RB} a + C_{RB}(\nu) \nu + M_A a_r + C_A(\nu_r) \nu_r + D(\nu_r) \nu_r + g \big) - \tau_c
 
 in the sensor's frame S, about its origin; :math:`a_r` and :math:`\nu_r` are relative to the water. The accelerations
-are those of the last time step, because those of the present one depend on the torque that the measurement decides.
+are taken from the last time step, because the present ones depend on the torque that the measurement decides.
 
-The contact wrench that a law is given is what a model of the links behind the sensor leaves of the reading, from the
-measured state and the coefficients of ``[estimates]``:
+The contact wrench that a law is given is the reading without the share of a model of the links behind the sensor, from
+the measured state and the coefficients of ``[estimates]``:
 
 .. math:: \tau_c \approx W_{model} - W_m
 
@@ -42,6 +42,7 @@ from ..physics.tree import (
 )
 from ..quantities import Lowercase
 from ..stages.base import Room, Stage, setting
+from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, TRUE, WRIST_READING, WRIST_TRUE, wrist_given
 from .channel import MEMORY, measure
 from .sensors import channel_faults, channel_of, channel_settings
@@ -70,7 +71,7 @@ def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part)
 
 @kernel
 def place_sensor(sensor, frame):
-    """Set the pose of the sensor in B from that of the link behind it."""
+    """Set the pose of the sensor in B from the pose of the link behind it."""
     compose_poses(frame.R_BL, frame.p_BL, sensor.R_LT, sensor.p_LT, sensor.R_BT, sensor.p_BT)
 
 
@@ -127,7 +128,7 @@ def modelled_wrench(run, instant, period, R_WB, nu):
 
 @kernel
 def contact_behind(wrist, R_WB, out):
-    """Set the measured contact force in W and the wrench at B of ``out`` to what the model leaves of the reading."""
+    """Set the measured contact force in W and the wrench at B of ``out`` to the reading without the model's share."""
     contact, tau = np.zeros(6), out.tau_contact_m_B  # contact: in S
     if wrist.weighs != 0:
         contact[:] = wrist.modelled
@@ -144,7 +145,7 @@ class WristLoad(Stage):
     name = "felt"
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of the wrist sensor [s]."""
         return scenario.wrist.period_in(scenario)
 
@@ -160,7 +161,7 @@ class WristCompensation(Stage):
     name = "derived"
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + MEASURED[:4], MEASURED[4:])
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """The period of navigation [s]."""
         return scenario.navigation.period_in(scenario)
 
@@ -176,7 +177,7 @@ QUANTITIES = ("force", "moment")
 @dataclasses.dataclass(frozen=True)
 class Wrist(Stage):
     """Base class of all force and torque sensors in an arm. ``given`` has CLOCK and ``wrench_S`` (6,), the true wrench,
-    and reading (6,) is what the sensor reads."""
+    and reading (6,) is the sensor's."""
 
     site: str = setting(
         "", "-", "link behind the sensor, or a site on that link whose frame is S; S is else the link's"
@@ -195,11 +196,11 @@ class Wrist(Stage):
         counts="joints",
     )
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings that are numbers."""
         return {name: value for name, value in super().constants(setup).items() if not isinstance(value, str)}
 
-    def carried(self, setup: Any) -> tuple[int, Any]:
+    def carried(self, setup: SetupLike) -> tuple[int, Any]:
         """Index of the link behind the sensor, and the site that is S, or None. Raises InputError if there is none."""
         arm = setup.vehicle.arm
         names = [link.name for link in arm.links]
@@ -212,7 +213,7 @@ class Wrist(Stage):
         wanted = f"is neither a link nor a site on one; choose from {', '.join(known)}"
         raise InputError([Fault("wrist.site", f"{self.site!r} {wanted}")], "scenario")
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:
             yield Fault("wrist.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
             return
@@ -254,12 +255,12 @@ class WristSensor(_Channels):
     name = "sensor"
     memory: ClassVar = dict.fromkeys(QUANTITIES, MEMORY)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The packed channels by quantity."""
         step = self.period_in(setup.scenario)
         return {quantity: channel_of(self, quantity).pack(step) for quantity in QUANTITIES}
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         yield from super().faults(setup)
         yield from channel_faults(self, QUANTITIES, self.period_in(setup.scenario))
 

@@ -1,9 +1,7 @@
 r"""All contacts of a vehicle: the force between one surface and one contact body, and the pairs of a run.
 
-Force between one surface and one contact body of the vehicle, from the state of the same instant.
-
-A contact body is a sphere, or a capsule: all points within a radius of a segment. It is fixed to a frame C, which is B
-for a rigid vehicle. The depth is
+**Force of one contact.** It follows from the state of the same instant. A contact body is a sphere, or a capsule: all
+points within a radius of a segment. It is fixed to a frame C, which is B for a rigid vehicle. The depth is
 :math:`\delta = r - d`, with the distance d of the sphere's centre, or of the nearest point of the segment, from the
 surface (:mod:`.surfaces`). The contact point is halfway between the two surfaces, and its velocity v is relative to the
 wall, which may move. The wall yields by w, and the bumper of the contact body, in series with it, by x:
@@ -35,15 +33,14 @@ limit, so the stretch is reduced while the contact slips:
 While the contact slips, F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
 not creep. Spring, damper and slider together never return more energy than they were given.
 
-All contacts of a vehicle: the sphere about the origin of the task's frame in front of ``[wall]``, and every contact
-body in front of every wall. Their springs give the force at an instant.
+**Contacts of a run.** They are the sphere about the origin of the task's frame in front of ``[wall]``, and every
+contact body in front of every wall. A record of a run has the surfaces, the pairs of a body and a surface, and the
+frames that the bodies are fixed to. The normal force of a pair that is marked ``solved`` is applied by the engine,
+MuJoCo's contact solver or its closed form; all other forces act here, on the base or on a link. The force that acted in
+a step is known when the step is over.
 
-A record of a run has the surfaces, the pairs of a body and a surface, and the frames that the bodies are fixed to. The
-normal force of a pair that is marked ``solved`` is applied by the engine, MuJoCo's contact solver or its closed form;
-all other forces act here, on the base or on a link. The force that acted in a step is known when the step is over.
-
-A contact is computed in the frame C that its body is fixed to, as that of a rigid vehicle is in B: B itself, the frame
-of a link, or that of a site.
+A contact is computed in the frame C that its body is fixed to, as a rigid vehicle is in B: B itself, the frame of a
+link, or the frame of a site.
 """
 
 import math
@@ -334,13 +331,14 @@ def place_carrier(run, carrier):
 
 @kernel
 def add_contact(run, pair, carrier, R_WC):
-    """Add the force of a contact to those of its frame, of the vehicle and of what acts without the solver."""
+    """Add the force of a contact to the forces of its frame and of the vehicle, and to the force that acts without the
+    solver."""
     true, plant, contact = run.true, run.plant, pair.contact
     true.f_springs_W += contact.f_W
     carrier.tau += contact.tau_B
     add_to_vehicle(run, carrier, contact.tau_B, true.tau_springs_B)
     f_W, tau_C = contact.f_W, contact.tau_B.copy()
-    if pair.solved != 0:  # what is left is the friction
+    if pair.solved != 0:  # the friction remains
         f_W = contact.f_tangential_W
         wrench_at_origin(R_WC, contact.arm_W, f_W, tau_C)
     if carrier.link == 0:
@@ -393,7 +391,7 @@ def force_of_step(run):
 
 @kernel
 def ride(carrier, p_WB, R_WB, nu):
-    """Set the pose of a carrier in W from that of B, and start its velocity with that of the base, nu (6,)."""
+    """Set the pose of a carrier in W from B's, and start its velocity with the base's, nu (6,)."""
     compose_poses(R_WB, p_WB, carrier.R_BC, carrier.p_BC, carrier.R_WC, carrier.p_WC)
     carrier.V[:] = nu
 

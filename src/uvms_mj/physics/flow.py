@@ -17,7 +17,7 @@ has a continuous one. At the nodes the variance is exact. In the middle between 
 :func:`rate_deviation` there, and half of it at the nodes; it grows as the spacing falls.
 
 The nodes are drawn in blocks of 2048. The recursion of a block starts one block earlier, from a normal number of its
-own. What it has forgotten by then is :math:`e^{-32}` or less, so that neighbouring blocks agree to 1e-14. A block
+own. By then :math:`e^{-32}` or less is left of the start, so that neighbouring blocks agree to 1e-14. A block
 depends on the key and its number alone: the process has no end, needs a fixed memory, and may be evaluated at times in
 any order.
 """

@@ -1,6 +1,6 @@
 r"""Motion of one rigid vehicle with added mass: its acceleration, and a step of semi-implicit Euler.
 
-The state is that of MuJoCo's free joint: position and attitude, velocity v in W and omega in B. With
+The state belongs to MuJoCo's free joint: position and attitude, velocity v in W and omega in B. With
 :math:`\dot\nu = [R^\top a_W - \omega \times v;\, \dot\omega]`, the rigid-body terms of the paper's eq. (10) become
 
 .. math::
@@ -11,8 +11,8 @@ The state is that of MuJoCo's free joint: position and attitude, velocity v in W
 The added mass belongs to the same acceleration (:mod:`.hydrodynamics`), so that the inertia is M = M_RB + M_A, constant
 in B.
 
-The wall's normal force is that of MuJoCo's soft contact. With the acceleration a_0 along the normal n that all other
-forces cause, the spring and damper force :math:`F_s = k_c \delta - b_c\, n^\top v` and the contact's softness R
+The wall's normal force is the force of MuJoCo's soft contact. With the acceleration a_0 along the normal n that all
+other forces cause, the spring and damper force :math:`F_s = k_c \delta - b_c\, n^\top v` and the contact's softness R
 [1/kg], MuJoCo solves
 
 .. math::

@@ -18,7 +18,7 @@ paper's eq. (10) is
         + \text{buoyancy} + \tau_{dist}(t).
 
 **Froude-Krylov force.** The pressure gradient that accelerates the water, a_c = Dv_c/Dt, acts on the vehicle as well:
-the buoyancy of the displaced mass is that of gravity minus a_c (Newman, "Marine Hydrodynamics", 1977, sec. 4.17; Fossen
+the displaced mass is buoyant in gravity minus a_c (Newman, "Marine Hydrodynamics", 1977, sec. 4.17; Fossen
 2021, sec. 10.3, has constant currents only). It is included. Eq. (10), in which M = M_RB + M_A multiplies nu_r_dot,
 holds as it stands for a vehicle whose weight and buoyancy balance in size and place. For any other one g(eta) is to be
 taken in the accelerated frame of the water (:func:`uvms_mj.control.model.reveal`). In uniform water that accelerates, a
@@ -103,7 +103,7 @@ def water_wrench(plant, R_WB, nu, out):
 
     Args:
         plant: record with links, frames (1 + n,), water, tau_effects (k, 6), effect_frames (k,) or none if all of them
-            act at B, gravity_W, and qvel, whose entries from 6 on are those of the joints. ``nu_r`` is set to the
+            act at B, gravity_W, and qvel, whose entries from 6 on belong to the joints. ``nu_r`` is set to the
             velocity of the base relative to the water.
         R_WB: (3, 3).
         nu: (6,) velocity of the base in B [m/s, rad/s].
@@ -145,7 +145,7 @@ def subtract_water(link, out):
 
 @kernel
 def add_buoyancy(link, plant, R_WB, centre):
-    """Add the buoyancy of a link to its wrench F about B's origin, at its centre (3,) in B: that of gravity minus the
+    """Add the buoyancy of a link to its wrench F about B's origin, at its centre (3,) in B: in gravity minus the
     acceleration of the water."""
     d = link.displaced_mass
     f = R_WB.T @ (-(d * plant.gravity_W) + d * plant.water.a_c_W)

@@ -47,7 +47,7 @@ def fused(function: Function) -> Function:
     """Mark a kernel in which, and in all that it calls, a product and a sum may be rounded once, as a fused
     multiply-add.
 
-    It takes a tenth less time, and its last digits may differ from those of plain Python and of another processor. So
+    It takes a tenth less time, and its last digits may differ from plain Python's and from another processor's. So
     it is done for a vehicle with joints only, and not for a rigid one.
     """
     fused_kernels.add(function)

@@ -1,7 +1,7 @@
 r"""Linear algebra for small matrices in kernels: factors, substitutions and eigenvalues.
 
-The matrices are those of a vehicle with joints, the inertia M (N, N) with N = 6 + n and that of its tool, and the
-covariance of a filter. They are at most 36 by 36, and symmetric positive definite where they are factored,
+The matrices are the inertia M (N, N), N = 6 + n, of a vehicle with joints, the inertia of its tool, and the covariance
+of a filter. They are at most 36 by 36, and symmetric positive definite where they are factored,
 
 .. math::
 
@@ -11,7 +11,7 @@ covariance of a filter. They are at most 36 by 36, and symmetric positive defini
 its diagonal, because a division takes as long as many products. A matrix that is not positive definite gives NaN, which
 ends the run at the next command.
 
-Eigenvalues are those of cyclic Jacobi rotations (sec. 8.5). A rotation in the plane of two axes p < q makes the entry
+Eigenvalues are found by cyclic Jacobi rotations (sec. 8.5). A rotation in the plane of two axes p < q makes the entry
 a_pq zero. With :math:`\vartheta = (a_{qq} - a_{pp}) / (2 a_{pq})` its tangent is :math:`t = \pm 1 / (|\vartheta| +
 \sqrt{1 + \vartheta^2})`, with the sign of :math:`\vartheta`. A sweep takes all pairs once. The other entries fall
 quadratically: four or five sweeps are enough for matrices of 6 by 6.

@@ -9,8 +9,8 @@ for a disc and its mirror image),
     m(g) = \rho R^3 \left( \frac{\pi}{8 x} + c(\ln x) \right),
 
 with the film of lubrication theory and a rest c that is smooth: a series of Chebyshev's polynomials between x = 0.005
-and 20, whose numbers are of this equation, right to 1e-6 of m. Far away m is that of a disc in open water, 8/3 rho R^3,
-which belongs to the vehicle's M_A already, so that only the difference is added.
+and 20, whose numbers are of this equation, right to 1e-6 of m. Far away m is the mass of a disc in open water, 8/3 rho
+R^3, which belongs to the vehicle's M_A already, so that only the difference is added.
 
 With :math:`\dot g = J^\top \nu`, :math:`J = [n_B;\; r \times n_B]` for the unit vector n out of the wall, the kinetic
 energy :math:`\tfrac12 m(g) \dot g^2` adds :math:`m J J^\top` to the inertia, and Lagrange's equation the wrench
@@ -20,7 +20,7 @@ energy :math:`\tfrac12 m(g) \dot g^2` adds :math:`m J J^\top` to the inertia, an
     -\left( m\, n_B^\top (\omega \times (\omega \times r)) + \tfrac12 m'(g)\, \dot g^2 + c_\mu \dot g \right) J,
     \qquad c_\mu = \frac{3 \pi \mu R^4}{2 g^3},
 
-the last term that of Stefan's viscous film. The gap is at least g_0, the height of the roughness, below which neither
+the last term being Stefan's viscous film. The gap is at least g_0, the height of the roughness, below which neither
 grows: then m' = 0. Water that flows past is not in it.
 """
 
@@ -79,7 +79,7 @@ def disc_mass(x):
 
 @kernel
 def gap_of(pad, p_WB, R_WB, J):
-    """Set J (6,) with g_dot = J nu, and return the gap g [m], the mass m beyond that of open water [kg], and its
+    """Set J (6,) with g_dot = J nu, and return the gap g [m], the mass m beyond open water's [kg], and its
     derivative m' [kg/m]."""
     n_B = pad.normal @ R_WB
     J[:3], J[3:] = n_B, np.cross(pad.r, n_B)
@@ -99,7 +99,7 @@ def add_pad_inertia(pad, p_WB, R_WB, M):
 
 @kernel
 def add_pad_wrench(pad, p_WB, R_WB, nu, tau):
-    """Add the wrench of the water before a pad to tau (6,), beside that of its inertia."""
+    """Add the wrench of the water before a pad to tau (6,), beside the wrench of its inertia."""
     J, omega = np.zeros(6), nu[3:]
     g, m, slope = gap_of(pad, p_WB, R_WB, J)
     rate = J @ nu

@@ -12,7 +12,7 @@ whole tree, :math:`M \dot\zeta + h = \tau + J^\top \tau_c` with :math:`h = C\zet
 This has the form of the paper's eq. (10): Lambda is M, and the rest is C nu + D nu + g. Torques
 :math:`N^\top \tau_0 = \tau_0 - J^\top \bar J^\top \tau_0` do not accelerate the tool.
 
-**No singularity at the tool.** The base is free: its columns X of J are those of a rigid body, and invertible. With
+**No singularity at the tool.** The base is free: its columns X of J are as for a rigid body, and invertible. With
 M_BB, the inertia of the vehicle with locked joints,
 
 .. math:: J M^{-1} J^\top \succeq X M_{BB}^{-1} X^\top, \qquad \Lambda \preceq X^{-\top} M_{BB} X^{-1},
@@ -23,7 +23,7 @@ that the joints lack. Lambda and its inverse are bounded, so nothing is damped h
 .. math:: w = \sqrt{\det M_{BB} \, \det (J M^{-1} J^\top)} \ge 1
 
 is how much larger the volume of the tool's accelerations is than with locked joints: Yoshikawa's dynamic manipulability
-(1985) over that of the locked arm. It has no unit, and is the same for every choice of frames. It is 1 if no joint
+(1985) over the locked arm's. It has no unit, and is the same for every choice of frames. It is 1 if no joint
 moves the tool.
 
 **Posture.** Secondary tasks of a vehicle with joints in strict priority, in the motion that its tool leaves
@@ -43,7 +43,7 @@ the levels above, a_prev,
 S^+ is the inertia Lambda that the level has in the motion that is left to it, J P J^T = J_prev M^{-1} J_prev^T with
 J_prev = J N. The torque N^T J^T F is M P J^T F, so the torque of all levels is M a.
 
-**Joints.** The level ``joints`` has all that is left. Its inertia is that of the joints while the task is held,
+**Joints.** The level ``joints`` has all that is left. Its inertia is the joints' while the task is held,
 :math:`(J P_1 J^\top)^{-1}` with the P_1 that the task leaves, which is never singular:
 
 .. math:: F = (J P_1 J^\top)^{-1} (b - J a_{prev}).
@@ -61,7 +61,7 @@ eigenvalue
 
 which is continuous with its derivative. Above epsilon a demand is met and no lower level disturbs it. Below, the demand
 fades, and with it the claim on the motion, :math:`\sigma f`; the joints take over in proportion. The acceleration is at
-most :math:`1.03/\sqrt{\epsilon}` times that of the same demand with all freedom, and falls to zero with sigma.
+most :math:`1.03/\sqrt{\epsilon}` times the torque of the same demand with all freedom, and falls to zero with sigma.
 """
 
 import math
@@ -88,7 +88,7 @@ TOOL = np.dtype(
 
 @kernel
 def base_rows(tool, J_T):
-    """Set the first six rows of J^T (N, 6): the velocity of T by that of the base."""
+    """Set the first six rows of J^T (N, 6): the velocity of T by the base's."""
     R = tool.R_BT
     J_T[:3, :3], J_T[:3, 3:], J_T[3:6, 3:] = R, 0.0, R
     for i in range(3):
@@ -128,7 +128,7 @@ def free_of_base(M, P):
 
 @kernel
 def posture(settings, known, zeta, q, M, M_inv, P, a):
-    """Add to a (N,), the acceleration that the task gives, what the levels demand within the motion that is free.
+    """Add the levels' accelerations within the free motion to the task's, a (N,).
 
     Args:
         settings: record with levels (3,): in order of priority, ATTITUDE, STATION, JOINTS or -1; frequency (3,) [rad/s]
@@ -138,7 +138,7 @@ def posture(settings, known, zeta, q, M, M_inv, P, a):
         known: record with p_WB, quat_WB and R_WB of the base.
         zeta, q: [nu; q_dot] (N,) and the positions of the joints (n,).
         M, M_inv: inertia and its inverse (N, N).
-        P: free mobility (N, N); becomes what the levels leave.
+        P: free mobility (N, N); the levels take their part of it.
         a: (N,) [m/s^2, rad/s^2].
     """
     P_qq = P[6:, 6:].copy()  # of the joints, below the task
@@ -203,7 +203,7 @@ def station(settings, known, nu, b):
 
 @kernel
 def joints(settings, zeta, q, P, P_qq, a):
-    """Add the acceleration of the level joints to a (N,). It has what is left. P_qq (n, n) is lost."""
+    """Add the acceleration of the level joints to a (N,). It has all the motion that is left. P_qq (n, n) is lost."""
     omega, damping = settings.frequency[JOINTS], settings.damping[JOINTS]
     F = -omega * omega * (q - settings.joints[: len(q)]) - damping * zeta[6:] - a[6:]
     cholesky(P_qq, P_qq)

@@ -20,7 +20,7 @@ LEAST = 0.05
 WEAK = 0.15
 """Below this an axis counts, and is worth a note [1]."""
 ROUNDED = 1e-12
-"""Below this an axis is that of double precision [1]."""
+"""Below this an axis comes from rounding alone [1]."""
 _EXACT, _DROPPED = 1e-16, 1e-9
 """Below these the pseudoinverse leaves an axis out by itself, and out of a matrix that lacks it [1]."""
 

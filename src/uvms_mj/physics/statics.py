@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .frames import cross
+from .vehicle import VehicleLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class _Bodies:
 
     @classmethod
     @functools.lru_cache(maxsize=8)
-    def of(cls, vehicle: Any) -> "_Bodies":
+    def of(cls, vehicle: VehicleLike) -> "_Bodies":
         bodies, links = (vehicle, *vehicle.arm.links), vehicle.arm.links
         carried = np.zeros((len(bodies), len(links)), dtype=bool)
         for k, link in enumerate(links, 1):
@@ -60,7 +61,7 @@ class Statics:
         R, p: attitudes (n + 1, 3, 3) and positions (n + 1, 3) of their frames in B [m].
     """
 
-    def __init__(self, vehicle: Any, q: np.ndarray) -> None:
+    def __init__(self, vehicle: VehicleLike, q: np.ndarray) -> None:
         self.vehicle, self.bodies, self.q = vehicle, (vehicle, *vehicle.arm.links), q
         n = len(vehicle.arm.links)
         self.R, self.p = np.tile(np.eye(3), (n + 1, 1, 1)), np.zeros((n + 1, 3))
@@ -73,7 +74,7 @@ class Statics:
             self.p[k] = self.p[above] + self.R[above] @ (link.p_0 + link.R_0 @ moved)
             self.axes[k - 1], self.anchors[k - 1] = self.R[k] @ link.axis, self.p[k] + self.R[k] @ link.anchor
 
-    def with_coefficients(self, vehicle: Any) -> "Statics":
+    def with_coefficients(self, vehicle: VehicleLike) -> "Statics":
         """The same posture of a vehicle whose links are in the same places and have other coefficients."""
         other = copy.copy(self)
         other.vehicle, other.bodies = vehicle, (vehicle, *vehicle.arm.links)
@@ -96,7 +97,7 @@ class Statics:
 
     @functools.cached_property
     def jacobians(self) -> np.ndarray:
-        """(n + 1, 6, 6 + n), those of the frames of all bodies."""
+        """(n + 1, 6, 6 + n), of the frames of all bodies."""
         return self._jacobians(self.p, self.R, self._bodies.carried)
 
     def _jacobians(self, p: np.ndarray, R: np.ndarray, carried: np.ndarray) -> np.ndarray:
@@ -114,7 +115,8 @@ class Statics:
         return np.concatenate([R_T @ J[:, :3], R_T @ J[:, 3:]], axis=1)
 
     def inertia(self, factors: Sequence[float] | None = None) -> np.ndarray:
-        """M(q) (6 + n, 6 + n), added mass and armature included, with a factor for that of each body."""
+        """M(q) (6 + n, 6 + n), added mass and armature included, with a factor for the added mass and inertia of each
+        body."""
         bodies, J = self._bodies, self.jacobians
         inertia, armature = bodies.M_RB + bodies.M_A, bodies.armature
         if factors is not None:
@@ -129,7 +131,7 @@ class Statics:
         return J @ np.linalg.solve(self.inertia(), J.T)
 
     def restoring(self, R_WB: np.ndarray, gravity_W: np.ndarray, factors: Sequence[float] | None = None) -> np.ndarray:
-        """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for those of each body."""
+        """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for each body."""
         g = gravity_W @ R_WB @ self.R  # in the links' axes
         wrenches = np.hstack([self._bodies.buoyant[:, None] * g, cross(g, self._bodies.lever)])
         return self._generalised(wrenches if factors is None else np.array(factors)[:, None] * wrenches)

@@ -36,7 +36,7 @@ class Shape:
         extent: the numbers (3,) of a SURFACE record from the values of the keys.
         size: the least length over which it is curved, from the extent; None of a flat one [m].
         takes_capsules: whether :func:`nearest_on_segment` finds the point of a capsule's axis that is nearest to it.
-        drawn: what is drawn, from the extent: a geom's type with its size as in MJCF, or None for a plate.
+        drawn: its picture, from the extent: a geom's type with its size as in MJCF, or None for a plate.
     """
 
     keys: tuple[str, ...]

@@ -2,9 +2,9 @@ r"""Hydrodynamics and dynamics of a vehicle with an arm, one link after another.
 
 A vehicle with joints is a tree of links; the base is link 0. Its velocity is :math:`\zeta = [\nu; \dot q]` (6 + n),
 with the velocity nu of the base in B and the joint velocities. Each link has a 6x6 inertia M about the origin of its
-frame, in its axes, which is not that of a rigid body if it has added mass in it.
+frame, in its axes; with added mass in it, it is not the inertia of a rigid body.
 
-The motion V of link k, its acceleration A without that of the joints, and the axis S of its joint are spatial vectors
+The motion V of link k, its acceleration A without the joints' share, and the axis S of its joint are spatial vectors
 about B's origin in B, linear first, and so are the wrenches. There the vectors and inertias of links are added as they
 are (Featherstone 2008, ch. 2, 5 and 6), with the parent p of k:
 
@@ -91,12 +91,12 @@ LINK = np.dtype(
         ("r_b", "f8", (3,)),  # centre of buoyancy [m]
         ("f_ext", "f8", (6,)),  # contact forces, as a wrench about B's origin in B [N, N m]
         # of one instant
-        ("V", "f8", (6,)),  # motion, and acceleration without that of the joints, about B's origin in B
+        ("V", "f8", (6,)),  # motion, and acceleration without the joints' share, about B's origin in B
         ("A", "f8", (6,)),
         ("nu", "f8", (6,)),  # the same at the link's origin in its axes
         ("a", "f8", (6,)),
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
-        ("F_C", "f8", (6,)),  # of a law's model, those of C and D; F is then that of g
+        ("F_C", "f8", (6,)),  # of a law's model, the wrenches of C and D; F then has the wrench of g
         ("F_D", "f8", (6,)),
         # blocks A, G, D of the inertia [A G; G^T D] of the link and all that it carries, about B's origin in B
         ("composite", "f8", (9, 3)),
@@ -152,7 +152,7 @@ def place(frame, parent, q):
 
 @kernel
 def move(link, S, parent, q_dot):
-    """Set V and A of a link from those of its parent, at the velocity q_dot [rad/s or m/s] of its joint with the motion
+    """Set V and A of a link from its parent's, at the velocity q_dot [rad/s or m/s] of its joint with the motion
     S (6,)."""
     v, omega, own = parent.V[:3], parent.V[3:], S * q_dot
     link.V[:] = parent.V + own
@@ -220,7 +220,7 @@ def restoring_wrench(link, frame, gravity_B, out):
 
 @kernel
 def hand_down(link, parent):
-    """Add the wrench F of a link to that of its parent."""
+    """Add the wrench F of a link to its parent's."""
     parent.F += link.F
 
 
@@ -239,7 +239,7 @@ def place_links(frames, q, first):
 
 @kernel
 def move_links(links, frames, q_dot, first):
-    """Set velocities and accelerations of all links from those of the base and the joint velocities, which are in q_dot
+    """Set velocities and accelerations of all links from the base's and the joint velocities, which are in q_dot
     from the index ``first`` on."""
     move_base(links[0])
     for k in range(1, links.shape[0]):
@@ -330,7 +330,7 @@ def turn_block(block, R, out):
 
 @kernel
 def add_composite(link, parent):
-    """Add the composite inertia of a link to that of its parent."""
+    """Add the composite inertia of a link to its parent's."""
     parent.composite += link.composite
 
 

@@ -17,7 +17,8 @@ height :math:`z \le 0` above the mean surface, the water moves along e and z wit
 
 Both are sums of exponentials that stay finite in any depth, :math:`c, s = (e^{kz} \pm b\, e^{-kz})/(1 - b)` with
 :math:`b = e^{-2 k d}`. The field has no divergence and no curl, :math:`\partial_e u = -\partial_z w` and
-:math:`\partial_z u = \partial_e w`. Above the mean surface it is that of the surface, without a gradient along z.
+:math:`\partial_z u = \partial_e w`. Above the mean surface the water moves as at the surface, without a gradient along
+z.
 
 The surface is at :math:`\eta = a \cos\theta`. The theory is linear in the steepness; the water's acceleration is taken
 whole, with :math:`(v \cdot \nabla) v`, which measured loads on a submerged vehicle ask for (Sayer, Ocean Engineering

@@ -1,15 +1,14 @@
-"""The arm of a vehicle: its links, joints and sites, read from the MJCF, and what a link and the base have in common.
+"""The arm of a vehicle: its links, joints and sites, read from the MJCF, and the coefficients that a link and the base
+have in common.
 
-A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
-body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
-link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
-origin of the link's body frame and in its axes (:mod:`.coefficients`).
+**Links.** A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is
+part of the body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with
+the name of the link's body and a dot, for example ``upper_arm.displaced_mass``. They are described in
+:mod:`.coefficients`, about the origin of the link's body frame and in its axes.
 
-MuJoCo's constraints of a joint: Coulomb friction of the gear with stick, and the stops of the range.
-
-Both are rows of MuJoCo's constraint solver, which is implicit: they need no smaller time step, whatever the inertia.
-With the inverse inertia w of the joint (``dof_invweight0``), the time step h, the impedance d and the time constant T
-of solref:
+**Friction and stops.** A joint has Coulomb friction of its gear, with stick, and the stops of its range. Both are rows
+of MuJoCo's constraint solver, which is implicit: they need no smaller time step, whatever the inertia. With the inverse
+inertia w of the joint (``dof_invweight0``), the time step h, the impedance d and the time constant T of solref:
 
 - Friction: a joint that slips is given exactly the friction torque. A joint that sticks under the load tau creeps with
   the velocity ``(1 - d) T / 2 w tau``, because MuJoCo's friction is a stiff damper below its limit. T = 2 h is the
@@ -181,7 +180,7 @@ def moving_bodies(model: mujoco.MjModel, base: int) -> list[int]:
 
 def read_arm(model: mujoco.MjModel, base: int, prefix: str, faults: list[Fault]) -> Arm:
     """Read the links and the sites of a vehicle whose free joint is on the body ``base``. Errors are appended to
-    ``faults``; ``prefix`` is that of an attached model."""
+    ``faults``; ``prefix`` stands before the names of an attached model."""
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[model.body_jntadr[base]] + 3] = 1.0
     bodies = moving_bodies(model, base)
@@ -306,7 +305,7 @@ STOP_TIME = 2e-3
 
 
 HARDER = 0.01
-"""Inverse inertia of a joint for its constraints, over that of its inertia."""
+"""Inverse inertia of a joint in its constraints, over the true inverse."""
 
 
 def set_constraints(model: mujoco.MjModel) -> None:

@@ -2,9 +2,9 @@
 
 The true vehicle has the coefficients of its file with the factors and offsets of the scenario's ``[vehicle]``, which
 change what moves in the water. The laws' estimates, the default M_d and the allocation keep the numbers of the file, as
-those of a control system keep the numbers of a data sheet. A payload is a point mass on the base or on a link that the
+a control system keeps the numbers of a data sheet. A payload is a point mass on the base or on a link that the
 laws do not know. It adds its mass to the rigid body, and the water that it displaces to the buoyancy. Added mass and
-drag stay those of the file.
+drag stay as in the file.
 
 The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised. The contact
 is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
@@ -24,7 +24,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -32,6 +32,7 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
+from ..stages.setup import ScenarioLike
 from .arm import Body, set_constraints, skew
 from .contacts import Contacts, Probe, contacts_of, surfaces_of
 from .geometry import Geometry
@@ -172,7 +173,7 @@ BEYOND = 0.01
 """How far beyond its range a joint may start, as its limits give way [rad or m]."""
 
 
-def check_fit(scenario: Any, nominal: Vehicle) -> None:
+def check_fit(scenario: ScenarioLike, nominal: Vehicle) -> None:
     """Raise InputError if the frame of the task is not a site of the vehicle, or the initial joints do not fit it."""
     frame, arm, faults = scenario.task.frame, nominal.arm, []
     if frame != BODY and frame not in arm.sites:
@@ -207,7 +208,7 @@ Inertias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Inertias (6, 6) of the true vehicle, of its file, and of the estimates."""
 
 
-def task_inertias(scenario: Any, nominal: Vehicle) -> Inertias:
+def task_inertias(scenario: ScenarioLike, nominal: Vehicle) -> Inertias:
     """The inertias at the frame of the task in the initial posture. At a tool they are Lambda."""
     true, estimates = perturbed(nominal, scenario.vehicle), scenario.estimates
     if scenario.task.frame == BODY and not nominal.arm.links:
@@ -249,7 +250,7 @@ class Plant:
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
     vehicle: Vehicle
-    """The true one: that of the MJCF with the factors of ``choice``."""
+    """The true one: the MJCF's with the factors of ``choice``."""
     geometry: Geometry
     """Shapes of the vehicle."""
     probe: Probe
@@ -328,8 +329,8 @@ def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
     model.geom(f"{_OURS}wall").pos[0] = face
 
 
-def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
-    """The plant of a scenario, the contacts beside that of the probe and ``[wall]``, and the inertias of
+def build(scenario: ScenarioLike, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
+    """The plant of a scenario, the contacts beside the probe's with ``[wall]``, and the inertias of
     :func:`task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
     vehicle's file can't be used or is not physical, or the scenario does not fit it."""
     if not isinstance(mjcf, Mjcf | None):

@@ -15,10 +15,10 @@ A whole matrix has 36 numbers, row by row, with the sign of M_A or D: its diagon
 signs of the literature: D_linear[0, 0] is -X_u. The six diagonal derivatives are required. A missing cross term such as
 ``N_v`` or ``Y_rr`` is zero. Added mass is symmetric, so ``Y_rdot`` alone also sets ``N_vdot``.
 
-**Strip theory** gives those that the file of a link leaves out. A slender body is cut into strips across its axis a.
-The strip at r has the cross section A, the width d and the length ds. Water resists the velocity of the strip across
-the axis, v_p = P (v + omega x r) = P H nu with P = I - a a^T and H = [I, -S(r)], and does not resist that along it
-(Fossen (2021), 6.4; Morison's equation for a moving body):
+**Strip theory** gives the coefficients that the file of a link leaves out. A slender body is cut into strips across its
+axis a. The strip at r has the cross section A, the width d and the length ds. Water resists the velocity of the strip
+across the axis, v_p = P (v + omega x r) = P H nu with P = I - a a^T and H = [I, -S(r)], and does not resist that along
+it (Fossen (2021), 6.4; Morison's equation for a moving body):
 
 =================  ====================================================================
 displaced mass     rho int A ds
@@ -215,7 +215,7 @@ def wrong_numerics(model: mujoco.MjModel, base: int, prefix: str, alone: bool = 
 
 
 def _owners(model: mujoco.MjModel, base: int, prefix: str) -> tuple[set[str], set[str]]:
-    """Names of the links and of their joints, without the prefix. A joint without a name has that of its link."""
+    """Names of the links and of their joints, without the prefix. A joint without a name has the name of its link."""
     links, joints = set[str](), set[str]()
     for body in np.flatnonzero((model.body_rootid == base) & (model.body_dofnum > 0)):
         if body != base:
@@ -243,7 +243,7 @@ def _of_a_link(
                 return _STRIPS
             if carrier == owner:
                 return f"body {owner!r} is the base: its coefficients have no name in front"
-            return f"body {owner!r} has no joint: its water is part of that of {carrier!r}, which carries it"
+            return f"body {owner!r} has no joint: its water is part of the water of {carrier!r}, which carries it"
         choices = suggestion(owner, owners) if owners else "the vehicle has none"
         return f"{owner!r} is not a {kind} of the vehicle; {choices}"
     if owner in links | joints:
@@ -255,7 +255,7 @@ _PRODUCT = re.compile(r"[XYZKMN]_?\|?[uvwpqr]\|?[uvwpqr]\|?")
 
 
 def misspelt(word: str, known: frozenset[str]) -> str | None:
-    """The sentence for a word that is a product of velocities, or almost one of those that are known."""
+    """The sentence for a word that is a product of velocities, or almost a known one."""
     if _PRODUCT.fullmatch(word):
         return f'is a product of velocities: write <text name="products" data="{word.replace("_", "")} ..."/>'
     lower = {each.lower(): each for each in sorted(known)}
@@ -360,7 +360,8 @@ _NAMES = (*_FROM_STRIPS, "D_linear")
 
 
 class Water(TypedDict):
-    """Coefficients of a link about its frame's origin, and the names of those that strip theory filled in."""
+    """Coefficients of a link about its frame's origin, and the names of the coefficients that strip theory filled
+    in."""
 
     displaced_mass: float
     r_b: np.ndarray

@@ -1,6 +1,6 @@
 """The contacts of a scenario: which contact body of the vehicle can touch which wall.
 
-Without contact bodies and without a bumper, MuJoCo's contact pair is that of the probe and ``[wall]``
+Without contact bodies and without a bumper, MuJoCo's contact pair is the probe and ``[wall]``
 (:mod:`.build`), and the list has the probe in front of each of ``[[walls]]``. Otherwise the list has every contact. A
 capsule is a pair of spheres in front of a plane: its ends touch first.
 """
@@ -17,6 +17,8 @@ from ..errors import Fault, suggestion
 from ..physics.contacts import PAIR
 from ..physics.frames import BODY
 from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
+from ..physics.vehicle import VehicleLike
+from ..stages.setup import ScenarioLike
 from .settings import ContactBody, Surface, contact_settings, in_series
 
 OUT_OF_REACH = 1e9
@@ -184,7 +186,7 @@ class Contacts:
             yield ContactAtRest(key, np.asarray(normal), total, sum(contact.damping for contact in inside))
 
 
-def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
+def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> Contacts:
     """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
     base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
@@ -206,7 +208,7 @@ def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
     return Contacts(tuple(walls), tuple(pairs), tuple(carriers), paper, probe.radius)
 
 
-def _carrier(body: ContactBody, vehicle: Any, carriers: list[Carrier]) -> int:
+def _carrier(body: ContactBody, vehicle: VehicleLike, carriers: list[Carrier]) -> int:
     """Index of the frame of the link that carries a contact body, in ``carriers``, to which it is added."""
     links = [link.name for link in vehicle.arm.links]
     own = Carrier.of_link(links.index(body.body) if body.body in links else -1)
@@ -216,19 +218,19 @@ def _carrier(body: ContactBody, vehicle: Any, carriers: list[Carrier]) -> int:
     return found[0] if found else len(carriers) - 1
 
 
-def is_papers(scenario: Any) -> bool:
+def is_papers(scenario: ScenarioLike) -> bool:
     """Whether the probe touches ``[wall]`` without a bumper, which is MuJoCo's contact pair."""
     bare = scenario.bumper.stiffness is None and not scenario.vehicle.contact_bodies
     return bool(scenario.wall.present and bare)
 
 
-def face_of(scenario: Any, radius: float) -> float:
+def face_of(scenario: ScenarioLike, radius: float) -> float:
     """x of the face of ``[wall]`` in W for MuJoCo's pair and a probe of a radius [m]; out of reach if there is no such
     pair."""
     return scenario.wall.position + radius if is_papers(scenario) else OUT_OF_REACH
 
 
-def surfaces_of(scenario: Any, radius: float) -> tuple[Surface, ...]:
+def surfaces_of(scenario: ScenarioLike, radius: float) -> tuple[Surface, ...]:
     """All walls, of which ``[wall]``, if it is there, is the first; the probe has a radius [m]."""
     return *((as_surface(scenario.wall, radius),) if scenario.wall.present else ()), *scenario.walls
 
@@ -243,7 +245,7 @@ def as_surface(wall: Any, radius: float) -> Surface:
     return surface
 
 
-def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:
+def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
     """Errors for contacts that are not computed, for links that the vehicle does not have, and for settings without
     effect."""
     bodies = scenario.vehicle.contact_bodies
@@ -262,7 +264,7 @@ def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:
     if bodies and scenario.bumper.stiffness is not None:
         yield Fault(
             "bumper.stiffness",
-            "is that of the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
+            "belongs to the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
         )
 
 

@@ -1,4 +1,4 @@
-"""What is known of a vehicle, as numbers and as the rows of a table. ``uvms-mj vehicles`` and notebooks show it."""
+"""Facts about a vehicle, as numbers and as the rows of a table. ``uvms-mj vehicles`` and notebooks show them."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -19,10 +19,10 @@ REMARKS = ("description", "source", "licence", "trust")
 
 
 def described(mjcf: "Mjcf") -> dict[str, Any]:
-    """What is known of a vehicle, as numbers, texts and lists: SI units, body frame B.
+    """Facts about a vehicle, as numbers, texts and lists: SI units, body frame B.
 
     Of each thruster ``wrench`` is its column of B, the wrench of 1 N of thrust, or of 1 N m if it is a pure moment. A
-    limit is None if there is none. Coefficients are those of the base; links have their own. Raises InputError if the
+    limit is None if there is none. Coefficients describe the base; links have their own. Raises InputError if the
     file is not one physical vehicle.
     """
     vehicle, remarks = mjcf.vehicle, mjcf.remarks

@@ -108,7 +108,7 @@ def quadratic_gain(D: np.ndarray, products: np.ndarray = _NO_PRODUCTS) -> np.nda
 
 def _works(products: np.ndarray, unit: np.ndarray) -> dict[tuple[int, int, int, bool], float]:
     """The coefficients of the power of PRODUCT records (n,) in y = unit nu, summed by its factors y_i y_j y_k, or
-    y_i y_j abs(y_k) with bars; without those that cancel."""
+    y_i y_j abs(y_k) with bars; terms that cancel are left out."""
     found: dict[tuple[int, int, int, bool], list[float]] = {}
     for axis, first, second, bars, coefficient in products.tolist():
         i, j, k = (*sorted((axis, first)), second) if bars else sorted((axis, first, second))

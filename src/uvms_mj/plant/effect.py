@@ -15,7 +15,7 @@ the water, the current and the thrusts::
             tau[0] = -settings.k * given.nu_r[0]
 
 It acts at B, or with ``at`` in the frame of a link or of a site of the vehicle: then pose, velocities and wrench are
-those of this frame, about its origin and in its axes, and the joints carry their part of it.
+in this frame, about its origin and in its axes, and the joints carry their part of it.
 
 It acts from its instant t_k on, as all forces of a step do; by default it has an instant at each time step. It may have
 states. A scenario lists effects, ``effects = [{name = "my_effect.py:Brush", k = 30.0}]``. Each wrench is a signal of
@@ -34,7 +34,9 @@ from ..errors import Fault, InputError, suggestion
 from ..physics.contacts import place_carrier
 from ..physics.frames import BODY, attitude, to_body
 from ..physics.kernels import kernel
+from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage, shared
+from ..stages.setup import SetupLike
 from ..stages.signals import EFFECT_WRENCH, effect_given
 from .contacts import Carrier
 
@@ -64,11 +66,11 @@ class Effect(Stage):
         """Set tau (6,) and state_dot from settings, state and given."""
         raise NotImplementedError
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The settings without the frame, which is no number."""
         return {name: value for name, value in super().constants(setup).items() if name != "at"}
 
-    def carrier(self, vehicle: Any) -> Carrier:
+    def carrier(self, vehicle: VehicleLike) -> Carrier:
         """The frame in which it acts. Raises InputError if the vehicle has no link and no site of this name."""
         names = [link.name for link in vehicle.arm.links]
         if self.at == BODY:
@@ -82,7 +84,7 @@ class Effect(Stage):
             )
         return Carrier(site.link, site.p, site.R)
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         try:
             carrier = self.carrier(setup.vehicle)
         except InputError as error:
@@ -94,7 +96,7 @@ class Effect(Stage):
 
 @kernel
 def at_frame(run, frame, given):
-    """Set pose and velocity of what an effect is given, B's, to those of a CARRIER record."""
+    """Set pose and velocity in an effect's record, which are B's, to a CARRIER record's."""
     place_carrier(run, frame)
     given.p_WB[:], given.R_WB[:], given.nu[:] = frame.p_WC, frame.R_WC, frame.nu
     attitude(frame.R_WC, given.quat_WB)

@@ -146,7 +146,7 @@ class Geometry:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int, links: tuple[Link, ...] = ()) -> "Geometry":
-        """Geometry of a compiled model's body and its links. Shapes are those that MuJoCo's viewer shows; reach counts
+        """Geometry of a compiled model's body and its links. It has the shapes that MuJoCo's viewer shows; reach counts
         all geoms of the body. Raises InputError if a geom's size, position or colour is out of range."""
         meshes: dict[str, Mesh] = {}
         data = mujoco.MjData(model)

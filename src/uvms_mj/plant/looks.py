@@ -22,7 +22,7 @@ WALL_RGBA = (0.62, 0.64, 0.66, 0.35)
 BODY_RGBA = (0.90, 0.62, 0.0, 0.6)
 """Colour of a contact body."""
 PREFIX = "uvms_mj/"
-"""Prefix of all added names, to keep them apart from those of a vehicle."""
+"""Prefix of all added names, to keep them apart from a vehicle's."""
 OVERVIEW = "overview"
 """Name of the camera that sees start and wall."""
 AZIMUTH, ELEVATION = 75.0, -25.0

@@ -1,10 +1,9 @@
 """A vehicle's MJCF with all files that it refers to, in memory. Runs are built from it, and logs contain it.
 
-Files of an MJCF model: the references in its XML, and a copy of all files as one flat set without folders.
-
-MuJoCo looks for a file relative to the folder of its model, which is the main file or one named by
-``<model file=...>``. ``meshdir`` or ``texturedir`` is inserted after that folder; the last setting counts. Included
-files belong to the model that includes them (MuJoCo, XML reference, compiler and include).
+The copy is one flat set of files without folders, to which the references in the XML are changed. MuJoCo looks for a
+file relative to the folder of its model, which is the main file or one named by ``<model file=...>``. ``meshdir`` or
+``texturedir`` is inserted after that folder; the last setting counts. Included files belong to the model that includes
+them (MuJoCo, XML reference, compiler and include).
 """
 
 import contextlib
@@ -86,7 +85,7 @@ LARGEST_PICTURE = 2**26
 """Bound on the pixels of a picture; a compressed file of a few kilobytes may contain billions."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _NAMED = ("mesh", "texture")
-"""Elements whose default name is that of their file."""
+"""Elements whose default name is the name of their file."""
 _COMMENT = re.compile(
     r"""(?P<comment><!--.*?-->)|<!\[CDATA\[.*?\]\]>|<[^!<>"'](?:[^<>"']|"[^"]*"|'[^']*')*>|<|[^<]+""", re.DOTALL
 )
@@ -285,7 +284,7 @@ _FORMATS = {"sdf": "SDF of Gazebo", "robot": "URDF"}
 
 
 def _refuse_another_format(name: str, root: Element) -> None:
-    """Raise InputError if the root of a vehicle's file is not that of MJCF, before its references are followed."""
+    """Raise InputError if the root of a vehicle's file is not MJCF's, before its references are followed."""
     if root.tag == "mujoco":
         return
     wrong = f"vehicle.model {name}: is not MJCF: its root is <{root.tag}>, not <mujoco>"
@@ -452,7 +451,7 @@ class Mjcf:
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
         with _compiling(self.name):
-            # MuJoCo keeps meshes by the names of their files, and may take that of another vehicle
+            # MuJoCo keeps meshes by the names of their files, and may take another vehicle's
             mujoco.mj_clearCache(mujoco.mj_getCache())
             return spec.compile()
 

@@ -1,11 +1,10 @@
-"""A table of thrusters in CSV: a row each, with name, position and direction in B, and limits of the thrust.
+"""A copy of a vehicle's file under another name, for its owner to edit, with other thrusters if a table gives them.
 
+The table of thrusters is a CSV file: a row each, with name, position and direction in B, and limits of the thrust.
 The unit of a column is in its head. ``name``; the position ``x``, ``y``, ``z`` with ``_m``, ``_cm`` or ``_mm``; the
 direction of positive thrust as ``dx``, ``dy``, ``dz``, a vector of any length, or as ``yaw_deg`` and ``pitch_deg`` of a
 frame whose x axis it is, where a pitch of -90 points up; and, if the thrust has limits, ``min`` and ``max`` with ``_N``
 or ``_kgf``.
-
-A copy of a vehicle's file under another name, for its owner to edit, with other thrusters if a table gives them.
 """
 
 import copy
@@ -191,7 +190,7 @@ def copied(origin: str, mjcf_path: Path, name: str, thrusters: Sequence[Thruster
     """The files of a copy of a vehicle, the main one ``NAME.xml`` first.
 
     Args:
-        origin: what it is a copy of, for its texts.
+        origin: the original, for its texts.
         mjcf_path: the vehicle's file.
         name: of the copy, of its body and of its file.
         thrusters: in place of its own; empty: its own.
@@ -209,7 +208,7 @@ def copied(origin: str, mjcf_path: Path, name: str, thrusters: Sequence[Thruster
     if thrusters:
         _replace_thrusters(trees, main, name, old, thrusters)
     _mark(trees, main, name, origin, table if thrusters else "")
-    said = f"  Its thrusters are those of {table}.\n" if thrusters else ""
+    said = f"  Its thrusters come from {table}.\n" if thrusters else ""
     prolog = re.split(rb"<mujoco\b", files[main], maxsplit=1)[0].decode("utf-8-sig", errors="replace")
     prolog = re.sub(r"<\?xml.*?\?>", "", prolog).strip()
     head = _HEAD.format(name=name, origin=origin, thrusters=said)
@@ -339,7 +338,7 @@ def _motor(thruster: Thruster) -> Element:
 
 
 def _mark(trees: Mapping[str, Element], main: str, name: str, origin: str, table: str) -> None:
-    """Say in the texts of a vehicle that it is a changed copy, whose source and licence are those of the original."""
+    """Say in the texts of a vehicle that it is a changed copy, whose source and licence are the original's."""
     texts = {e.get("name"): e for e in _every(trees) if e.tag == "text"}
     changed = f"changed copy of {origin}" + (f", thrusters of {table}" if table else "")
     marks = {"description": f"{name}, {changed}", "trust": f"{changed}; the original"}

@@ -42,7 +42,7 @@ class Product:
 
     @property
     def term(self) -> tuple[int, int, int, bool]:
-        """What it multiplies, the same for Yuv and Yvu."""
+        """The velocities that it multiplies, the same for Yuv and Yvu."""
         first, second = (self.first, self.second) if self.bars else sorted((self.first, self.second))
         return self.axis, first, second, self.bars
 

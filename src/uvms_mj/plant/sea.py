@@ -56,7 +56,7 @@ class Sea:
     height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
         "height from trough to crest, or the significant height of a spectrum; 0: no waves [m]", 0.0
     )
-    period: Annotated[Number, within(0.1, 100.0, "s")] = doc("period, or that of the spectrum's peak [s]", 4.0)
+    period: Annotated[Number, within(0.1, 100.0, "s")] = doc("period, or the period of the spectrum's peak [s]", 4.0)
     direction_deg: Angle = doc("heading that the waves run to in W, 0 towards the wall, 90 to the left [deg]", 0.0)
     spectrum: Literal["regular", "jonswap", "pierson_moskowitz"] = doc("one wave, or many", "regular")
     gamma: Annotated[Number, within(1.0, 10.0, "")] = doc("peakedness of jonswap [1]", 3.3)

@@ -1,11 +1,11 @@
 """Settings of a plant: the vehicle, its simulation, its initial state, walls, contact bodies and the bumper.
-:mod:`.water` has those of the water."""
+:mod:`.water` has the settings of the water."""
 
 import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -31,6 +31,7 @@ from ..quantities import (
     doc,
     within,
 )
+from ..stages.setup import ScenarioLike
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
 WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
@@ -173,7 +174,7 @@ class Payload:
 @dataclass(frozen=True, config=STRICT)
 class VehicleChoice:
     """The vehicle's file, and factors that make the true vehicle differ from it. The laws do not know the factors: the
-    estimates are those of the file times ``[estimates]``, and so are the default M_d and the allocation."""
+    estimates are the file's times ``[estimates]``, and so are the default M_d and the allocation."""
 
     model: str = doc("MJCF file of the vehicle, or the name of a built-in model", "bluerov1")
     mass: PositiveFactor = doc("true mass and rigid-body inertia over the file's, unknown to the laws [1]", 1.0)
@@ -230,14 +231,14 @@ class Wall:
     present: bool = doc("false: this wall is not there", True)
 
 
-def _idle(scenario: Any) -> dict[str, str]:
+def _idle(scenario: ScenarioLike) -> dict[str, str]:
     """The tables of a contact that is not there, and why: ``wall`` and ``bumper``."""
     if scenario.wall.present:
         return {}
     return {"wall": "wall.present is false"} | ({} if scenario.walls else {"bumper": "there is no wall"})
 
 
-def without_effect(scenario: Any) -> list[str]:
+def without_effect(scenario: ScenarioLike) -> list[str]:
     """A sentence for each table of a contact that is not there: the keys that differ from their defaults."""
     said = []
     for name, reason in _idle(scenario).items():
@@ -248,7 +249,7 @@ def without_effect(scenario: Any) -> list[str]:
     return said
 
 
-def overridden_in_vain(scenario: Any, overrides: Collection[str]) -> list[Fault]:
+def overridden_in_vain(scenario: ScenarioLike, overrides: Collection[str]) -> list[Fault]:
     """Errors for overrides of a wall that is not there, and of a bumper without any wall. They may stand beside the
     override that takes the wall away."""
     instead = {
@@ -280,7 +281,7 @@ def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
 def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
     """Least effective mass in any direction at spheres of a radius [m] about centres (n, 3) in B [kg].
 
-    M is the inertia (6, 6), added mass included. The points are those of the spheres along the axes of B.
+    M is the inertia (6, 6), added mass included. The points are the ends of the spheres along the axes of B.
     """
     inverse, masses = np.linalg.inv(M), []
     for centre in centres_B:

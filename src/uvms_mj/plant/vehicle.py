@@ -125,7 +125,7 @@ class Vehicle(Body):
     arm: Arm = Arm()
     """Its links."""
     products: tuple[Product, ...] = ()
-    """Its products of velocities, which are forces beside those of D."""
+    """Its products of velocities, which are forces beside D's."""
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None, file: str = "") -> "Vehicle":

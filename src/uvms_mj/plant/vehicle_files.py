@@ -1,8 +1,9 @@
-"""What a vehicle's file may have: known elements, and of their objects what a run takes over; all else has its default.
+"""Contents of a vehicle's file: known elements, and of their objects the parts that a run takes over; all else has its
+default.
 
 MuJoCo reads the file into a spec (MjSpec), with default classes, includes and attached parts resolved.
-:func:`check_specs` compares each object of it with a new one: what is not in :data:`ACCEPTED` must be the same.
-:func:`check_xml` checks before what a spec does not show, and :func:`check_model` the compiled model.
+:func:`check_specs` compares each object of it with a new one: attributes that are not in :data:`ACCEPTED` must be the
+same. :func:`check_xml` checks before what a spec does not show, and :func:`check_model` the compiled model.
 """
 
 import contextlib
@@ -63,7 +64,7 @@ _RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "joint type": (lambda x: x != "ball", "must be 'hinge' or 'slide'; chain three hinges for a ball"),
     "geom type": (lambda x: x not in ("hfield", "sdf"), "must be a primitive shape or a mesh"),
 }
-"""By kind and attribute: what an accepted attribute must fulfil, and the message if it does not."""
+"""By kind and attribute: the condition of an accepted attribute, and the message if it does not hold."""
 
 _WATER = "hydrodynamic forces come from the coefficients in <custom>"
 _INSTEAD: Mapping[str, str] = {
@@ -78,12 +79,12 @@ _INSTEAD: Mapping[str, str] = {
     "body gravcomp": "buoyancy is displaced_mass times gravity",
     "joint stiffness": "springs are not computed",
 }
-"""What a run has in place of an element, or of an attribute of a kind."""
+"""The substitute of a run for an element, or for an attribute of a kind."""
 
 _OF_A_RUN: Mapping[str, tuple[str, str]] = {
     "timestep": ("0.0001", "simulation.timestep"),
     "integrator": ("Euler", "simulation.integrator"),
-    "cone": ("elliptic pyramidal", "no friction cone: friction is that of the scenario's walls"),
+    "cone": ("elliptic pyramidal", "no friction cone: the scenario's walls have the friction"),
 }
 """Attributes of <option> that a run takes from the scenario: what a file may say for other programs that read it, the
 default of a scenario, and what a run has in their place."""
@@ -291,7 +292,7 @@ _TAGS: Mapping[str, tuple[str, ...]] = {
     "freejoint": ("freejoint", "joint"),
     "motor": ("motor", "general"),
 }
-"""Elements of a kind, where they are not those of its name."""
+"""Elements of a kind, where they are not called as the kind."""
 
 
 def _written(trees: Mapping[str, Element], main: str, kind: str, name: str, attribute: str, value: Any) -> str:
@@ -321,7 +322,7 @@ def _words(value: Any) -> list[str]:
 
 
 def _objects(spec: mujoco.MjSpec, classes: Iterable[str] = ()) -> Iterator[tuple[str, Any]]:
-    """All objects of a spec with their kinds, after those of its default classes."""
+    """All objects of a spec with their kinds, after the objects of its default classes."""
     yield from (("option", spec.option), ("compiler", spec.compiler), ("statistic", spec.stat))
     for each in (spec.default, *filter(None, map(spec.find_default, sorted(classes)))):
         yield from (("geom", each.geom), ("joint", each.joint), ("site", each.site), ("mesh", each.mesh))
@@ -465,6 +466,6 @@ def _collisions(model: mujoco.MjModel) -> list[Fault]:
             reason = f"is fixed to the world and {collides}: a vehicle touches only the scenario's walls ([[walls]])"
             faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0" if it is for the eye'))
         elif (other := np.flatnonzero(meets[i] & (carrier != 0)).tolist()) and i < other[-1]:
-            reason = f"of {_body(model, carrier[i])} would collide with those of {_body(model, carrier[other[-1]])}"
+            reason = f"of {_body(model, carrier[i])} would collide with geoms of {_body(model, carrier[other[-1]])}"
             faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0"'))
     return faults

@@ -14,6 +14,7 @@ from ..physics.effects import EFFECTS, RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from ..stages.setup import ScenarioLike
 from .sea import Sea, World
 
 MOST_ROWS = 100_000
@@ -272,7 +273,7 @@ EFFECT_TABLES: dict[str, Any] = {"sea": Sea, "pads": Pad, "tether": Tether, "fin
 """The table of each effect, or of each one of a list."""
 
 
-def effects_of(scenario: Any, plant: Any) -> np.ndarray:
+def effects_of(scenario: ScenarioLike, plant: Any) -> np.ndarray:
     """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
     tables = {name: getattr(scenario, name) for name in EFFECT_TABLES} | {"products": plant.vehicle.products}
     face = scenario.wall.position + plant.probe.radius if scenario.wall.present else None
@@ -312,6 +313,6 @@ def advancing(tables: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def advancing_of(scenario: Any) -> list[str]:
+def advancing_of(scenario: ScenarioLike) -> list[str]:
     """As :func:`advancing`, of a scenario."""
     return advancing({name: getattr(scenario, name) for name in EFFECT_TABLES})

@@ -145,11 +145,11 @@ class Header:
         return {signal.name: signal for signal in self.signals}
 
     def components(self, signal: Signal) -> tuple[str, ...]:
-        """Names of a signal's components; those of the joints if it has one number a joint."""
+        """Names of a signal's components; the joints' if it has one number a joint."""
         return tuple(link.joint for link in self.geometry.links) if self._of_joints(signal) else signal.components
 
     def part(self, name: str) -> tuple[Signal, int | None]:
-        """The recorded signal of a name, and the index of the component if the name is that of one, ``tau.x``. Raises
+        """The recorded signal of a name, and the index of the component if the name has one, ``tau.x``. Raises
         InputError if there is none."""
         first, dot, component = name.partition(".")
         if first not in self.by_name:
@@ -180,7 +180,7 @@ class Header:
 
     @property
     def task_frame(self) -> tuple[str, str, str]:
-        """Names of the position, the attitude and the velocity of the frame of the task: those of B, or of the tool."""
+        """Names of the position, the attitude and the velocity of the frame of the task, B or the tool."""
         at_tool = "p_WT" in self.by_name and self.scenario.task.frame != BODY
         return ("p_WT", "quat_WT", "nu_T") if at_tool else ("p_WB", "quat_WB", "nu")
 

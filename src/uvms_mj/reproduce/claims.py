@@ -9,6 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ..studies.pages import Fragment, filled
+
+STYLE = Path(__file__).with_name("claims.css")
+"""Style of a page with claims."""
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -145,3 +150,8 @@ def judged(claims: Sequence[Claim], results: Any) -> list[Row]:
 def counted(rows: Sequence[Row]) -> dict[Verdict, int]:
     """Number of claims with each verdict."""
     return {verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
+
+
+def as_part(rows: Sequence[Row]) -> Fragment:
+    """Claims with their verdicts, and how many there are of each, as a part of a page."""
+    return Fragment(filled(Path(__file__).with_name("claims.html"), rows=rows, counts=counted(rows)))

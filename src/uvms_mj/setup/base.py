@@ -40,7 +40,7 @@ _ALIGNED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario, the plant, and the design matrices of both; ``contacts`` are those beside that of the probe and
+    """A scenario, the plant, and the design matrices of both; ``contacts`` are the contacts beside the probe's with
     ``[wall]``."""
 
     scenario: Scenario
@@ -115,7 +115,7 @@ class Setup:
 
     @property
     def not_rigid(self) -> str:
-        """The reason why the equations of a rigid vehicle at B are not those of the run; empty if they are."""
+        """The reason why the run does not follow the equations of a rigid vehicle at B; empty if it does."""
         if self.nominal.arm.links:
             return f"{self.vehicle.body} has joints"
         return "" if self.scenario.task.frame == BODY else f"task.frame is {self.scenario.task.frame!r}"

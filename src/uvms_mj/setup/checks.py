@@ -1,4 +1,4 @@
-"""What a run is refused for, and what it is warned of, before it begins.
+"""Checks before a run begins: errors that refuse it, and warnings.
 
 **The wall.** Symplectic Euler with a step h is stable for a mass m on a spring k and a damper b if h^2 k/m + 2 h b/m <
 4. Well below this limit the forces are accurate. With w = sqrt(k/m), the relative error of peak force and rebound is
@@ -36,7 +36,7 @@ from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
-from ..plant.vehicle import AXES, notes_on_damping
+from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..plant.water import Current, Disturbance, counted, effects_of
 from ..quantities import leaves, radians_notes
 from ..scenario import Scenario
@@ -62,7 +62,7 @@ class Direction(NamedTuple):
     contacts: int = 0
 
     def source(self, word: str, default: str) -> str:
-        """Where the number comes from, if it is not that of the key."""
+        """Where the number comes from, if it is not the key's."""
         given = self.prefix == "" or getattr(self.wall, self.prefix + word) is not None
         together = " with all contacts and bumpers" if self.contacts else ""
         return f"{together}{'' if given else f' (by default {default})'}"
@@ -167,12 +167,12 @@ def directions(setup: Setup) -> Iterator[Direction]:
 _FAR = 0.1
 """Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""
 _NEAR = 0.7
-"""Share of its speed limit from which a joint is near it: the estimate is that of small motions."""
+"""Share of its speed limit from which a joint is near it: the estimate holds for small motions."""
 _SAMPLES, _SAMPLED_S = 100, 0.1
 """Number of velocities of the reference for this estimate, and the time between them [s]."""
 
 
-def free_motion_notes(setup: Any) -> Iterator[str]:
+def free_motion_notes(setup: Setup) -> Iterator[str]:
     """Warnings for a vehicle whose base and joints come to no rest while the law holds the frame of the task, or whose
     joints are too slow for it."""
     scenario, links = setup.scenario, setup.vehicle.arm.links
@@ -192,7 +192,7 @@ def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
     return Track([0.0], [Pose(np.array(position), quat, rotation_matrix(quat), tau_c)])
 
 
-def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
+def _restless(setup: Setup, motion: FreeMotion) -> Iterator[str]:
     """A warning if the slow motion from the initial posture comes to no rest, or to one that the motors or thrusters
     can't hold, or moves far where no level holds it."""
     scenario, q = setup.scenario, motion.rest()
@@ -217,7 +217,7 @@ def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
         yield f"the vehicle can't hold its rest behind {frame}: {weak}; choose other initial.joints or a weaker current"
 
 
-def _moves(setup: Any, q: np.ndarray) -> str:
+def _moves(setup: Setup, q: np.ndarray) -> str:
     """Which joint is farthest from its start at q (n,); empty if none is far."""
     start = setup.start.q
     k = int(np.abs(q - start).argmax())
@@ -228,7 +228,7 @@ def _moves(setup: Any, q: np.ndarray) -> str:
     return f"{link.joint} moves from {' to '.join(angles)}"
 
 
-def _slow_motors(setup: Any, thrust_map: ThrustMap) -> Iterator[str]:
+def _slow_motors(setup: Setup, thrust_map: ThrustMap) -> Iterator[str]:
     """A warning for joints that come near their speed limits, where a motor gives no torque."""
     scenario, initial = setup.scenario, setup.initial
     motion = FreeMotion(setup, thrust_map, _still(initial.position, initial.attitude_deg, np.zeros(6)))
@@ -372,7 +372,7 @@ def warnings_of(setup: Setup) -> list[str]:
     return [*radians_notes(scenario.to_dict()), *notes, *further]
 
 
-def _thruster_notes(vehicle: Any) -> Iterator[str]:
+def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
     """Warnings for thrusters that do not span all axes, or one of them badly."""
     strengths, axes = axis_strengths(vehicle.B)
     rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
@@ -402,7 +402,7 @@ def _effect_notes(setup: Setup) -> Iterator[str]:
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
     own = OwnEffects(effects, setup)
     if not effects or setup.not_rigid or own.not_in_the_loop(setup):
-        return  # what is not known is said of the loop
+        return  # another note says so of the loop
     if (longest := own.longest_step(setup)) < h:
         yield (
             f"the time step of {h:g} s does not resolve {own.names}, by slopes at rest: a motion grows and changes its "
@@ -533,7 +533,7 @@ def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[F
 CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
     *(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),
 )
-"""The errors of a run beside those of its stages."""
+"""The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),

@@ -1,10 +1,9 @@
-r"""The vehicle at rest against the wall and its law, linearised numerically about the rest.
+r"""White noise of the sensors in the closed loop at rest against the wall: standard deviations of push, pose and
+thrust.
 
-White noise of the sensors in the closed loop: standard deviations of push, pose and thrust in closed form.
-
-About the rest, the sampled loop is linear if the law is smooth there. Its state z has the vehicle (12,), the states of
-the law, the samples that the channels remember, and held commands. With the semi-implicit Euler step of the engines and
-the noise n_k of the samples of step k,
+Vehicle and law are linearised numerically about the rest, where the sampled loop is linear if the law is smooth there.
+Its state z has the vehicle (12,), the states of the law, the samples that the channels remember, and held commands.
+With the semi-implicit Euler step of the engines and the noise n_k of the samples of step k,
 
 .. math::
 
@@ -325,7 +324,7 @@ class _Loop:
         waiting = [[old[i : i + w] for i in range(0, len(old), w)] for old, w in zip(registers, _WIDTHS, strict=True)]
 
         def arrived(which: int, fresh: np.ndarray) -> np.ndarray:
-            """The sample that is read at step k, of those that wait and the one of step k."""
+            """The sample that is read at step k, of the waiting samples and the sample of step k."""
             line, samples = self.lines[which], waiting[which]
             if line.taken[k]:
                 samples.insert(0, fresh)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from ..physics.statics import Statics
 from ..plant.settings import Initial
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
+from ..stages.setup import SetupLike
 
 
 def task_start(scenario: Scenario, nominal: Vehicle) -> Initial:
-    """The initial pose of the frame of the task: that of B, or of the tool, whose velocity is left out."""
+    """The initial pose of the frame of the task, B or the tool, whose velocity is left out."""
     initial = scenario.initial
     if scenario.task.frame == BODY:
         return initial
@@ -37,7 +37,7 @@ def euler_deg(R: np.ndarray) -> tuple[float, float, float]:
     return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
 
 
-def task_faults(setup: Any) -> Iterator[Fault]:
+def task_faults(setup: SetupLike) -> Iterator[Fault]:
     """Errors for elements that are computed for a rigid vehicle with the frame of the task at B only, and for a setting
     without effect there."""
     reason, scenario = setup.not_rigid, setup.scenario
@@ -51,7 +51,7 @@ def task_faults(setup: Any) -> Iterator[Fault]:
         yield Fault("observer.name", f"{label} observes a rigid vehicle at B only, and {reason}; use none")
 
 
-def task_notes(setup: Any) -> Iterator[str]:
+def task_notes(setup: SetupLike) -> Iterator[str]:
     """Warnings for joints without a motor or with one that is too weak, and for a law at a tool: Coulomb friction of
     the gears, which no law compensates."""
     passive = [link.joint for link in setup.vehicle.arm.links if link.effort == 0.0]
@@ -71,7 +71,7 @@ def task_notes(setup: Any) -> Iterator[str]:
         )
 
 
-def _weak_motors(setup: Any) -> Iterator[str]:
+def _weak_motors(setup: SetupLike) -> Iterator[str]:
     """A warning for motors that cannot hold the true arm at its initial joints, even with the gears' friction."""
     R_WB = rotation_matrix(quat_from_euler_deg(*setup.scenario.initial.attitude_deg))
     needed = np.abs(setup.start.restoring(R_WB, setup.gravity_W)[6:])

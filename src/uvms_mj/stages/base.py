@@ -57,6 +57,7 @@ from ..physics.random import key_of
 from ..quantities import Step, refusing, unit_of
 from . import signals
 from .namespace import namespace_of
+from .setup import ScenarioLike, SetupLike
 from .signals import JOINT_SIGNALS, Signal
 
 
@@ -145,7 +146,7 @@ class Stage:
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
     by_caller: ClassVar[str] = ""
-    """What the caller of a Simulation sets between steps, if anything."""
+    """The signals that the caller of a Simulation sets between steps, in words; empty for none."""
     runs: ClassVar[bool] = True
     """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
@@ -220,7 +221,7 @@ class Stage:
 
     @classmethod
     def setting_fields(cls) -> tuple[dataclasses.Field, ...]:
-        """The fields of the settings: the class's own first, then those of the room's base class."""
+        """The fields of the settings: the class's own first, then the fields of the room's base class."""
         base = {f.name for f in dataclasses.fields(base_of(cls))}
         own = [f for f in dataclasses.fields(cls) if f.name not in base]
         return (*own, *(f for f in dataclasses.fields(cls) if f.name in base))
@@ -230,24 +231,25 @@ class Stage:
         """The signals that the function is given, for a vehicle with so many thrusters."""
         return cls.room.given(thrusters)
 
-    def period_in(self, scenario: Any) -> float:
+    def period_in(self, scenario: ScenarioLike) -> float:
         """Time between two instants of the stage in a run of a :class:`uvms_mj.scenario.Scenario` [s]."""
         return self.period or (scenario.simulation.timestep if self.every_step else scenario.control_period)
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
         :class:`uvms_mj.setup.base.Setup`. A user's settings do not depend on it."""
         fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
         return {name: value for name, value in vars(self).items() if name in fields}
 
-    def faults(self, setup: Any) -> Iterable[Fault]:
+    def faults(self, setup: SetupLike) -> Iterable[Fault]:
         """Errors of a run with these settings, which need its :class:`uvms_mj.setup.base.Setup`."""
         return ()
 
-    def record(self, setup: Any = None) -> np.ndarray:
+    def record(self, setup: SetupLike | None = None) -> np.ndarray:
         """The constants as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The
-        period and settings that are None are left out."""
-        values = self.constants(setup).items()
+        period and settings that are None are left out. Without a set-up: of a stage whose constants are its settings
+        alone."""
+        values = self.constants(cast(SetupLike, setup)).items()
         kept = {name: np.asarray(value) for name, value in values if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
         record = np.zeros(1, np.dtype([*kinds, ("_", "f8")], align=True))  # at least 8 bytes, and a multiple of 8
@@ -312,14 +314,15 @@ def has_own_constants(cls: type[Stage]) -> bool:
 
 
 def _kept(cls: Any, name: str, made: Callable[[], Any]) -> Any:
-    """What is made once of a class, and goes with it."""
+    """A value that is made once of a class, and goes with it."""
     if name not in vars(cls):
         setattr(cls, name, made())
     return vars(cls)[name]
 
 
 def _numbers_of(cls: type[Stage]) -> tuple[str, ...]:
-    """The names of the settings that the class's function gets as they are, besides those of its room's base class."""
+    """The names of the settings that the class's function gets as they are, besides the settings of its room's base
+    class."""
     return _kept(cls, "_numbers", lambda: _find_numbers(cls))
 
 
@@ -397,7 +400,7 @@ def _shape(size: Any, counted: int) -> tuple[int, ...]:
 
 
 def _wrong_start(name: str, value: Any, shape: tuple[int, ...]) -> str:
-    """What is wrong with the start value of a state or of memory of a shape; empty if it fits."""
+    """The error of a start value for a state or memory of a shape; empty if it fits."""
     if np.size(value) == 1 or np.shape(value) == shape:
         return ""
     if len(shape) == 1 and np.ndim(value) == 1:
@@ -441,7 +444,7 @@ Text = Annotated[str, refusing(lambda text: not text.isprintable(), "must be pri
 
 
 class Declared(TypedDict, total=False):
-    """What a class declares of itself and of its states."""
+    """The declarations of a class about itself and its states."""
 
     name: Annotated[Text, Field(max_length=100)]
     states: dict[StateName, Size]
@@ -521,7 +524,7 @@ def _wrong_names(cls: type[Stage]) -> Iterator[str]:
 
 
 def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
-    """Errors of what a class declares of itself and of its states."""
+    """Errors in the declarations of a class about itself and its states."""
     try:
         declared = {name: getattr(cls, name) for name in Declared.__annotations__ if hasattr(cls, name)}
         _declared().validate_python(declared)
@@ -550,7 +553,7 @@ def _wrong_declarations(cls: type[Stage]) -> Iterator[str]:
 
 
 def _listed(cls: type[Stage]) -> tuple[Any, Path | None]:
-    """What a class lists as its files, and the folder of the file that does so; None for a class without a file."""
+    """The files that a class lists, and the folder of the file that does so; None for a class without a file."""
     owner = next(each for each in cls.__mro__ if "files" in vars(each))
     file = getattr(sys.modules.get(owner.__module__), "__file__", None)
     return owner.__dict__["files"], None if file is None else Path(file).parent

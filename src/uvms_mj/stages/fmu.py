@@ -2,7 +2,7 @@
 
 A parameter is a setting, in the unit and the range that the FMU declares. An input is an entry of a signal that the
 stage is given, and an output an entry of what it sets, by its name, ``nu[1]`` and ``R_WB[1,3]`` as FMI counts, or by
-the setting ``variables``. They are exchanged as they are: a variable that declares another unit than that of SI is
+the setting ``variables``. They are exchanged as they are: a variable that declares another unit than SI's is
 refused, and a number out of the range that it declares ends the run.
 """
 
@@ -25,6 +25,7 @@ from ..errors import Fault, InputError, needs_extra, shortened, suggestion
 from ..quantities import Number, of_length, within
 from .base import ForeignCode, Stage, setting
 from .foreign import Records
+from .setup import SetupLike
 from .signals import OWN_UNIT, Signal
 
 _MOST_BYTES, _MOST_FILES = 1 << 29, 10_000
@@ -203,10 +204,10 @@ class OfUnit:
     get_before_step: bool
     variables: Mapping[str, str] | None
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {"get_before_step": self.get_before_step}
 
-    def faults(self: Any, setup: Any) -> Iterator[Fault]:
+    def faults(self: Any, setup: SetupLike) -> Iterator[Fault]:
         """What lacks, or does not fit, between the FMU and the run."""
         room = self.room
         counted = len(setup.vehicle.arm.links) if room.counts == "joints" else len(setup.vehicle.thrusters)
@@ -220,7 +221,7 @@ class OfUnit:
             yield Fault(f"{room.table}.period", f"{period:g} s: the FMU takes steps of {step:g} s only")
 
     def wiring(self: Any, records: Records, faults: list[Fault]) -> Wiring:
-        """The wiring of the FMU for these records, with what is wrong in ``faults``."""
+        """The wiring of the FMU for these records; errors are appended to ``faults``."""
         room, table = self.room, self.room.table
         named = dict(self.variables or {})
         known = {each.name for each in self.unit.description.modelVariables}

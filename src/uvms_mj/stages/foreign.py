@@ -209,7 +209,7 @@ _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 
 
 def c_sources(path: Path) -> list[Path]:
-    """A C file and the files that it includes in quotes, those of its own folder and below."""
+    """A C file and the files of its own folder and below that it includes in quotes."""
     found: dict[Path, None] = {}
     path = Path(os.path.abspath(path))
     todo, root = [path], path.parent

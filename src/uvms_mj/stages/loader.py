@@ -23,7 +23,7 @@ USERS = "path/to/file.py:ClassName, path/to/file.c or path/to/library.so:NAME"
 
 @dataclasses.dataclass(frozen=True)
 class Choice(Generic[_Stage]):
-    """The stages to choose from in a table of a scenario; ``default`` is that of a table without a name."""
+    """The stages to choose from in a table of a scenario; ``default`` is the stage of a table without a name."""
 
     base: type[_Stage]
     shipped: Mapping[str, type[_Stage]]

@@ -2,8 +2,8 @@
 
 A namespace is loaded for one run. Two files ``utils.py`` never meet in it, an edited module is seen by the next one,
 and what a module keeps ends with it. Its modules are in ``sys.modules`` under names of its own, where tracebacks and
-``inspect`` find them, and leave it with the last object that is made of them. All other modules, as installed ones, are
-those of the process.
+``inspect`` find them, and leave it with the last object that is made of them. All other modules, as installed ones,
+belong to the process.
 """
 
 import ast

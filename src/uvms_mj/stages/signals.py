@@ -86,7 +86,7 @@ TRUE = (
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
 )
-"""Given to navigation: the truth that its sensors measure. nu_dot and tau are those of the last step."""
+"""Given to navigation: the truth that its sensors measure. nu_dot and tau belong to the last step."""
 
 TOOL = (
     Signal("p_WT", (3,), "m", "W", "position of the tool's frame T, the frame of the task"),
@@ -220,7 +220,7 @@ IN_TASK_FRAME = (
     *(s.name for s in ERRORS + IMPEDANCE + TASK),
     *("tau_cmd", "tau_cmd_delayed", "boundary_layer_time", *BAND["s"]),
 )
-"""Signals whose frame is that of the task. With a tool, their recorded frame is T in place of B."""
+"""Signals in the frame of the task. With a tool, their recorded frame is T in place of B."""
 
 UNSTEADY = (
     _SET["v_c_W"],
@@ -269,7 +269,7 @@ def deflection_signal(n: int) -> Signal:
 
 
 def contact_signals(n: int) -> tuple[Signal, ...]:
-    """Recorded if there are n contacts beside that of the probe and [wall]."""
+    """Recorded if there are n contacts beside the probe's with [wall]."""
     return (
         Signal("f_normal", (), "N", "-", "pushing force: sum of the normal forces of all contacts"),
         Signal("f_contacts_W", (n, 3), "N", "W", "force of each contact of the list on the vehicle"),

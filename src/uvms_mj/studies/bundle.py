@@ -156,7 +156,7 @@ def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
 
 
 def _listed(module: ModuleType) -> list[Path]:
-    """The files that the classes of a module list, and those of its own list, for metrics. Raises InputError if the
+    """The files that the classes of a module list, and the files of its own list, for metrics. Raises InputError if the
     latter is wrong."""
     file = Path(str(module.__file__))
     own = vars(module).get("files", ())

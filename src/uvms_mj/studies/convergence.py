@@ -16,8 +16,8 @@ one step only. Their band is wider by the finest step.
 The error bars cover the time step. They exclude errors that do not depend on it: MuJoCo's contact also acts as an
 inerter, which reduces a peak by some 6e-5.
 
-A law without ``controller.period`` is sampled at every step, and its numbers tend to those of the continuous law. A
-given period is kept, and the numbers tend to those of the sampled law.
+A law without ``controller.period`` is sampled at every step, and its numbers tend to the continuous law's. A
+given period is kept, and the numbers tend to the sampled law's.
 """
 
 import dataclasses

@@ -1,10 +1,10 @@
-"""The runs of a study with the engine gpu: those of one kind are a fleet.
+"""The runs of a study with the engine gpu: runs of one kind are a fleet.
 
 Workers make the records with which the runs start, and compute the metrics. The GPU takes all steps in between, and
 gives the rows that the metrics need: the last one, and some before it (:attr:`uvms_mj.analysis.summary.Number.rows`).
 
 A run goes to this machine's processor, with a reason, if a fleet can't run it, if a metric needs other rows, or if it
-stops early: then its last row and its message are those of the engine free_body.
+stops early: then the engine free_body gives its last row and its message.
 """
 
 import functools
@@ -77,10 +77,10 @@ SIGNALS = (
 
 @dataclass(frozen=True)
 class Started:
-    """The starts of some runs: those that a fleet can run by the kind of the fleet, and why it can't run the others.
+    """The starts of the runs that a fleet can take, by the kind of the fleet, and why it can't take the others.
 
     Attributes:
-        columns, words: of each kind, the words that are not those of the first run of its law, and their values (n, m).
+        columns, words: of each kind, the words that differ from the first run of its law, and their values (n, m).
     """
 
     indices: dict[tuple, list[int]]
@@ -163,7 +163,7 @@ class Fleets:
     Args:
         tick: is called some times a second.
         compares: whether the rows have the metrics that are compared between engines, in place of the plan's.
-        device: that of the fleets.
+        device: the device of the fleets.
 
     Raises:
         InputError: there is no GPU.
@@ -310,7 +310,7 @@ def _parts(indices: Sequence[int], size: int) -> Iterator[Sequence[int]]:
 
 
 def _blocks(plan: "Plan", indices: Sequence[int], which: np.ndarray) -> Iterator[list[int]]:
-    """Positions of runs, those of one part of the rows together, some hundred at a time."""
+    """Positions of runs, some hundred at a time; one part of the rows stays together."""
     from .results import blocks
 
     size, parts = len(blocks(plan.runs)[0]), dict[int, list[int]]()

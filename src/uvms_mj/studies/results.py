@@ -47,7 +47,7 @@ def blocks(runs: int) -> list[range]:
 
 
 def schema_of(plan: "Plan") -> pa.Schema:
-    """The columns of the rows, without those of a user's metrics, whose names are known when they have run."""
+    """The columns of the rows, without the columns of a user's metrics, whose names are known when they have run."""
     varied = {key: _type([point[i] for point in plan.points]) for i, key in enumerate(plan.varied)}
     metrics = {
         column: METRICS[place].kind for place in plan.metrics if place in METRICS for column in columns_of(place)
@@ -124,7 +124,7 @@ class StudyFolder:
         put(self.part(i), lambda file: pq.write_table(table, file, compression="zstd", write_page_checksum=True))
 
     def finish(self) -> None:
-        """Give all parts the same columns: a part whose runs all failed lacks those of a user's metrics."""
+        """Give all parts the same columns: a part whose runs all failed lacks the columns of a user's metrics."""
         each = [pq.read_schema(self.part(i)).names for i in range(len(self.blocks))]
         names = dict.fromkeys(name for found in each for name in found)
         for i, found in enumerate(each):
@@ -192,7 +192,7 @@ def version_of(folder: Path) -> dict[str, Any]:
 
 
 def units_of(folder: Path, keys: Sequence[str]) -> dict[str, str]:
-    """The units of keys that version.json of a folder has: those of gains of a user's law need its class."""
+    """The units of keys that version.json of a folder has: units of gains of a user's law need its class."""
     try:
         found = version_of(folder)["units"]
     except InputError:

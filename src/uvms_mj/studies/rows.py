@@ -3,9 +3,9 @@
 A row depends on the plan and the run's number alone. It has no wall time, so that the rows of a study are the same for
 any number of workers, in any order, after any interruption.
 
-**The check of the engine free_body** repeats a sample of a study's runs in MuJoCo, that of the engine gpu in free_body.
-The sample is one run in a hundred, at least five and at most a thousand, and the worst run by each metric that is kept.
-Compared are
+**The check of the engine free_body** repeats a sample of a study's runs in MuJoCo, the check of the engine gpu in
+free_body. The sample is one run in a hundred, at least five and at most a thousand, and the worst run by each metric
+that is kept. Compared are
 
 - the status;
 - the final position, relative to 1 m;
@@ -91,7 +91,7 @@ def _blank(plan: "Plan", index: int) -> dict[str, Any]:
 
 
 def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] = ()) -> dict[str, Any]:
-    """Run one run of a plan and return its row by column. ``engine`` replaces that of the plan."""
+    """Run one run of a plan and return its row by column. ``engine`` replaces the plan's."""
     engine = engine or plan.engine
     row = _blank(plan, index) | {"engine": engine}
     try:

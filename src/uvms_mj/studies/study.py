@@ -47,7 +47,7 @@ class Study:
     def __init__(
         self, plan: Plan | None, folder: Path | None = None, overrides: Mapping[str, Any] | None = None
     ) -> None:
-        """``plan`` is None for that of the folder, with the ``overrides``."""
+        """``plan`` is None for the folder's own, with the ``overrides``."""
         self._plan, self.folder, self._overrides = plan, folder, overrides
         self.damaged: tuple[str, ...] = ()
 
@@ -104,7 +104,7 @@ class Study:
         """Run what the folder lacks, and return this study. Called again after an interruption, it goes on.
 
         Args:
-            out: the folder; default: that of the study.
+            out: the folder; default: the study's.
             workers: processes on this machine; default: one per core.
             executor: in place of them, any object of the shape of ``concurrent.futures``: ``submit(f, *args)`` returns
                 a future. :func:`.pool.executors.Cluster` is one.
@@ -134,7 +134,7 @@ class Study:
 
     @property
     def frame(self) -> "pd.DataFrame":
-        """One row a run, sorted by index: those that the folder has."""
+        """The rows of the folder, one a run, sorted by index."""
         if self.folder is None:
             raise InputError("the study has no folder yet: run it, or load one by its folder")
         return frame(self.folder)
@@ -147,7 +147,7 @@ class Study:
 
     @property
     def title(self) -> str:
-        """Its name, and the number of its runs, those that are done and all."""
+        """Its name, and the numbers of its runs: done, and all."""
         plan, done = self.plan_of_results, len(self.frame)
         return f"{plan.name}: {done} runs" if done == plan.runs else f"{plan.name}: {done} of {plan.runs} runs"
 
@@ -193,8 +193,8 @@ class Study:
         return drawn
 
     def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
-        """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and
-        95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
+        """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5
+        and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
         Raises InputError if the study has not run, or lacks a metric."""
         from .report import tables
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import Fault
 from ...quantities import NonNegative, Positive
+from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
 from .terms import add_product
 
@@ -27,7 +28,7 @@ class Admittance(Controller):
             + \hat C \nu + \hat D \nu + \hat g, \qquad \dot\xi_a = k_i (\tilde\eta - \eta_a)
 
     eta_a and nu_a are the offset that the force causes, in B. The inner loop does not use the force, so the wall acts
-    on both impedances, the desired one and that of the inner loop, in series. After Siciliano, Sciavicco, Villani and
+    on both impedances, the desired one and the inner loop's, in series. After Siciliano, Sciavicco, Villani and
     Oriolo (2009, Robotics: Modelling, Planning and Control, ch. 9).
     """
 
@@ -40,7 +41,7 @@ class Admittance(Controller):
     states: ClassVar = {"eta_a": 6, "nu_a": 6, "xi_a": 6}
     units: ClassVar = {"eta_a": "m, 1", "nu_a": "m/s, rad/s", "xi_a": "m/s^2, rad/s^2"}
 
-    def constants(self, setup: Any) -> Mapping[str, Any]:
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv}
 
     @staticmethod
@@ -57,13 +58,13 @@ class Admittance(Controller):
         tau_cmd[:] = signals.C_hat_nu + signals.D_hat_nu + signals.g_hat
         add_product(signals.M_hat, a, tau_cmd)
 
-    def faults(self, setup: Any) -> Iterator[Fault]:
+    def faults(self, setup: SetupLike) -> Iterator[Fault]:
         """Refuse an inertia that changes: the offset is a state of its own, with a constant M_d."""
         if setup.scenario.impedance.natural:
             why = "changes with the posture; the law admittance needs a constant inertia: six numbers or a 6x6 matrix"
             yield Fault("impedance.M_d", f"{setup.scenario.impedance.M_d!r} {why}")
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
         from ..theory import residuals
@@ -101,7 +102,7 @@ class Admittance(Controller):
         rest = static_balance(setup, slope, residual, states, wrench=wrench, compiled=compiled)
         return Stability(setup).checked(rest)
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
         from ..theory.stability import Stability
 

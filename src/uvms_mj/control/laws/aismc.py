@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ...quantities import NonNegative
+from ...stages.setup import SetupLike
 from ..base import Controller, NonNegativeDiagonal, PositiveDiagonal, SteadyState, gain
 from .terms import add_product, integral_residual, within
 
@@ -58,7 +59,7 @@ class Aismc(Controller):
         tau_cmd[:] = signals.tau_nom
         add_product(signals.M_hat, -state.K * within(sigma / gains.epsilon, 1.0), tau_cmd)
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
         from ..theory.balance import static_balance, unmodelled_acceleration
         from ..theory.terms import Balance
@@ -73,14 +74,14 @@ class Aismc(Controller):
             return "the disturbance is larger than the switching gain can balance"
         return self._stability(setup, self._greatest()).checked(self._stability(setup, K).checked(state))
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law chatters with its greatest gain. It then keeps this gain."""
         return self._stability(setup, self._greatest()).notes(f"{self.label()}, if its switching gain grows to K_max,")
 
     def _greatest(self) -> np.ndarray:
         return np.array(self.K_max) if self.rate else np.full(6, self.K_0)
 
-    def _stability(self, setup: Any, K: np.ndarray) -> Stability:
+    def _stability(self, setup: SetupLike, K: np.ndarray) -> Stability:
         """The law linear in the inner half of the boundary layer, with a switching gain (6,)."""
         from ..theory.stability import Stability
 

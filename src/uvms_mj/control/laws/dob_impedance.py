@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from ...stages.setup import SetupLike
 from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
 from .terms import add_product, integral_residual
 
@@ -45,7 +46,7 @@ class DobImpedance(Controller):
         add_product(signals.M_hat * gains.bandwidth, state.sigma, state.d_hat)  # M_hat Omega sigma
         tau_cmd[:] = signals.tau_nom - state.d_hat
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """The static balance with eq. (7)."""
         from ..theory.balance import not_constant, static_balance
         from ..theory.stability import Stability
@@ -57,7 +58,7 @@ class DobImpedance(Controller):
             return "with a bandwidth of 0 the observer does not reject the disturbance"
         return Stability(setup).checked(static_balance(setup, np.inf, Balance.demanded))
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
         from ..theory.stability import Stability
 

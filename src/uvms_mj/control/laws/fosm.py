@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...quantities import NonNegative, Positive
+from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
 from .terms import add_product, within
 
@@ -31,7 +32,7 @@ class Fosm(Controller):
         tau_cmd[:] = signals.tau_nom
         add_product(signals.M_hat * -gains.K_s, sat, tau_cmd)  # eq. (31)
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """The static balance inside the boundary layer."""
         from ..theory.balance import not_constant, static_balance
         from ..theory.stability import zeta_grows
@@ -48,11 +49,11 @@ class Fosm(Controller):
             return "the first-order law is outside its boundary layer"
         return stability.checked(state)
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law chatters, or vibrates against the wall."""
         return self._stability(setup).notes(self.label())
 
-    def _stability(self, setup: Any) -> Stability:
+    def _stability(self, setup: SetupLike) -> Stability:
         from ..theory.stability import ForceAge, Stability
 
         return Stability(setup, ForceAge.of(setup), layer=self.epsilon)

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState
 from .terms import add_product
 
@@ -23,17 +24,17 @@ class Impedance(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         tau_cmd[:] = signals.tau_nom  # eq. (23)
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """The static balance of eq. (5)."""
         from ..theory.balance import not_constant, static_balance
 
         return not_constant(setup) or self._stability(setup).checked(static_balance(setup, 0.0))
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
         return self._stability(setup).notes(self.label())
 
-    def _stability(self, setup: Any) -> "Stability":
+    def _stability(self, setup: SetupLike) -> "Stability":
         from ..theory.stability import ForceAge, Stability
 
         return Stability(setup, ForceAge.of(setup, setup.design.M_hat))
@@ -56,7 +57,7 @@ class Ideal(Controller):
         tau_cmd[:] = signals.C_nu_r + signals.D_nu_r + signals.g_eta - signals.tau_dist - signals.tau_contact_m_B
         add_product(signals.M, nu_r_dot, tau_cmd)
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """The static balance with s = 0."""
         from ..theory.balance import static_balance
 
@@ -64,11 +65,11 @@ class Ideal(Controller):
             return "the ideal law does not know the offsets of the thrusters"
         return self._stability(setup).checked(static_balance(setup, np.inf))
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
         return self._stability(setup).notes(self.label())
 
-    def _stability(self, setup: Any) -> "Stability":
+    def _stability(self, setup: SetupLike) -> "Stability":
         from ..theory.stability import ForceAge, Stability
 
         return Stability(setup, ForceAge.of(setup, setup.design.M))

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...quantities import NonNegative
+from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
 from .terms import within
 
@@ -51,7 +52,7 @@ class Parallel(Controller):
             state_dot.xi[0] = (gains.k_i * n * (tau_c[:3] - F_d[:3])).sum()
             tau_cmd[:3] += n * state.xi[0]
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
         from ..theory import residuals
         from ..theory.balance import static_balance
@@ -78,7 +79,7 @@ class Parallel(Controller):
         rest = static_balance(setup, 0.0, residual, integral, wrench=np.eye(6), compiled=compiled)
         return Stability(setup, held=held).checked(rest)
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""
         from ..theory.stability import Stability
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...quantities import NonNegative
+from ...stages.setup import SetupLike
 from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
 from .terms import add_product, within
 
@@ -25,7 +26,7 @@ class Pid(Controller):
         \tau = \hat g(\eta) - K_f F_d - K_d \tilde\eta - D_d \tilde\nu - \xi, \qquad
         \dot\xi = k_i K_d \tilde\eta, \quad |\xi_i| \le limit_i
 
-    K_d and D_d are those of [impedance]. Without the integral it is stiffness control after Salisbury (1980, Active
+    K_d and D_d come from [impedance]. Without the integral it is stiffness control after Salisbury (1980, Active
     stiffness control of a manipulator in Cartesian coordinates); PD control with compensation of gravity is after
     Takegaki and Arimoto (1981).
     """
@@ -46,7 +47,7 @@ class Pid(Controller):
         tau_cmd[:] = signals.g_hat - signals.K_f * signals.F_d - spring - state.xi
         add_product(-signals.D_d, signals.nu_e, tau_cmd)
 
-    def at_rest(self, setup: Any) -> SteadyState | str:
+    def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
         from ..theory import residuals
@@ -71,7 +72,7 @@ class Pid(Controller):
         rest = static_balance(setup, 0.0, residual, integral, wrench=np.eye(6), compiled=compiled)
         return Stability(setup, held=held).checked(rest)
 
-    def notes(self, setup: Any) -> Iterator[str]:
+    def notes(self, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
         from ..theory.stability import Stability
 

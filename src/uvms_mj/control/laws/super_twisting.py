@@ -12,6 +12,7 @@ import numpy as np
 
 from ...physics.kernels import called_on, kernel
 from ...quantities import NonNegative
+from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
 from .terms import add_product
 
@@ -59,7 +60,7 @@ class Gsta(Controller):
             tau_cmd[:] = signals.tau_nom
         add_product(signals.M_hat, a, tau_cmd)
 
-    def at_rest(self: Any, setup: Any) -> SteadyState | str:
+    def at_rest(self: Any, setup: SetupLike) -> SteadyState | str:
         """The static balance with s = 0, if super-twisting converges."""
         from ..theory.balance import disturbance_rate, static_balance
         from ..theory.stability import zeta_grows
@@ -75,7 +76,7 @@ class Gsta(Controller):
             return f"the chatter of the sampled law shifts the mean push by up to {bias:.2g} N"
         return state
 
-    def notes(self: Any, setup: Any) -> Iterator[str]:
+    def notes(self: Any, setup: SetupLike) -> Iterator[str]:
         """Warnings if the sampled law vibrates or bounces against the wall, or its chatter shifts the push."""
         from ..design import demanded_force
 
@@ -87,7 +88,7 @@ class Gsta(Controller):
                 f"mean of s, and the mean push by up to {bias:.2g} N: it falls with the square of the period"
             )
 
-    def certificate(self: Any, setup: Any) -> Certificate:
+    def certificate(self: Any, setup: SetupLike) -> Certificate:
         """The certificate of the gains, for the worst axis."""
         from ..theory.certificate import Certificate
 
@@ -117,7 +118,7 @@ class Sta(Controller):
         add_product(signals.M_hat, a, tau_cmd)
 
 
-def _stability(setup: Any) -> Stability:
+def _stability(setup: SetupLike) -> Stability:
     from ..theory.stability import ForceAge, Stability
 
     return Stability(setup, ForceAge.of(setup), layer=0.0)
@@ -172,7 +173,7 @@ def _followed(axis, unknown, steps):
             axis.largest = max(axis.largest, abs(s[i]))
 
 
-def _chatter_bias(law: Any, setup: Any) -> float:
+def _chatter_bias(law: Any, setup: SetupLike) -> float:
     """Bound on the shift of the mean push by chatter [N]: A s = -w with the mean of s, so that each contact yields M_d
     A s along its normal."""
     with np.errstate(all="ignore"):

@@ -1,6 +1,6 @@
 r"""Terms that several laws have: the limit of an integral, and the integral of the desired impedance's residual.
 
-The latter is the sliding variable of two laws.
+This integral is the sliding variable of two laws,
 
 .. math::
 

@@ -25,6 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ...stages.setup import SetupLike
 from ..task import Schedule
 from .terms import Balance, Memory, Pose, ThrustMap
 
@@ -229,7 +230,7 @@ Way = tuple[np.ndarray, np.ndarray, np.ndarray]
 """The way of a reference: times (n,) [s], positions (n, 3) [m] and attitudes (n, 4)."""
 
 
-def way_of(setup: Any) -> Way | str:
+def way_of(setup: SetupLike) -> Way | str:
     """The way of the reference of a run, or the reason why it is not known."""
     duration = setup.scenario.simulation.duration
     times = np.linspace(0.0, duration, 1 + min(_MOST_SAMPLES, math.ceil(duration / _SAMPLES)))

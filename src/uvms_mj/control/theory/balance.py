@@ -47,7 +47,6 @@ way, together with motions that begin beside it. If they do not all reach the sa
 import dataclasses
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -56,6 +55,7 @@ from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
+from ...stages.setup import SetupLike
 from ..base import SteadyState
 from .approach import TaskMotion, way_of
 from .free_motion import tool_rest
@@ -81,7 +81,7 @@ _SAME, _SAME_TOOL = 1e-6, 1e-4
 
 
 def static_balance(
-    setup: Any,
+    setup: SetupLike,
     K: float,
     residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
     memory: Memory | None = None,
@@ -172,7 +172,7 @@ def _motion(
     return TaskMotion(balance, residual, memory, thrust_map, wrench)
 
 
-def _clipped(setup: Any, thrust_map: ThrustMap) -> bool:
+def _clipped(setup: SetupLike, thrust_map: ThrustMap) -> bool:
     """Whether the thrusts of a run are those of the allocation, each within its limits, and the law's measurements do
     not take what is missing for a contact."""
     static, actuation = thrust_map.static, setup.scenario.actuation.name
@@ -192,7 +192,7 @@ _KNOWN = frozenset(
 """The tables of a scenario that the balance has in it. With any other one that is in use there is no closed form."""
 
 
-def _unknown(setup: Any, K: float, own: bool) -> str:
+def _unknown(setup: SetupLike, K: float, own: bool) -> str:
     """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
     if it may have one."""
     scenario = setup.scenario
@@ -354,7 +354,7 @@ def _across(direction: np.ndarray) -> np.ndarray:
     return found
 
 
-def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
+def unmodelled_acceleration(setup: SetupLike, state: SteadyState) -> np.ndarray:
     """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
     :func:`static_balance`."""
     thrust_map = ThrustMap.of(setup)
@@ -363,7 +363,7 @@ def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     return balance.unmodelled(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
 
 
-def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
+def _with_arm(setup: SetupLike, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
     (:mod:`.free_motion`)."""
     if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
@@ -393,7 +393,7 @@ def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     return tool_rest(setup, K, thrust_map, track, reached)
 
 
-def disturbance_rate(setup: Any) -> np.ndarray:
+def disturbance_rate(setup: SetupLike) -> np.ndarray:
     """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
     process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
     disturbance = setup.scenario.disturbance
@@ -406,6 +406,6 @@ def disturbance_rate(setup: Any) -> np.ndarray:
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 
-def not_constant(setup: Any) -> str:
+def not_constant(setup: SetupLike) -> str:
     """The reason why a law without an integral term does not rest under a disturbance; empty if it is constant."""
     return "the disturbance is not constant" if disturbance_rate(setup).any() else ""

@@ -43,6 +43,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...physics.frames import attitude, quat_turned, rotation_matrix
+from ...stages.setup import SetupLike
 from ..base import SteadyState
 from .approach import UNSTABLE, Track, approach, between, decays
 from .terms import Balance, Pose, ThrustMap
@@ -95,7 +96,7 @@ class FreeMotion:
         track: of the frame of the task.
     """
 
-    def __init__(self, setup: Any, thrust_map: ThrustMap, track: Track) -> None:
+    def __init__(self, setup: SetupLike, thrust_map: ThrustMap, track: Track) -> None:
         self.setup, self.thrust_map, self.track, self.held = setup, thrust_map, track, track.at(0.0)
         self.links, self.tree = setup.vehicle.arm.links, TreeAtRest(setup, thrust_map)
         n = len(self.links)
@@ -211,7 +212,7 @@ class TreePose:
 
 
 def tool_rest(
-    setup: Any, K: float, thrust_map: ThrustMap, track: Track, reached: Callable[[Pose, np.ndarray], str]
+    setup: SetupLike, K: float, thrust_map: ThrustMap, track: Track, reached: Callable[[Pose, np.ndarray], str]
 ) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
@@ -258,7 +259,7 @@ class ToolBalance:
 
     Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,)."""
 
-    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap) -> None:
+    def __init__(self, setup: SetupLike, K: float, thrust_map: ThrustMap) -> None:
         self.setup, self.thrust_map, self.n = setup, thrust_map, len(setup.nominal.arm.links)
         self.at_task, self.tree = Balance(setup, K, thrust_map), TreeAtRest(setup, thrust_map)
         self.inertia, self.damping = np.zeros((12 + self.n, 12 + self.n)), np.zeros((12 + self.n, 12 + self.n))

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from ...stages.setup import SetupLike
 from .own_effects import OwnEffects
 
 _MOST_INSTANTS = 100_000
@@ -49,7 +50,7 @@ class ForceLatency:
     delays: Mapping[str, float]
 
     @classmethod
-    def of(cls, setup: Any, period: float | None = None) -> "ForceLatency":
+    def of(cls, setup: SetupLike, period: float | None = None) -> "ForceLatency":
         """The chain of a run, from its :class:`uvms_mj.setup.base.Setup`; default of the control period [s]: its
         own."""
         scenario = setup.scenario
@@ -142,7 +143,7 @@ class ForceAge:
     limit: float
 
     @classmethod
-    def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "ForceAge":
+    def of(cls, setup: SetupLike, M_hat: np.ndarray | None = None) -> "ForceAge":
         """The age under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6), at the
         contact that allows the least."""
         chain = ForceLatency.of(setup)
@@ -163,7 +164,7 @@ class ForceAge:
         )
 
 
-def _limit(setup: Any, contact: Any, M_hat: np.ndarray | None) -> float:
+def _limit(setup: SetupLike, contact: Any, M_hat: np.ndarray | None) -> float:
     design, n = setup.design, contact.normal
     G = design.M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ design.M_d_inv)
     v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
@@ -250,7 +251,7 @@ class Timing:
     late: int
 
     @classmethod
-    def of(cls, setup: Any, period: float | None = None) -> "Timing":
+    def of(cls, setup: SetupLike, period: float | None = None) -> "Timing":
         """The instants of a run's loop; default of the control period [s]: its own."""
         sensor, thrusters, h = setup.scenario.navigation, setup.scenario.thrusters, setup.scenario.simulation.timestep
         chain = ForceLatency.of(setup, period)
@@ -297,7 +298,7 @@ class Loop:
 
     def __init__(
         self,
-        setup: Any,
+        setup: SetupLike,
         contact: Any = None,
         about: About = (),
         amplitudes: tuple[float, ...] = (),
@@ -487,7 +488,7 @@ class _Law:
     """The law of a run about rest: tau, its n states as it leaves them, their rates, and the s of the task, from x, nu,
     tau_c and the states. zeta is the last of the states of a law that slides."""
 
-    def __init__(self, setup: Any, about: About, slides: bool, p_e: np.ndarray) -> None:
+    def __init__(self, setup: SetupLike, about: About, slides: bool, p_e: np.ndarray) -> None:
         law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
         kind = type(law)
         # records of NumPy, which the functions also take, are five times slower

@@ -13,6 +13,7 @@ from ...errors import error_text
 from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
+from ...stages.setup import SetupLike
 
 _SMALL = 1e-6
 """Differences of pose and velocity for slopes [SI]."""
@@ -54,7 +55,7 @@ def _at(frame: Any, at_B: dict[str, Any]) -> dict[str, Any]:
 class OwnEffects:
     """The effects of a scenario that a user has written."""
 
-    def __init__(self, effects: Sequence[Any], setup: Any) -> None:
+    def __init__(self, effects: Sequence[Any], setup: SetupLike) -> None:
         self._calls: list[tuple[Any, Any, Any, Stage, Any]] = []
         for effect in effects:
             kind = type(effect)
@@ -76,7 +77,7 @@ class OwnEffects:
             return str(reason)
         return ""
 
-    def slopes(self, setup: Any) -> np.ndarray:
+    def slopes(self, setup: SetupLike) -> np.ndarray:
         """The slopes (6, 12) of the wrench in B by displacement and rotation vector in B and by nu, about the desired
         pose at rest in the mean current. Raises NotKnownAtRest."""
         p, quat = np.array(setup.rest_pose[0] or setup.initial.position), setup.design.quat_d
@@ -95,7 +96,7 @@ class OwnEffects:
     def names(self) -> str:
         return ", ".join(effect.label() for _, _, _, effect, _ in self._calls)
 
-    def longest_step(self, setup: Any) -> float:
+    def longest_step(self, setup: SetupLike) -> float:
         """The time step of the run, or the longest of its halves, that resolves them by their slopes at rest [s].
 
         A semi-implicit Euler step of M nu_dot = K x + D nu has eigenvalues with a negative real part beyond the unit
@@ -109,12 +110,12 @@ class OwnEffects:
                 return h
             h /= 2.0
 
-    def feed(self, setup: Any) -> bool:
+    def feed(self, setup: SetupLike) -> bool:
         """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu."""
         D = self.slopes(setup)[:, 6:] - setup.vehicle.D_linear
         return bool((np.linalg.eigvals(np.linalg.solve(setup.vehicle.M, D)).real > _SMALL).any())
 
-    def not_in_the_loop(self, setup: Any) -> str:
+    def not_in_the_loop(self, setup: SetupLike) -> str:
         """The reason why the loop about rest of a rigid vehicle does not know them; empty if it does."""
         if reason := self.unknown():
             return reason

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import InputError, error_text, shortened
 from ...stages.base import Stage, base_of, is_shipped
+from ...stages.setup import SetupLike
 from ..base import Controller, NoClosedForm, SteadyState
 from .own_effects import NotKnownAtRest
 from .terms import Balance, ThrustMap
@@ -38,7 +39,7 @@ class _TheoryError(InputError):
     """A user's theory failed. The message is a sentence for the user."""
 
 
-def steady_state(setup: Any) -> SteadyState | NoClosedForm:
+def steady_state(setup: SetupLike) -> SteadyState | NoClosedForm:
     """The steady state that a run's law predicts, or the reason why it has no closed form."""
     controller = setup.scenario.controller
     try:
@@ -60,7 +61,7 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
         return NoClosedForm(str(error))
 
 
-def stage_notes(stage: Stage, setup: Any) -> list[str]:
+def stage_notes(stage: Stage, setup: SetupLike) -> list[str]:
     """The warnings that the law or the guidance of a run gives before the first step."""
     try:
         found = _ask(stage, "notes", setup)
@@ -71,7 +72,7 @@ def stage_notes(stage: Stage, setup: Any) -> list[str]:
     return found
 
 
-def certificate(setup: Any) -> "Certificate | None":
+def certificate(setup: SetupLike) -> "Certificate | None":
     """The certificate of a run's law, or None if it has none. Raises InputError if a gain is too large or too small to
     compute with, or the method of a user's law fails."""
     controller = setup.scenario.controller
@@ -85,7 +86,7 @@ def certificate(setup: Any) -> "Certificate | None":
     return found
 
 
-def _ask(stage: Stage, name: str, setup: Any) -> Any:
+def _ask(stage: Stage, name: str, setup: SetupLike) -> Any:
     """The result of a method of a stage's theory, notes as a list. Raises _TheoryError if a user's method fails."""
     kind = type(stage)
     owner: Any = next(cls for cls in kind.__mro__ if name in vars(cls))
@@ -104,7 +105,7 @@ def _ask(stage: Stage, name: str, setup: Any) -> Any:
         raise _TheoryError(f"{stage.label()}.{name} failed: {where}{error_text(error)}") from None
 
 
-def _weak(setup: Any, force: float) -> str:
+def _weak(setup: SetupLike, force: float) -> str:
     """The reason why the thrusters can't hold the force at rest that a user's law predicts for a plain scenario; empty
     if they can, or the scenario is another one."""
     thrust_map = ThrustMap.of(setup) if not setup.no_simple_form else ""

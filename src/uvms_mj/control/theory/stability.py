@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ...stages.setup import SetupLike
 from ..base import SteadyState
 from .loop import About, ForceAge, Loop, Timing
 from .own_effects import OwnEffects
@@ -52,7 +53,7 @@ class Stability:
         held: the same states for a rest, where they depend on it.
     """
 
-    setup: Any
+    setup: SetupLike
     age: ForceAge | None = None
     layer: float = math.inf
     about: About = ()
@@ -238,13 +239,13 @@ class Stability:
         )
 
 
-def zeta_limit(setup: Any) -> float:
+def zeta_limit(setup: SetupLike) -> float:
     """Control period above which the explicit Euler steps of zeta, eq. (15), grow: |1 + A T| > 1 [s]."""
     fastest = max(abs(a) for a in setup.task.A)
     return 2.0 / fastest if fastest > 0.0 else np.inf
 
 
-def zeta_grows(setup: Any) -> str:
+def zeta_grows(setup: SetupLike) -> str:
     """The reason why there is no rest if zeta grows at the control period; empty if it does not."""
     grows = setup.scenario.control_period > zeta_limit(setup)
     return "the sampled zeta, eq. (15), grows without bound at this control period" if grows else ""

@@ -30,6 +30,8 @@ from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
 from ...physics.kernels import called_on
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import SHAPES, SURFACE
+from ...physics.vehicle import VehicleLike
+from ...stages.setup import SetupLike
 from .own_effects import OwnEffects
 
 START_FORCE = 100.0
@@ -50,7 +52,7 @@ class ContactSprings:
         size: least radius or half edge of a wall, infinite for planes [m].
     """
 
-    def __init__(self, setup: Any) -> None:
+    def __init__(self, setup: SetupLike) -> None:
         surfaces, pairs = setup.contacts.records(lambda _: 1.0)
         contact, shapes = pairs["contact"], list(SHAPES.values())
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
@@ -121,13 +123,13 @@ class ThrustMap:
         T: (6, 6), with gains of one if the static curve is not a gain.
     """
 
-    setup: Any
+    setup: SetupLike
     inverse: np.ndarray
     static: Any
     T: np.ndarray
 
     @classmethod
-    def of(cls, setup: Any) -> "ThrustMap | str":
+    def of(cls, setup: SetupLike) -> "ThrustMap | str":
         """The map of a run, or the reason why it is not known."""
         static = setup.scenario.thrusters.at_rest(setup)
         if isinstance(static, str):
@@ -198,7 +200,7 @@ class Balance:
         K_f, F_d: (6,) of eq. (7), first those at the end of the run.
     """
 
-    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap, own: bool = False) -> None:
+    def __init__(self, setup: SetupLike, K: float, thrust_map: ThrustMap, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
@@ -390,7 +392,7 @@ class Balance:
         nu[:3] += x.R_WB.T @ v_c_W
         return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
 
-    def restoring(self, vehicle: Any, R_WB: np.ndarray) -> np.ndarray:
+    def restoring(self, vehicle: VehicleLike, R_WB: np.ndarray) -> np.ndarray:
         """g(eta) (6,) of a vehicle, the true one or that of the file."""
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)

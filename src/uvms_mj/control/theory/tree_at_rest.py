@@ -18,6 +18,7 @@ from ...physics.kernels import called_on, kernel
 from ...physics.linear_algebra import backward, cholesky, forward, inverse, solved
 from ...physics.operational import free_of_base, posture, task_inertia
 from ...physics.tree import frame_records, link_records, place_links
+from ...stages.setup import SetupLike
 from ..design import Estimates
 from ..model import estimate, estimate_inertia, estimate_wrenches, model_dtype, move_model, place_tool
 from ..posture import posture_constants
@@ -153,7 +154,7 @@ class TreeAtRest:
         J_bar: (6 + n, 6) of the law's model, for the latest push.
     """
 
-    def __init__(self, setup: Any, thrust_map: ThrustMap) -> None:
+    def __init__(self, setup: SetupLike, thrust_map: ThrustMap) -> None:
         n, carrier = len(setup.vehicle.arm.links), setup.plant.probe.carrier
         self.setup, self._rest = setup, np.zeros(1, rest_dtype(n))
         self.rest = self._rest[0]

@@ -1,11 +1,9 @@
-"""Records of the bodies and of the water of a run.
+"""Links, joints, contacts and water of a vehicle in the record of a run.
 
-The links, joints and contacts of a vehicle in the record of a run: for the water that acts on them, for the model of
-a law, for a wrist sensor and for the walls.
+The water, the model of a law, a wrist sensor and the walls have their own part of it.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -109,7 +107,7 @@ def motion_room(k: int) -> str:
     return f"motion of wall {k}"
 
 
-def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
+def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
     surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)

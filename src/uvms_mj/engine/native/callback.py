@@ -5,10 +5,9 @@ joint-space inertia and before it uses it. The callback returns immediately if t
 is the border to MuJoCo's memory: the state is copied to the record, and inertia, forces and commands are written to
 mjData.
 
-MuJoCo's timers, which stand still while a Simulation steps.
-
-MuJoCo's Python package sets ``mjcb_time``, with which ``mj_step`` reads the clock some thirty times a step for
-``mjData.timer``. That takes a fifth of the step of a rigid vehicle, and nobody asks for these times in a run.
+MuJoCo's timers stand still while a Simulation steps. MuJoCo's Python package sets ``mjcb_time``, with which ``mj_step``
+reads the clock some thirty times a step for ``mjData.timer``. That takes a fifth of the step of a rigid vehicle, and
+nobody asks for these times in a run.
 """
 
 import ctypes

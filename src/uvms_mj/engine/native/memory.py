@@ -99,7 +99,7 @@ def registered() -> np.ndarray:
 
 
 def frozen_clock() -> np.ndarray:
-    """What the stopped clock shows (1,)."""
+    """The time of the stopped clock (1,)."""
     return clock
 
 

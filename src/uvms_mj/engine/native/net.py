@@ -34,7 +34,7 @@ class NetWarning(UserWarning):
 
 @dataclass
 class Account:
-    """What is known of a stage's machine code in this process, in all its runs.
+    """The knowledge of a stage's machine code in this process, in all its runs.
 
     Attributes:
         instants, spent: compared so far, and the time that it took [s].

@@ -510,7 +510,7 @@ class Pipeline:
         return Field(Field.of(self._run, name, signals[0].name).offset, record_dtype(signals))
 
     def given_to(self, controller: Controller) -> Field:
-        """What a law is given: the record of signals, or the beginning of it and the truth."""
+        """The signals that a law is given: the record of signals, or the beginning of it and the truth."""
         signals = type(controller).given()
         whole = self.field("signals")
         fields: Any = whole.dtype.fields

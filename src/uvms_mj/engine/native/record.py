@@ -231,7 +231,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         # stages
         ("stages", STAGE, (MOST_STAGES,)),
         *_whole("stage_count", "actuation", "next"),  # index of the first one that is given tau_cmd, and of the next
-        ("signals", record_dtype(GIVEN + TRUTH)),  # what the law is given
+        ("signals", record_dtype(GIVEN + TRUTH)),  # the signals that the law is given
         ("base", record_dtype(CLOCK + MEASURED)),  # the measurements at B, if the law is at a tool
         ("sensed", record_dtype(CLOCK + MEASURED)),  # the measurements, if an observer replaces the force among them
         ("command", record_dtype((*CLOCK, WRENCH_COMMAND))),  # of the law, where something is before the actuation

@@ -233,13 +233,13 @@ def _run_of(data: bytes) -> _Run:
 
 
 def _same_states(declared: Mapping[str, Any], recorded: Mapping[str, int]) -> bool:
-    """Whether recorded sizes of states are those of a class, of which one may be the number of thrusters or joints."""
+    """Whether recorded sizes of states are a class's, of which one may be the number of thrusters or joints."""
     sizes = {name: recorded.get(name) if isinstance(size, str) else size for name, size in declared.items()}
     return sizes == dict(recorded)
 
 
 def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
-    """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
+    """Whether signals begin with t, are all there that a log needs, and stand in this version's table."""
     found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
     table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
     banded = {PUSH.name: (PUSH.shape, PUSH.unit, PUSH.frame)} | found

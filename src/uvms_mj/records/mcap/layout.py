@@ -144,7 +144,7 @@ class Format:
 
     Attributes:
         number, types: channel and ROS 2 type of each topic, in their order.
-        row_records, arrow_records: the messages of a row, and those of the force arrows.
+        row_records, arrow_records: the messages of a row, and the messages of the force arrows.
     """
 
     def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
@@ -239,7 +239,7 @@ class Format:
     def rows_of(self, raw: np.ndarray, first_row: int) -> np.ndarray | None:
         """Rows (n, width) of a chunk's bytes, equal bit for bit to those given to :meth:`block`.
 
-        None if the chunk's layout, row numbers or times are not those of rows from first_row on.
+        None if the chunk's layout, row numbers or times do not fit rows from first_row on.
         """
         row, arrow = self.row_records, self.arrow_records
         found, at = [], 0

@@ -248,7 +248,7 @@ class _Reader:
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:
     """The layout of a log's rows. Raises InputError if the metadata or channels are damaged, or the topics are not
-    those of a log with this header."""
+    a log's with this header."""
     raw = b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
     if notes != sealed(notes) or notes.get("crc32 of channels") != f"{zlib.crc32(raw):08x}":
         raise InputError("is damaged: its metadata or channels are wrong")

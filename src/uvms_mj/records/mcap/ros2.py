@@ -1,6 +1,6 @@
 """The ROS 2 messages of a log: their definitions, and messages of fixed size with holes for numbers.
 
-The definitions are those of ROS 2 Humble and later, without comments and constants.
+The definitions come from ROS 2 Humble and later, without comments and constants.
 
 Messages are in Common Data Representation (CDR). They begin with four bytes that mean "little-endian CDR". After them,
 every number is aligned to a multiple of its size (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length
@@ -80,7 +80,8 @@ LATCHED_QOS = (
 
 
 def schema_text(name: str) -> str:
-    """The definition of ``package/Name`` followed by those of all types in it, in MCAP's encoding "ros2msg"."""
+    """The definition of ``package/Name`` followed by the definitions of all types in it, in MCAP's encoding
+    "ros2msg"."""
     seen, waiting = [name], [name]
     while waiting:
         for line in DEFINITIONS[waiting.pop(0)].splitlines():
@@ -137,7 +138,7 @@ class Message:
 
 
 def stamped(frame: str, name: str, count: int, of: int = 0) -> Message:
-    """A PoseStamped, TwistStamped, ... of ``of`` numbers: those of one signal, then zeros."""
+    """A PoseStamped, TwistStamped, ... of ``of`` numbers: the numbers of one signal, then zeros."""
     return Message().header(frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
 
 

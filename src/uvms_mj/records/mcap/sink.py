@@ -1,6 +1,6 @@
 """Sink that writes a run to an MCAP file while the run goes on.
 
-Records are those of the MCAP specification, version 0, written by ``mcap``. Only the messages are laid out by NumPy,
+Records follow the MCAP specification, version 0, and are written by ``mcap``. Only the messages are laid out by NumPy,
 because a run has millions. Every chunk is written at once in a single write, so that all written chunks can be read
 after ``kill -9``.
 """

@@ -120,7 +120,7 @@ def _signals_of(topic: Topic) -> set[str]:
 
 
 def _transforms(header: Header, names: set[str]) -> Topic:
-    """The topic of the frames that move; those of the tool and of the links are there if their signals are recorded."""
+    """The topic of the frames that move; tool and links are among them if their signals are recorded."""
     items, said = [("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")], ""
     if {"p_WT", "quat_WT"} <= names:
         items.append(("map", "tool", "p_WT", "quat_WT.xyzw"))
@@ -199,7 +199,7 @@ ONCE = {
     "/analytic/contact": _WRENCH,
     "/analytic/position": "geometry_msgs/PointStamped",
 }
-"""Topics of constant values and their types. A log has those of the closed form if there is one."""
+"""Topics of constant values and their types. A log has the topics of the closed form if there is one."""
 
 
 def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:

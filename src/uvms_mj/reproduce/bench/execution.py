@@ -24,7 +24,23 @@ from ...engine.run import PlainPythonWarning
 from ...engine.simulation import Simulation
 from ...errors import Fault, InputError
 from ...studies.bundle import code
-from ...studies.pages import Picture, Table, number, rendered, write
+from ...studies.pages import (
+    Cell,
+    Items,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Text,
+    facts,
+    given,
+    keyed,
+    marked,
+    number,
+    rendered,
+    versions_of,
+    write,
+)
 from ...studies.plan import Plan
 from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
 from ...studies.pool.executors import executor_of
@@ -42,7 +58,7 @@ if TYPE_CHECKING:
 
 
 TUNED = "tuned"
-"""Folder of the studies with tuned gains, in that of their law."""
+"""Folder of the studies with tuned gains, in the folder of their law."""
 
 
 @dataclass(frozen=True)
@@ -292,23 +308,13 @@ def _worst(task: Task, frame: "pd.DataFrame") -> int | None:
     return max(failed, key=lambda i: errors[i])
 
 
-@dataclass(frozen=True)
-class Cell:
-    """A cell of the first table: its text, the interval, and the class of its colour."""
-
-    text: str
-    interval: str
-    look: str
-
-
-@dataclass(frozen=True)
-class Worst:
-    """A draw that failed: law, number, what broke it, and the command that repeats it."""
-
-    law: str
-    draw: int
-    why: str
-    command: str
+_STYLE = Path(__file__).with_name("bench.css")
+_LEAD = "Draws that each law passes on each task, with one set of gains for all tasks."
+_PASSED = (
+    "A draw is passed if the run completes and meets every criterion of its task. The interval is Wilson’s, 95 %. "
+    "There is no total: a mean over tasks would hide a failure."
+)
+_TUNED = "Gains of single tasks, which their author chose for them. They are not comparable with the table above."
 
 
 def page(
@@ -320,43 +326,43 @@ def page(
     """The page as HTML."""
     tasks = {job.task.name: job.task for job in jobs}
     shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
-    parts = []
-    for name, task in tasks.items():
-        own = {job.entry.label: job for job in jobs if job.task is task and not job.tuned and job.plan is not None}
-        rows = {label: frames[label, name, False] for label in own}
-        parts.append(
-            {
-                "task": task,
-                "draws": max((len(frame) for frame in rows.values()), default=0),
-                "criteria": criteria(task),
-                "table": table(found, task, "tasks"),
-                "refused": [
-                    (law["label"], law["tasks"][name]["reason"])
-                    for law in found["laws"]
-                    if not law["tasks"][name]["runs"]
-                ],
-                "picture": courses(task, own, rows, {label: shown[label] for label in own}),
-                "worst": worst(found, task, folder),
-            }
-        )
-    return rendered(
-        Path(__file__).with_name("bench.html"),
-        title=f"{found['benchmark']}: {_counted(len(tasks), 'task')}, {_counted(len(found['laws']), 'law')}",
-        found=found,
-        tasks=tasks,
-        colours=shown,
-        overview=overview(found, tasks, "tasks"),
-        tuned=overview(found, tasks, "tuned"),
-        tuned_settings=[
+    sections = [
+        Section("passed", "Laws and tasks", [overview(found, tasks, "tasks", "Draws passed"), *truths(found, tasks)])
+    ]
+    tuned = overview(found, tasks, "tuned", "Draws passed with tuned gains")
+    if tuned.rows:
+        settings = [
             (f"{law['label']}, {task}", text_of(cell["settings"]))
             for law in found["laws"]
             for task, cell in law.get("tuned", {}).items()
-        ],
-        truths=truths(found, tasks),
-        parts=parts,
-        laws=[(law["label"], about(law)) for law in found["laws"]],
-        versions=sorted(found["code"].items()),
-    )
+        ]
+        sections.append(Section("tuned", "Tuned gains", [Text(_TUNED, "soft"), tuned, facts(settings)]))
+    for name, task in tasks.items():
+        own = {job.entry.label: job for job in jobs if job.task is task and not job.tuned and job.plan is not None}
+        rows = {label: frames[label, name, False] for label in own}
+        failed = worst(found, task, folder)
+        parts = given(
+            Text(task.reason),
+            Items(task.literature, "sources"),
+            criteria(task, max((len(frame) for frame in rows.values()), default=0)),
+            table(found, task, "tasks").shown(task.title),
+            *(
+                Text(f"{law['label']} can’t run: {law['tasks'][name]['reason']}", "soft")
+                for law in found["laws"]
+                if not law["tasks"][name]["runs"]
+            ),
+            courses(task, own, rows, {label: shown[label] for label in own}),
+            failed if failed.rows else None,
+        )
+        title = name.replace("_", " ")
+        sections.append(Section(name, f"{task.number}. {task.title}", parts, link=f"{task.number} {title}"))
+    sections += [
+        Section("laws", "Laws", [facts((law["label"], about(law)) for law in found["laws"])]),
+        Section("versions", "Versions", [versions_of(found["code"])]),
+    ]
+    title = f"{found['benchmark']}: {_counted(len(tasks), 'task')}, {_counted(len(found['laws']), 'law')}"
+    lead = [Text(_LEAD, "lead"), Text(f"{_PASSED} Result {found['digest']}.", "soft")]
+    return rendered(Page(title, lead, sections, [_STYLE]))
 
 
 def _counted(n: int, noun: str) -> str:
@@ -383,34 +389,45 @@ def text_of(settings: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} = {value(each)}" for key, each in settings.items())
 
 
-def overview(found: Mapping[str, Any], tasks: Mapping[str, Task], key: str) -> list[tuple[str, bool, list[Cell]]]:
-    """The rows of the first table: label, whether the law knows the truth, cells. ``key`` is "tasks" or "tuned"."""
-    return [
-        (law["label"], law["knows_the_truth"], [_draws_cell(law[key].get(name)) for name in tasks])
+def overview(found: Mapping[str, Any], tasks: Mapping[str, Task], key: str, label: str) -> Table:
+    """The draws that each law passes on each task, with the interval. ``key`` is "tasks" or "tuned"."""
+    shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
+    heads = [
+        marked('<strong>{}</strong><a href="#{}">{}</a>', task.number, task.name, task.name.replace("_", " "))
+        for task in tasks.values()
+    ]
+    rows = [
+        (
+            keyed(shown[law["label"]], marked("{} <small>knows the truth</small>", law["label"]))
+            if law["knows_the_truth"]
+            else keyed(shown[law["label"]], law["label"]),
+            [_draws_cell(law[key].get(name)) for name in tasks],
+        )
         for law in found["laws"]
         if key in law
     ]
+    return Table("law", heads, rows, "passed", label, style=f"min-width: {7 + 5.2 * len(tasks)}rem")
 
 
-def truths(found: Mapping[str, Any], tasks: Mapping[str, Task]) -> list[tuple[str, str]]:
-    """What the law that knows the truth does on tasks where it is not itself, or can't pass: their names, and the
-    sentence."""
+def truths(found: Mapping[str, Any], tasks: Mapping[str, Task]) -> list[Text]:
+    """Sentences about the law that knows the truth, on tasks where it is not itself, or can't pass."""
     said: dict[str, list[str]] = {}
     for name, task in tasks.items():
         if any("truth" in law["tasks"][name] for law in found["laws"]):
             said.setdefault(task.truth, []).append(name.replace("_", " "))
-    return [(", ".join(names), sentence) for sentence, names in said.items()]
+    return [Text(f"* {', '.join(names)}: {sentence}", "soft") for sentence, names in said.items()]
 
 
 def _draws_cell(cell: Mapping[str, Any] | None) -> Cell:
     if cell is None:
-        return Cell("", "", "none")
+        return Cell("", "none")
     if not cell["runs"]:
-        return Cell("can’t run", "", "none")
+        return Cell(marked("<strong>{}</strong>", "can’t run"), "none")
     share = cell["passed"] / cell["draws"]
     look = "all" if share == 1.0 else "most" if share > 0.5 else "some" if share > 0.0 else "no"
     mark = "*" if "truth" in cell else ""
-    return Cell(f"{cell['passed']}/{cell['draws']}{mark}", interval(cell), look)
+    text = f"{cell['passed']}/{cell['draws']}{mark}"
+    return Cell(marked("<strong>{}</strong><small>{}</small>", text, interval(cell)), look)
 
 
 def interval(cell: Mapping[str, Any]) -> str:
@@ -419,9 +436,14 @@ def interval(cell: Mapping[str, Any]) -> str:
     return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
 
 
-def criteria(task: Task) -> list[tuple[str, str, str]]:
+def criteria(task: Task, draws: int) -> Table:
     """Each criterion: what it bounds, its bounds, and why."""
-    return [(name, bounds(name, limit), task.why[name]) for name, limit in task.criteria.items()]
+    rows = [
+        (marked("<code>{}</code>", name), [bounds(name, limit), task.why[name]])
+        for name, limit in task.criteria.items()
+    ]
+    caption = f"Passed if the run completes and meets these, version {task.version}, {draws} draws"
+    return Table("metric", ["bounds", "why"], rows, "criteria", "Criteria", caption)
 
 
 def bounds(name: str, limit: Sequence[float]) -> str:
@@ -466,7 +488,7 @@ def short(spread: Mapping[str, Any], which: str) -> str:
     return "never" if value is None else number(value, 3)
 
 
-def worst(found: Mapping[str, Any], task: Task, folder: Path) -> list[Worst]:
+def worst(found: Mapping[str, Any], task: Task, folder: Path) -> Table:
     """Of each law its failed draw with the largest error, and the command that repeats it."""
     rows = []
     for law in found["laws"]:
@@ -476,8 +498,8 @@ def worst(found: Mapping[str, Any], task: Task, folder: Path) -> list[Worst]:
             row = max(failed, key=lambda row: math.inf if row["hold.error_N"] is None else row["hold.error_N"])
             place = shlex.quote(str(folder / law["label"] / task.name))
             command = f"uvms-mj run --from {place} --row {row['draw']} --out again"
-            rows.append(Worst(law["label"], row["draw"], why(row, task), command))
-    return rows
+            rows.append((law["label"], [str(row["draw"]), why(row, task), marked("<code>{}</code>", command)]))
+    return Table("law", ["draw", "its worst failed draw", "again"], rows, "worst", "Worst draws")
 
 
 def why(row: Mapping[str, Any], task: Task) -> str:

@@ -59,14 +59,14 @@ def _number(value: Any) -> float:
 
 
 def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
-    """What a law does on a task, from its rows."""
+    """The result of a law on a task, from its rows."""
     draws: list[dict[str, Any]] = []
     for row in frame.to_dict("records"):
         broke = broken(task, row)
         each = {"draw": row["draw"], "seed": row["seed"], "passed": not broke, "broke": broke, "status": row["status"]}
         if row["message"]:
             each["message"] = without_folders(row["message"])
-        ended = row["status"] != COMPLETED  # early: its peak and its effort are those of the time before
+        ended = row["status"] != COMPLETED  # early: its peak and its effort belong to the time before
         draws.append(each | {name: None if ended else rounded(_number(row.get(name))) for name in KEPT})
     passed, n = sum(each["passed"] for each in draws), len(draws)
     share = rate(passed, n, n)
@@ -83,7 +83,7 @@ def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
 
 def _spread(values: Sequence[float | None]) -> dict[str, Any]:
     """Median and largest magnitude of a metric over all draws, in which a missing number is larger than any other, so
-    that a failed run can't improve them; None stands for it. And the number of those that are missing."""
+    that a failed run can't improve them; None stands for it. And the number of missing values."""
     order = sorted(math.inf if value is None else abs(value) for value in values)
     middle = 0.5 * (order[(len(order) - 1) // 2] + order[len(order) // 2])
     return {"median": rounded(middle), "worst": rounded(order[-1]), "missing": sum(value is None for value in values)}
@@ -169,7 +169,8 @@ OF_PACKAGE = "shipped"
 
 
 def compared(first: str, second: str) -> dict[str, Any]:
-    """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is that of the shipped laws.
+    """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is the result of the shipped
+    laws.
 
     Returns pairs of laws, each with its tasks; whether their numbers may be compared, and why; and notes: about tasks
     of different versions, which are left out, and about laws of one file alone. Raises InputError if a file is no

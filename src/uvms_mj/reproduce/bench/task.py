@@ -41,7 +41,7 @@ class Task:
         criteria: the least and the greatest value of each metric that a run must meet besides its completion.
         why: the reason for each criterion.
         truth: what the law does here that knows the truth, if it is not itself or can't pass; empty otherwise.
-        tables: those of its study file.
+        tables: the tables of its study file.
     """
 
     name: str
@@ -158,7 +158,7 @@ class Entry:
     tuned: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def table(self, task: Task | None = None) -> dict[str, Any]:
-        """The law as a table of ``[[laws]]``, with the gains of a task or with those of all."""
+        """The law as a table of ``[[laws]]``, with the gains of a task or of all tasks."""
         own = self.tuned.get(task.name, {}) if task is not None else {}
         return {"name": self.source, "label": self.label, **self.settings, **own}
 
@@ -286,7 +286,7 @@ def identity(plan: Plan) -> dict[str, Any]:
     for name, data in files.items():
         if name.startswith("code-"):
             own, digest = name.partition("/")[2], hashlib.sha256(data).hexdigest()
-            # of two folders, such as those of a law and of an allocation, each may have a file of this name
+            # of two folders, such as a law's and an allocation's, each may have a file of this name
             digests[own] = " ".join(sorted({digest, *digests.get(own, "").split()}))
     found: dict[str, Any] = {
         "name": Path(law.source).name,

@@ -83,8 +83,8 @@ _VECTORS: dict[str, tuple[Callable[[Trace], np.ndarray], Callable[[np.ndarray], 
 
 
 def ratio(runs: Runs, what: str) -> Measured:
-    """Ratio of the same vector of :data:`_VECTORS`, GSTA's over the first-order law's. The value is that of the three
-    forces; the detail gives that of the moments."""
+    """Ratio of the same vector of :data:`_VECTORS`, GSTA's over the first-order law's. The value is for the three
+    forces; the detail gives the ratio of the moments."""
     measure, reduce = _VECTORS[what]
     vectors = [measure(runs.traces[name]) for name in ("gsta", "fosm")]
     a, b = (float(reduce(each[:3])) for each in vectors)

@@ -17,11 +17,21 @@ from ...quantities import leaves
 from ...records.header import Status
 from ...records.trace import Trace
 from ...studies import pages
-from ...studies.pages import Table, rendered
+from ...studies.pages import Group, Items, Page, Section, Table, Text, given, marked, rendered
 from ...views import figures
-from ..claims import Row, counted
+from ..claims import STYLE, Row, as_part
 from .claims import REST_S, TRANSIENT_S, linear_sum
 
+_CLAIMS = (
+    "Each row is a checkable claim from the paper’s abstract, proposition 1, section 5 or conclusion, with the value "
+    "measured in these runs and the verdict against the stated threshold. Where the paper gives no number, the "
+    "threshold is this project’s interpretation of its words; the reason is given below it."
+)
+_NUMBERS = (
+    "Sums and norms are taken over the three force components. Effort, variation, impulse, peak and time with |s| < "
+    "epsilon include every step, at any log rate; epsilon is 1e-3 for laws without a boundary layer. A dash means that "
+    "the quantity cannot be measured or has not settled. Numbers below 1e-9 come from rounding and are shown as 0."
+)
 _LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
 
 CAPTIONS: Mapping[str, str] = {
@@ -136,25 +146,48 @@ def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], r
     common, differing = _settings(traces)
     versions = {name: trace.header.versions for name, trace in traces.items()}
     first = next(iter(traces.values()))
-    return rendered(
-        Path(__file__).with_name("report.html"),
-        title=title,
-        scenario=first.scenario.name,
-        description=first.scenario.description,
-        runs=list(traces),
-        rows=rows,
-        counts=counted(rows),
-        pictures=pictures,
-        measures=tables(
-            "quantity",
-            list(traces),
-            [(name if unit == "1" else f"{name} [{unit}]", values) for name, unit, values in measured(traces)],
-        ),
-        common=common,
-        differing=tables("key", list(traces), differing) if differing else [],
-        notes=[(name, note) for name, trace in traces.items() for note in _notes(trace)],
-        versions=[(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions],
+    measures = tables(
+        "quantity",
+        list(traces),
+        [(name if unit == "1" else f"{name} [{unit}]", values) for name, unit, values in measured(traces)],
     )
+    notes = [marked("<b>{}</b>: {}", name, note) for name, trace in traces.items() for note in _notes(trace)]
+    settings = given(
+        Text("Settings that differ between the runs", "soft") if differing else None,
+        *(
+            table.shown("Settings that differ", "settings")
+            for table in (tables("key", list(traces), differing) if differing else [])
+        ),
+        Table(
+            "key",
+            ["value"],
+            [(key, [value]) for key, value in common],
+            "settings",
+            caption=f"{'Settings common to all runs' if len(traces) > 1 else 'Settings of the run'}; SI units, angles "
+            "in degrees for keys that end in _deg",
+        ),
+    )
+    code = [(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions]
+    sections = [
+        *([Section("claims", "Claims", [Text(_CLAIMS), as_part(rows)])] if rows else []),
+        Section(
+            "numbers",
+            "Numbers",
+            given(
+                Items(notes) if notes else None,
+                Text(_NUMBERS, "soft"),
+                *(table.shown("Numbers of each run") for table in measures),
+            ),
+        ),
+        Section("figures", "Figures", [Group(pictures, "pictures")], "start"),
+        Section("scenario", "Scenario", settings, "start"),
+        Section(
+            "versions",
+            "Versions",
+            [Items([marked("{} <b>{}</b>", name, ", ".join(values)) for name, values in code], "versions")],
+        ),
+    ]
+    return rendered(Page(title, [Text(first.scenario.description or first.scenario.name, "lead")], sections, [STYLE]))
 
 
 def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:

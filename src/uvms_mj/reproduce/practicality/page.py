@@ -11,13 +11,31 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from ...studies.pages import Picture, Table, rendered
+from ...studies.pages import Page, Picture, Section, Table, Text, number, rendered, versions_of
 from ...studies.report.figures import decades
 from ...views import colours
 from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, Figure, keys, panels, styled
-from ..claims import Row, counted
+from ..claims import STYLE, Row, as_part
 from .results import AXES, DEMANDED, LABELS, MAPS, PART, RETUNED, STEPS, Axis, Results, why
 
+_STYLES = (STYLE, Path(__file__).with_name("practicality.css"))
+_LEAD = (
+    "The paper’s laws on the BlueROV2 Heavy, which presses on a wall in a current that it does not know: from ideal to "
+    "real along each axis, and step by step to a pool."
+)
+_WORKS = (
+    f"A law works if the mean push of the last 0.5 s is within {number(100.0 * PART)} % of {DEMANDED} N of the "
+    f"demanded one, and varies by at most {DEMANDED} N."
+)
+_AXES = (
+    "Everything else is ideal. Each cell has the last value at which the law works, and what it does at the next one. "
+    "Where there is noise, a law works if it does in all of several runs with other random numbers, and the worst is "
+    "shown."
+)
+_STEPS = (
+    "Each step keeps those before it. The retuned gains are k_1 = k_2 = 1, beta = 2 and A = -20. The bumper has 2e3 "
+    "N/m, in series with the wall’s 1e5 N/m."
+)
 _PROFILES = (
     "Push of the last 0.5 s along each axis, ideal on the left: mean, and its range as a line. A cross: the law does "
     "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool. With noise, the worst of "
@@ -32,21 +50,29 @@ _MAPS = (
 
 def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> str:
     """The page as HTML."""
-    return rendered(
-        Path(__file__).with_name("practicality.html"),
-        title="From ideal to real: where each law stops working",
-        runs=sum(len(frame) for frame in results.frames.values()),
-        demanded=DEMANDED,
-        part=PART,
-        rows=rows,
-        counts=counted(rows),
-        boundaries=boundaries(results),
-        profiles=Picture("profiles", _PROFILES, profiles(results)),
-        maps=Picture("maps-figure", _MAPS, maps(results)),
-        steps=steps(results),
-        sources=[(axis.title, axis.text(axis.real), axis.source) for axis in AXES.values()],
-        versions=sorted(versions.items()),
-    )
+    runs = sum(len(frame) for frame in results.frames.values())
+    sources = [(axis.title, [axis.text(axis.real), axis.source]) for axis in AXES.values()]
+    sections = [
+        Section("claims", "Claims", [as_part(rows)]),
+        Section(
+            "axes",
+            "Axes",
+            [
+                Text(_AXES),
+                boundaries(results).shown("Where each law stops working", "words"),
+                Picture("profiles", _PROFILES, profiles(results)),
+            ],
+        ),
+        Section("maps", "Maps", [Picture("maps-figure", _MAPS, maps(results))], "start"),
+        Section("steps", "Steps to a pool", [Text(_STEPS), steps(results).shown("Steps to a pool", "words")]),
+        Section(
+            "sources",
+            "Sources",
+            [Table("axis", ["in a pool", "source and trust"], sources, "words"), versions_of(versions)],
+        ),
+    ]
+    lead = [Text(_LEAD, "lead"), Text(f"{runs} runs; engine free_body. {_WORKS}", "soft")]
+    return rendered(Page("From ideal to real: where each law stops working", lead, sections, _STYLES))
 
 
 def boundaries(results: Results) -> Table:
@@ -66,15 +92,15 @@ def steps(results: Results) -> Table:
     """What GSTA does after each step, with both sets of gains, without and with the bumper."""
     columns = [(law, bumper) for law in ("gsta", RETUNED) for bumper in (False, True)]
     rows = []
-    for number, (title, _) in enumerate(STEPS):
-        found = [results.step(law, bumper, number) for law, bumper in columns]
+    for stage, (title, _) in enumerate(STEPS):
+        found = [results.step(law, bumper, stage) for law, bumper in columns]
         cells = [
             f"works: {row['force_error_N']:+.2g} N, varies by {row['force_range_N']:.2g} N"
             if row["works"]
             else why(row)
             for row in found
         ]
-        rows.append((title if number == 0 else f"+ {title}", cells))
+        rows.append((title if stage == 0 else f"+ {title}", cells))
     return Table("step", [f"{law}{' with bumper' if bumper else ''}" for law, bumper in columns], rows)
 
 

@@ -263,13 +263,13 @@ class Results:
 
 
 def _worst_first(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows that do not work before those that do; of equals, the one first whose push varies most. A run that did not
+    """Rows that do not work before rows that work; of equals, the one first whose push varies most. A run that did not
     complete has no such number, and is first."""
     return rows.sort_values(["works", "force_range_N"], ascending=[True, False], na_position="first", kind="stable")
 
 
 def why(row: pd.Series) -> str:
-    """What a run that does not work does, in a few words."""
+    """The reason why a run does not work, in a few words."""
     if row["status"] != COMPLETED:
         return f"{row['status']}: {row['message']}"
     if row["contact.touches"] == 0:
@@ -327,8 +327,8 @@ def ages_over_stiffness(results: Results) -> Measured:
 
 
 def one_over_other(results: Results, one: str, law: str, other: str, other_law: str, detail: str) -> Measured:
-    """Value of the axis ``one`` up to which a law works, over that of another axis or law. The detail has a place for
-    each of the two values."""
+    """Value of the axis ``one`` up to which a law works, over the value of another axis or law. The detail has a place
+    for each of the two values."""
     ours, theirs = results.boundaries[one, law].last, results.boundaries[other, other_law].last
     if ours is None or not theirs:
         return Measured(None, "no boundary")

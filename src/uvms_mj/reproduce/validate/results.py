@@ -59,8 +59,8 @@ _FINE = np.arange(HEIGHTS[0], HEIGHTS[-1] + 1e-9, 1e-4)
 def fitted_height(errors: np.ndarray, fitted_on: tuple[int, ...]) -> float:
     """The height [m], to 0.1 mm, with the least mean rms error of the trials ``fitted_on``.
 
-    ``errors`` (trials, heights) are those of each trial at :data:`HEIGHTS`; a cubic spline joins their squares. Raises
-    InputError if the least error is at the end of the grid.
+    ``errors`` (trials, heights) are the errors of each trial at :data:`HEIGHTS`; a cubic spline joins their squares.
+    Raises InputError if the least error is at the end of the grid.
     """
     best = int(np.argmin(_between(errors)[list(fitted_on)].mean(axis=0)))
     if best in (0, len(_FINE) - 1):

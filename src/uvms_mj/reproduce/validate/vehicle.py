@@ -1,20 +1,19 @@
 """The vehicle of the pool, and the models of it that are compared.
 
-The arm is that of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
+The arm is the one of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
 (2023, UVMS-SysID-with-EAs, MIT) weighed it and fitted the trim weights' places to its attitude at rest; drag is Wu's
-(2018), inertia and added mass are those of von Benzon et al. (2022) for the BlueROV2 Heavy. Trust: high for mass and
+(2018), inertia and added mass are von Benzon et al.'s (2022) for the BlueROV2 Heavy. Trust: high for mass and
 buoyancy, medium for the trim, whose places are the authors' guesses, medium for the rest.
 
-In a run the vehicle floats freely, its thrusters off, and the arm is driven along a motion. The water is that of every
+In a run the vehicle floats freely, its thrusters off, and the arm is driven along a motion. The water acts as in every
 run. A joint follows its motion by a torque K (q_dot_d + (q_d - q) / T - q_dot). The last term is the joint's damping,
 which MuJoCo's Euler step treats implicitly, so that K may be large: the joint then has the velocity q_dot_d + (q_d - q)
 / T within the load over K, and the error of its angle is the load T / K, below 1e-4 rad here. The torque acts between
 two links, and the vehicle floats freely under it.
 
-A motion that tells the models apart: axis d swings, at its speed limit, about the arm stretched forwards.
-
-The trials of the pool are slow: a joint turns once from one posture to another, within ten seconds, and the vehicle
-passes through attitudes near those of rest. Added mass and drag act on accelerations and speeds. They count when the
+**Fast swing.** One motion would tell the models apart: axis d swings, at its speed limit, about the arm stretched
+forwards. The trials of the pool are slow: a joint turns once from one posture to another, within ten seconds, and the
+vehicle passes through attitudes near the rest. Added mass and drag act on accelerations and speeds. They count when the
 arm swings near the period in which the model swings freely in pitch, 2.8 s; the speed limit then leaves 13 degrees.
 """
 
@@ -41,7 +40,7 @@ HEIGHT = CENTRE_OF_BUOYANCY[2]
 ADDED_MASS = (6.36, 7.12, 18.69, 0.186, 0.135, 0.222)
 LINEAR, QUADRATIC = (4.03, 6.22, 5.18, 0.07, 0.07, 0.07), (18.18, 21.66, 36.99, 1.55, 1.55, 1.55)
 MOUNT = (0.25, -0.10965, 0.005)
-"""The arm's frame in B; its axes are those of B."""
+"""The arm's frame in B; its axes are B's."""
 TUBE, TUBE_AT = 0.202, (-0.075, -0.006, -0.003)
 """Displaced mass of the tube that carries the arm [kg], and its centre in the arm's frame."""
 WEIGHTS = (
@@ -65,7 +64,7 @@ STATIC = "hydrostatics alone"
 
 @dataclass(frozen=True)
 class Variant:
-    """A model of the vehicle: what is done with the added mass and the drag of its links, one of :data:`VARIANTS`, or
+    """A model of the vehicle: its treatment of the added mass and the drag of its links, one of :data:`VARIANTS`, or
     :data:`STATIC`, and the height of the centre of buoyancy [m]."""
 
     links: str = "as is"
@@ -74,7 +73,7 @@ class Variant:
 
 @functools.cache
 def model() -> mujoco.MjModel:
-    """The model of the rigid bodies. Joint damping is that of the servos; the gears have no friction."""
+    """The model of the rigid bodies. The servos give the joint damping; the gears have no friction."""
     spec = mujoco.MjSpec.from_file(str(shipped("models")[ARM_OF]))
     spec.option.timestep = TIMESTEP
     spec.compiler.discardvisual = True

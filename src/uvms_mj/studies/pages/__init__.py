@@ -1,17 +1,20 @@
 """Self-contained HTML pages: one style, figures as inline SVG, tables, and numbers in text.
 
-A page is a template that extends ``page.html``. It has no script and no external resource, and is
-made for screens of any width and for printing.
+A :class:`Page` is data: a title and sections, which consist of texts, lists, tables and pictures. :func:`rendered`
+turns it to HTML, with links to its sections. A page has no script and no external resource, and is made for screens of
+any width and for printing.
 """
 
 import base64
+import dataclasses
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from markupsafe import Markup
 
 from ...files import atomic_write
 
@@ -26,9 +29,15 @@ PAGE = "report.html"
 class Picture:
     """A figure to embed, as SVG with text as outlines, so that no font is needed. Its name is its anchor."""
 
+    kind: ClassVar[str] = "picture"
     name: str
     caption: str
     figure: "Figure"
+
+    @property
+    def number(self) -> str:
+        """The number before the caption; empty without one."""
+        return ""
 
     @property
     def wide(self) -> bool:
@@ -44,20 +53,103 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Text:
+    """A paragraph. ``look`` is a class of the style: soft, lead, warning."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+    look: str = ""
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list of texts."""
+
+    kind: ClassVar[str] = "items"
+    items: Sequence[Any]
+    look: str = ""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A text or a number of a table, or of a list, with a class of the style."""
+
+    text: Any
+    look: str = ""
+
+
+@dataclass(frozen=True)
 class Table:
-    """A table of a page: heading of the column of row names, names of the other columns, name and cells of rows."""
+    """A table: heading of the column of row names, names of the other columns, name and cells of rows. Without names of
+    columns it has no head. ``label`` says what it is to those who can't see it; ``style`` is CSS of this table."""
 
+    kind: ClassVar[str] = "table"
     corner: str
-    heads: Sequence[str]
+    heads: Sequence[Any]
     rows: Sequence[tuple[str, Sequence[Any]]]
+    look: str = "numbers"
+    label: str = ""
+    caption: str = ""
+    style: str = ""
+
+    def shown(self, label: str, look: str = "numbers") -> "Table":
+        """The table with a label and a look."""
+        return dataclasses.replace(self, label=label, look=look)
 
 
-def rendered(template: Path, **values: Any) -> str:
-    """The page of a template that extends ``page.html``, with its values. It may import from the folder above."""
+@dataclass(frozen=True)
+class Group:
+    """Parts that stand together, with a class of the style."""
+
+    kind: ClassVar[str] = "group"
+    parts: Sequence["Part"]
+    look: str = ""
+
+
+@dataclass(frozen=True)
+class Fragment:
+    """A part that is HTML already."""
+
+    kind: ClassVar[str] = "fragment"
+    html: str
+
+
+Part = Picture | Text | Items | Table | Group | Fragment
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section: its anchor, its heading, its parts, and its name in the list of contents; default: the heading."""
+
+    id: str
+    title: str
+    parts: Sequence[Part]
+    look: str = ""
+    link: str = ""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: the parts below the title, the sections, and files of CSS for its own classes."""
+
+    title: str
+    lead: Sequence[Part]
+    sections: Sequence[Section]
+    styles: Sequence[Path] = ()
+
+
+def rendered(page: Page) -> str:
+    """A page as HTML."""
+    styles = [path.read_text(encoding="utf-8") for path in page.styles]
+    return filled(Path(__file__).with_name("page.html"), page=page, styles=styles)
+
+
+def filled(template: Path, **values: Any) -> str:
+    """A template with its values, which are escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader([template.parent, template.parents[1], Path(__file__).parent]),
+        loader=FileSystemLoader(template.parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -66,6 +158,36 @@ def rendered(template: Path, **values: Any) -> str:
     )
     environment.filters["number"] = number
     return environment.get_template(template.name).render(**values)
+
+
+def given(*parts: Part | None) -> list[Part]:
+    """The parts that there are."""
+    return [part for part in parts if part is not None]
+
+
+def marked(html: str, *values: Any, **named: Any) -> Markup:
+    """A text with tags, ``marked("<b>{}</b>", value)``. Values are escaped, numbers as in :func:`number`."""
+    texts, by_name = [_plain(value) for value in values], {name: _plain(value) for name, value in named.items()}
+    return Markup(html).format(*texts, **by_name)
+
+
+def _plain(value: Any) -> Any:
+    return number(value) if isinstance(value, float) else value
+
+
+def facts(rows: Iterable[tuple[str, Any]]) -> Table:
+    """A table of names and values."""
+    return Table("", (), [(name, [value]) for name, value in rows], "settings")
+
+
+def versions_of(versions: Mapping[str, str]) -> Items:
+    """The versions of the code and of packages, by name."""
+    return Items([f"{name} {version}" for name, version in sorted(versions.items())], "versions soft")
+
+
+def keyed(colour: str, name: str) -> Markup:
+    """A name behind a square in its colour."""
+    return marked('<span class="key" style="background: {}"></span>{}', colour, name)
 
 
 def write(path: Path, text: str) -> None:

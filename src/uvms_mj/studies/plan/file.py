@@ -384,7 +384,7 @@ TABLES: Mapping[str, Sequence[Any]] = {
     "keep": (Keep,),
     "run": (Execution,),
 }
-"""The tables of a study file, each with its dataclass, or those that it may be."""
+"""The tables of a study file, each with its dataclass, or its possible dataclasses."""
 
 
 _STUDY, _ENTRY = TypeAdapter(StudyFile), TypeAdapter(Entry)

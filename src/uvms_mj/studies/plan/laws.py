@@ -240,7 +240,7 @@ class KeyChecks:
 
     def faults(self) -> list[Fault]:
         """Every error."""
-        found: dict[Fault, None] = {}  # in order, and without those that several laws share
+        found: dict[Fault, None] = {}  # in order, and each error once that several laws share
         first = 0
         for where, each in self.variations.items():
             drawn = [point[first : first + len(each.places)] for point in self.points]
@@ -305,7 +305,7 @@ class KeyChecks:
         return ()
 
     def _none_runs(self, law: Law) -> list[Fault]:
-        """Errors if none of several draws can run: those of the last one."""
+        """The last draw's errors, if none of several draws can run."""
         some = np.unique(np.linspace(0, len(self.points) - 1, MOST_DRAWS).astype(int)) if self.points else ()
         faults: Sequence[Fault] = ()
         for draw in some:

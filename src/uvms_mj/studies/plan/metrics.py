@@ -78,7 +78,7 @@ def columns_of(place: str) -> list[str]:
 
 
 def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
-    """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
+    """Whether a user's metric could have a column of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]
     tables = {place.partition(".")[0] for place in (*METRICS, *varied)}
     return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)

@@ -101,7 +101,7 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
 
 
 def unit_of(place: str, scenario: Scenario) -> str:
-    """The unit of a place; empty if its number has none. Of two units, "N, N m", the first is that of the first three
+    """The unit of a place; empty if its number has none. Of two units, "N, N m", the first belongs to the first three
     components of six."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")

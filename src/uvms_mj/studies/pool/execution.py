@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[str, int, int, int], None]
-"""Called with what is being done, the number of runs done, those of them that did not complete, and their total."""
+"""Called with what is being done, the number of runs done, how many of them did not complete, and their total."""
 
 
 class Execution:
@@ -205,7 +205,7 @@ _PART_BYTES, _ROW_BYTES = 600, 9
 
 @dataclass(frozen=True)
 class Estimate:
-    """Expected wall time [s] of a study, the size of its rows [bytes], and that of the log of one run [bytes]."""
+    """Expected wall time [s] of a study, and the sizes of its rows and of the log of one run [bytes]."""
 
     seconds: float
     rows_bytes: int
@@ -236,7 +236,7 @@ def estimate(plan: "Plan", workers: int) -> Estimate:
 
 
 def _probe(scenario: Scenario, engine: str) -> tuple[float, float, int]:
-    """Wall time of a run besides its steps, that of a step [s], and the size of a row of its log [bytes]. The first of
+    """Wall times of a run besides its steps and of a step [s], and the size of a row of its log [bytes]. The first of
     two short runs loads what both need."""
     stepping = scenario.simulation
     short = dataclasses.replace(stepping, duration=min(_PROBE_S, stepping.duration))

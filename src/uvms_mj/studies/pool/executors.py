@@ -50,8 +50,8 @@ def cores() -> int:
 
 
 class Workers(Executor):
-    """Worker processes of this machine; ``workers`` is their number, by default that of the cores that this process may
-    use.
+    """Worker processes of this machine; ``workers`` is their number, by default the number of cores that this process
+    may use.
 
     Each thread of a pool has a process of its own, so that one that ends loses its own call only: it raises
     :class:`WorkerLost`, and the next call of the thread starts another process. The processes of the library loky do
@@ -93,7 +93,7 @@ class Workers(Executor):
         raise InputError("worker processes end while they start, see above")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers, without ``wait`` also those that are in a call."""
+        """End the workers, without ``wait`` also during a call."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         with self._lock:
             processes, self._processes = self._processes or set(), None

@@ -140,8 +140,8 @@ class StudyRows:
 
     @functools.cached_property
     def metrics(self) -> tuple[Metric, ...]:
-        """The columns of numbers but for the courses over time, those of :data:`PREFERRED` first unless the study file
-        lists its metrics."""
+        """The columns of numbers but for the courses over time, the columns of :data:`PREFERRED` first unless the study
+        file lists its metrics."""
         known = {*OF_ROWS, *self.plan.varied, SETTLED, *(column for each in COURSES for column in columns_of(each))}
         names = [name for name in self.frame if name not in known and self._numbers(name).notna().any()]
         if tuple(self.plan.metrics) == DEFAULT_METRICS:

@@ -282,7 +282,7 @@ def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
 
 
 def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> list[Metric]:
-    """The metrics to draw over a pair: those that are sensitive to both factors, the most sensitive first. The first
+    """The metrics to draw over a pair: metrics that are sensitive to both factors, the most sensitive first. The first
     pair has at least two, and success if it varies. The only pair has the first metrics of the study."""
 
     def least(metric: Metric) -> float:

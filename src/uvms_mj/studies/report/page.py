@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from ...errors import InputError, suggestion
-from ..pages import Picture, Table, rendered
+from ..pages import Group, Items, Page, Part, Picture, Section, Table, Text, facts, given, rendered
 from ..plan import Plan
 from . import figures, tables
 from .data import StudyRows
@@ -16,6 +16,23 @@ from .statistics import SUCCESS, Paired, Sensitivities, paired, sensitivities
 if TYPE_CHECKING:
     import pandas as pd
 
+_STYLE = Path(__file__).with_name("report.css")
+_MAPS = (
+    "Medians over all other keys, for the keys to which the metrics are most sensitive. Hatched: fewer than half of "
+    "the runs succeed. Without colour: no run has the value."
+)
+_SOBOL = (
+    "Sobol indices, by SALib: the share of a metric’s variance that a key explains by itself (first order) and with "
+    "all its interactions (total). Intervals are bootstrapped."
+)
+_RANKS = (
+    "Rank correlations, not Sobol indices, which need the design sobol_indices: +1 if a metric always grows with a "
+    "key, −1 if it always falls. A dependence that rises and falls can have the rank correlation zero."
+)
+_PAIRED = (
+    "Each draw has the same values and random numbers for all laws. The interval of a median is distribution-free; "
+    "that of success is Agresti and Min’s. Metrics are compared in the draws that both laws completed."
+)
 _OVERVIEW = "Success rates with 95 % intervals, and the distributions of the first metrics as in the next section."
 
 
@@ -40,32 +57,107 @@ def page(
     found = sensitivities(data)
     pairs = paired(data)
     failures, more = tables.failures(data)
-    laws, head_metrics = tables.law_rows(data, rates)
-    return rendered(
-        Path(__file__).with_name("report.html"),
-        title=plan.name,
-        description=plan.description,
-        line=_line(data),
-        plan=plan,
-        missing=plan.runs - len(frame),
-        success=data.success_text,
-        laws=laws,
-        head_metrics=head_metrics,
-        findings=findings(data, pairs, found, failures),
-        overview=Picture("overview", _OVERVIEW, figures.overview(data, rates)) if rates else None,
-        distributions=_distributions(data),
-        maps=_maps(data, found),
-        sensitivity=_sensitivity(data, found),
-        sobol=found.sobol,
-        sensitivity_notes=found.notes,
-        differences=tables.differences(pairs),
-        quantiles=tables.quantiles(data),
-        failures=failures,
-        more_failures=more,
-        worst=tables.worst(data, folder),
-        studied=tables.studied(data, versions or {}),
-        checked=checked,
+    missing, said = plan.runs - len(frame), findings(data, pairs, found, failures)
+    sections = [
+        Section(
+            "laws",
+            "Laws",
+            given(
+                tables.laws(data, rates) if rates else Text("No run is done yet."),
+                Items(said, "findings") if said else None,
+                Picture("overview", _OVERVIEW, figures.overview(data, rates)) if rates else None,
+                Text(_how_counted(data), "soft"),
+            ),
+        ),
+        Section(
+            "distributions",
+            "Distributions",
+            [_distributions(data) or Text("No metric differs between the completed runs.")],
+            "keep",
+        ),
+        *_map_section(plan, _maps(data, found)),
+        *_sensitivity_section(found, _sensitivity(data, found)),
+    ]
+    if differences := tables.differences(pairs):
+        shown = [table.shown("Differences between two laws") for table in differences]
+        sections.append(
+            Section(
+                "differences",
+                "Differences in the same draws",
+                [Text(_PAIRED, "soft"), *shown],
+                "differences",
+                "Differences",
+            )
+        )
+    sections += [
+        Section(
+            "failures",
+            "Failures",
+            given(
+                failures.shown("Failures by message", "failures") if failures.rows else Text("Every run completed."),
+                Text(f"{more} further kinds are not listed.", "soft") if more else None,
+            ),
+        ),
+        Section("runs", "Runs to look at", [tables.worst(data, folder)]),
+        Section(
+            "quantiles",
+            "Quantiles",
+            [
+                Text("Of the runs that completed and have the value.", "soft"),
+                *(table.shown("Quantiles of a metric") for table in tables.quantiles(data)),
+            ],
+            "quantiles",
+        ),
+        Section(
+            "study",
+            "Study",
+            [
+                facts(tables.studied(data, versions or {})),
+                *(table.shown("Differences between the engines") for table in checked),
+            ],
+        ),
+    ]
+    lead = given(
+        Text(plan.description, "lead") if plan.description else None,
+        Text(_line(data), "soft"),
+        Text(f"{missing} of {plan.runs} runs are not done yet; this page is about the others.", "warning")
+        if missing
+        else None,
     )
+    return rendered(Page(plan.name, lead, sections, [_STYLE]))
+
+
+def _how_counted(data: StudyRows) -> str:
+    """How the rates, medians and intervals of the laws are to be read."""
+    repeats = ", with the repeats of a draw counted as one run" if data.plan.repeats > 1 else ""
+    grid = (
+        "; a rate over a grid is the share of its points, and its interval holds for points drawn at random"
+        if data.plan.design == "grid"
+        else ""
+    )
+    return (
+        f"Here {data.success_text}. Medians are of completed runs, with the range from 5 % to 95 %. Intervals are "
+        f"Wilson’s{repeats}{grid}."
+    )
+
+
+def _map_section(plan: Plan, pictures: Sequence[Picture]) -> list[Section]:
+    """The section of the maps, if there are any."""
+    if not pictures:
+        return []
+    many = len(plan.variations) > 1
+    first: list[Part] = [Text(_MAPS, "soft")] if many or len(pictures) > 1 else []
+    parts = [Group([*first, pictures[0]], "keep"), *pictures[1:]]
+    return [Section("maps", "Maps" if many else "Over the varied key", parts, link="Maps")]
+
+
+def _sensitivity_section(found: Sensitivities, picture: Picture | None) -> list[Section]:
+    """The section of the sensitivities, if there are any."""
+    if picture is None:
+        return []
+    notes = Items([f"{note}." for note in found.notes]) if found.notes else None
+    parts = given(Text(_SOBOL if found.sobol else _RANKS, "soft"), picture, notes)
+    return [Section("sensitivity", "Sensitivity", parts, "keep")]
 
 
 DRAWN = ("overview", "distributions", "map", "sensitivity")

@@ -45,7 +45,7 @@ def rate(successes: int, runs: int, draws: int) -> Estimate:
 def difference_of_rates(differences: np.ndarray) -> Estimate:
     """Mean of the differences (n,) between two laws' success shares of each draw, with its interval.
 
-    Of single runs, the interval is that of Agresti and Min (2005): Wald's after adding one half to each cell of the
+    Of single runs, the interval is Agresti and Min's (2005): Wald's after adding one half to each cell of the
     2 x 2 table of both laws' successes, within -1 and 1.
     """
     n, total = len(differences) + 2.0, float(differences.sum())

@@ -5,20 +5,20 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from ...errors import InputError, suggestion
 from ...files import atomic_write
-from ..pages import ROUNDING, Table, number
+from ..pages import ROUNDING, Cell, Table, keyed, marked, number
 from ..plan import Plan
 from ..plan.metrics import COMPLETED
 from . import figures
-from .data import Metric, StudyRows
+from .data import StudyRows
 from .statistics import Estimate, Paired
 
 HEAD_METRICS = 3
@@ -54,20 +54,9 @@ def short(value: float) -> str:
     return number(value, 3)
 
 
-@dataclass(frozen=True)
-class LawRow:
-    """A law in the first table: its rate with interval, runs, runs by status if not completed, and medians."""
-
-    law: str
-    colour: str
-    rate: tuple[str, str]
-    runs: int
-    ended: str
-    metrics: Sequence[tuple[str, str]]
-
-
-def law_rows(data: StudyRows, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], list[Metric]]:
-    """The rows of the first table, and its metrics."""
+def laws(data: StudyRows, rates: Mapping[str, Estimate]) -> Table:
+    """The first table: of each law its rate of success, medians of the first metrics, its runs, and those without
+    success by their status."""
     metrics = list(data.varying[:HEAD_METRICS])
     found = []
     for law, rate in rates.items():
@@ -78,8 +67,15 @@ def law_rows(data: StudyRows, rates: Mapping[str, Estimate]) -> tuple[list[LawRo
         unmet = int((data.completed[rows] & ~data.success[rows]).sum())
         ended += [f"{unmet} {'outside the limits' if data.plan.success else 'not settled'}"] if unmet else []
         spreads = [spread(data.values(metric)[rows]) for metric in metrics]
-        found.append(LawRow(law, data.colours[law], percent(rate), len(rows), ", ".join(ended) or "none", spreads))
-    return found, metrics
+        cells = [
+            marked("<strong>{}</strong> <small>{}</small>", *percent(rate)),
+            *(marked("{} <small>{}</small>", *each) for each in spreads),
+            Cell(str(len(rows)), "n"),
+            ", ".join(ended) or "none",
+        ]
+        found.append((keyed(data.colours[law], marked("<strong>{}</strong>", law)), cells))
+    heads = ["success", *(metric.label for metric in metrics), Cell("runs", "n"), "without success"]
+    return Table("law", heads, found, "laws", "Success of each law")
 
 
 def quantiles(data: StudyRows) -> list[Table]:
@@ -141,20 +137,10 @@ def failures(data: StudyRows) -> tuple[Table, int]:
     return listed, max(0, len(found) - MOST_FAILURES)
 
 
-@dataclass(frozen=True)
-class Worst:
-    """A run to look at: why, its varied values, and the command that replays it."""
-
-    law: str
-    colour: str
-    why: str
-    values: str
-    command: str
-
-
-def worst(data: StudyRows, folder: str) -> list[Worst]:
+def worst(data: StudyRows, folder: str) -> Table:
     """For each law: its first run that did not complete, its first that completed without success, and the runs with
-    the largest values of a few metrics."""
+    the largest values of a few metrics. A row has why it is there, the varied values, and the command that replays it.
+    """
     order = [data.plan.logs.metric, *COSTS]
     known = {metric.name: metric for metric in data.varying}
     metrics = [known[name] for name in dict.fromkeys([*order, *known]) if name in known][:MOST_WORST_METRICS]
@@ -173,11 +159,13 @@ def worst(data: StudyRows, folder: str) -> list[Worst]:
                 name = metric.short
                 text = f"largest {'|' + name + '|' if value < 0.0 else name}: {short(value)} {metric.unit}".rstrip()
                 chosen.setdefault(at, []).append(text)
-        found += [_worst(data, law, at, "; ".join(why), folder) for at, why in chosen.items()]
-    return found
+        name = keyed(data.colours[law], law)
+        found += [(name, ["; ".join(why), _replayed(data, at, folder)]) for at, why in chosen.items()]
+    return Table("law", ["why", "values, and the command that replays the run"], found, "worst", "The worst runs")
 
 
-def _worst(data: StudyRows, law: str, at: int, why: str, folder: str) -> Worst:
+def _replayed(data: StudyRows, at: int, folder: str) -> Markup:
+    """The varied values of a run, and the command that replays it."""
     row = data.frame.iloc[at]
     values = [
         f"{key} {text_of(row[key])}{f' {unit}' if (unit := data.plan.units.get(key, '')) else ''}"
@@ -185,7 +173,7 @@ def _worst(data: StudyRows, law: str, at: int, why: str, folder: str) -> Worst:
         if row[key] is not None and row[key] == row[key]
     ]
     command = f"uvms-mj run --from {shlex.quote(folder)} --row {int(row['index'])} --viewer"
-    return Worst(law, data.colours[law], why, ", ".join(values), command)
+    return marked("{}<code>{}</code>", ", ".join(values), command)
 
 
 def text_of(value: Any) -> str:
@@ -240,7 +228,8 @@ _POWER = re.compile(r"\^(-?\d+)")
 
 
 def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
-    """One row a law: its runs, those that succeed [%], and of each metric the median and the quantiles of 5 and 95 %.
+    """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5 and 95
+    %.
 
     The columns have two heads: the quantity with its unit, and the number. ``metrics`` are names of kept metrics;
     default: the first three that vary. Raises InputError for an unknown one.

@@ -11,13 +11,18 @@ from matplotlib.lines import Line2D
 
 from ...views import colours
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, Figure, panels, styled
-from ..pages import Picture, Table, number, rendered
+from ..pages import Page, Picture, Section, Table, Text, facts, given, marked, number, rendered
 from ..plan.metrics import unit_of_column, without_unit
 from ..plan.places import unit_of
 from ..report.figures import ABOVE_PANEL, decades
 from ..report.tables import digits_of
 from .problem import Measure, Problem, Trial
 
+_STYLE = Path(__file__).with_name("tune.css")
+_SAME_DRAWS = (
+    "Every trial has the same draws and random numbers. A trial in which a run does not complete, or has no value of a "
+    "metric, is incomplete and counts as infeasible, worse than any limit that is exceeded."
+)
 _TEN = 10
 _HISTORY = "The objective of each trial, and the best feasible value so far."
 _SLICES = (
@@ -32,23 +37,38 @@ def page(problem: Problem, trials: Sequence[Trial], best: Trial | None, folder: 
     units = {gain.key: unit_of(gain.key, scenario) for gain in problem.gains}
     states = [each.outcome.state for each in trials]
     counts = [(states.count(state), state) for state in ("feasible", "infeasible", "incomplete") if state in states]
-    return rendered(
-        Path(__file__).with_name("tune.html"),
-        title=problem.name,
-        description=problem.plan.description,
-        line=problem.text()[-1],
-        plan=problem.plan,
-        counts=counts,
-        missing=max(0, problem.search.trials - len(trials)),
-        best=best,
-        compared=_compared(problem, trials, best, units),
-        command=f"uvms-mj run {shlex.quote(str(Path(folder, 'found.toml')))}",
-        report_command=best and f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}",
-        history=Picture("history", _HISTORY, history(problem, trials)) if trials else None,
-        slices=Picture("slices", _SLICES, slices(problem, trials, units, best)) if trials else None,
-        ten=_ten(problem, trials),
-        ranges=_ranges(problem, units),
+    missing, description = max(0, problem.search.trials - len(trials)), problem.plan.description
+    lead = given(
+        Text(description, "lead") if description else None,
+        Text(f"{problem.text()[-1]}: {', '.join(f'{n} {state}' for n, state in counts)}.", "soft"),
+        Text(f"{missing} trials are not done yet.", "warning") if missing else None,
     )
+    compared = _compared(problem, trials, best, units)
+    found = given(
+        compared.shown("Found gains against the file's own") if compared else None,
+        *(_commands(best, folder) if best else [Text("No trial is feasible.")]),
+        Text(_SAME_DRAWS, "soft"),
+    )
+    progress = given(Picture("history", _HISTORY, history(problem, trials)) if trials else None)
+    gains = given(Picture("slices", _SLICES, slices(problem, trials, units, best)) if trials else None)
+    sections = [
+        Section("found", "Found", found),
+        Section("progress", "Progress", progress, "keep"),
+        Section("gains", "Gains", gains, "keep"),
+        Section("ten", "Ten best", [_ten(problem, trials).shown("The ten best trials")], "keep"),
+        Section("searched", "Search", [facts(_ranges(problem, units))]),
+    ]
+    return rendered(Page(problem.name, lead, sections, [_STYLE]))
+
+
+def _commands(best: Trial, folder: str) -> list[Text]:
+    """The commands that run the found gains once, and that report all their runs."""
+    run = f"uvms-mj run {shlex.quote(str(Path(folder, 'found.toml')))}"
+    report = f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}"
+    return [
+        Text(marked("<code>{}</code>", run), "command"),
+        Text(marked("All runs with the found gains: <code>{}</code>", report), "soft"),
+    ]
 
 
 def _compared(problem: Problem, trials: Sequence[Trial], best: Trial | None, units: dict[str, str]) -> Table | None:

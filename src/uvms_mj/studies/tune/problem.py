@@ -315,7 +315,7 @@ def fields_of(
 def _split(
     tables: Mapping[str, Any], overrides: Mapping[str, Any] | None, faults: list[Fault]
 ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """The tables of the study, those of the tuning alone, and the overrides of the study."""
+    """The tables of the study, the tables of the tuning alone, and the overrides of the study."""
     own = {name: tables[name] for name in TABLES if name in tables}
     of_study = {}
     for key, value in overrides_of(overrides).items():
@@ -353,7 +353,7 @@ def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> di
 def _with_metrics(
     study: dict[str, Any], measures: list[tuple[str, Any]], folder: Path, faults: list[Fault]
 ) -> dict[str, Any]:
-    """The study with the metrics of the objective and the constraints among those that it keeps."""
+    """The study, which also keeps the metrics of the objective and the constraints."""
     keep = study.get("keep", {})
     kept = keep.get("metrics", list(DEFAULT_METRICS)) if isinstance(keep, Mapping) else None
     if not isinstance(kept, list) or not all(isinstance(name, str) for name in kept):

@@ -86,7 +86,7 @@ def _view(azimuth: float, elevation: float) -> np.ndarray:
 
 
 def _picture(parts: Sequence[Triangles], azimuth: float, elevation: float) -> Figure:
-    """Triangles in parallel projection, those in front drawn last."""
+    """Triangles in parallel projection, drawn from back to front."""
     with styled():
         figure = Figure(figsize=(2.6, 1.9), facecolor=WATER)
         figure.set_layout_engine("none")

@@ -263,7 +263,7 @@ def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float
 
 
 def colour(signal: Signal, component: str, i: int) -> str:
-    """Colour of the component i of a signal: that of its axis or its joint, or the next one for a mere number."""
+    """Colour of the component i of a signal: the colour of its axis or its joint, or the next one for a mere number."""
     of_numbers = [*(COLOURS[axis] for axis in AXES), COLOURS["force"], *JOINTS]
     numbered = JOINTS if signal.name in OF_JOINTS else of_numbers
     return COLOURS.get(component, GREY if component == "w" else numbered[i % len(numbered)])

@@ -61,7 +61,7 @@ def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | No
     """Limit of the linear part of an axis that several lines share; None for a linear axis.
 
     It is a power of ten at or below the smallest magnitude if that line would look flat on a linear axis. ``sizes`` are
-    the largest magnitudes of the lines, ``wholes`` those of their complete signals.
+    the largest magnitudes of the lines, ``wholes`` the largest magnitudes of their complete signals.
     """
     sizes = [size for size, whole in zip(sizes, wholes, strict=True) if size > _NOTHING * whole]
     if not sizes or max(sizes) < FLAT * min(sizes):

@@ -42,7 +42,7 @@ FONTS: dict[str, Any] = {
         "axes.formatter.use_mathtext": True,  # cmr10 has no minus sign
     },
 }
-"""Fonts by name: those of the style file, Times as STIX has it, Computer Modern."""
+"""Fonts by name: the style file's, Times as STIX has it, Computer Modern."""
 FONTS["latex"] = FONTS["cm"]  # to lay the figure out; LaTeX sets its texts when it is written
 _fonts: ContextVar[str] = ContextVar("fonts", default="sans")
 _width: ContextVar[float] = ContextVar("width", default=PAGE_IN)
@@ -247,7 +247,7 @@ def ticks(ax: Axes, most: int) -> None:
 @contextlib.contextmanager
 def styled(fonts: str | None = None) -> Iterator[None]:
     """A context with the settings of the style file and matplotlib's defaults, independent of the user's settings, and
-    with fonts of :data:`FONTS`; default: those of :func:`typeset`."""
+    with fonts of :data:`FONTS`; default: the fonts of :func:`typeset`."""
     with mpl.rc_context(fname=STYLE), mpl.rc_context(FONTS[fonts or _fonts.get()]):
         yield
 

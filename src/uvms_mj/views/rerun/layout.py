@@ -112,7 +112,7 @@ def _joints(runs: Sequence[Run]) -> list[rrb.View]:
 
 
 def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> list[rrb.View]:
-    """Views of a signal, ``together`` components in each, with those of the first run's reference; empty without it."""
+    """Views of a signal, ``together`` components in each, with the first run's reference; empty without it."""
     owners = [run for run in runs if name in run.header.by_name]
     views: list[rrb.View] = []
     if not owners:

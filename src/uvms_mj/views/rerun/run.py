@@ -77,7 +77,7 @@ class Extents:
 
 
 def _drawable(values: np.ndarray) -> np.ndarray:
-    """Values, with 0 for those that are not finite or too large to draw, as at the end of a run that diverged."""
+    """Values, with 0 for values that are not finite or too large to draw, as at the end of a run that diverged."""
     return np.where(np.abs(values) < _LARGEST, values, 0.0)
 
 
@@ -370,7 +370,7 @@ class Run:
         )
 
     def _names(self, low: np.ndarray, high: np.ndarray) -> None:
-        """Send the reference, a box between the vehicle's corners (3,), or a triad if it is that of a tool, and the
+        """Send the reference, a box between the vehicle's corners (3,), or a triad for a tool, and the
         name of the run or the reference."""
         box = rr.Boxes3D(
             centers=[(low + high) / 2],
