@@ -123,6 +123,8 @@ def text_of(path: Path) -> str:
 
 def plain(value: Any) -> Any:
     """Dataclasses, mappings and tuples as the tables and lists of TOML. A key whose value is None is left out."""
+    if isinstance(value, float | int | str):
+        return value
     if dataclasses.is_dataclass(value):
         return plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
     if isinstance(value, Mapping):

@@ -7,7 +7,7 @@ import dataclasses
 import os
 import re
 import warnings
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +134,11 @@ class Scenario:
             found |= {f"{name}[{i}]": stage for i, stage in enumerate(getattr(self, name))}
         return found
 
+    def stage(self, table: str) -> Stage:
+        """The stage of a table, ``controller`` or ``effects[0]``."""
+        name, _, index = table.rstrip("]").partition("[")
+        return getattr(self, name)[int(index)] if index else getattr(self, name)
+
     @property
     def steps(self) -> int:
         """Number of time steps: the duration rounded to whole steps, at least one."""
@@ -176,6 +181,7 @@ class Scenario:
         known: Mapping[str, type[Stage]] | None = None,
         note: Callable[[str], Any] = lambda said: None,
         trusted: Container[str] | None = None,
+        valid: Set[str] = frozenset(),
     ) -> "Scenario":
         """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`. The
         value of a table may also be its object, or a stage.
@@ -187,32 +193,39 @@ class Scenario:
             note: is called with a sentence for each stage that is replaced and whose settings are left out.
             trusted: names of users' stages whose files may be imported; default: all. Others have placeholders, as in a
                 log, which can be shown and not run.
+            valid: names of tables whose values are those of a scenario, and which no override changes.
         """
-        tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
+        tables = dict(tables)
+        for name in tables.keys() - valid:
+            if isinstance(tables[name], Mapping):
+                tables[name] = dict(tables[name])
         faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
-        meant = tables_by_word(CHOICES)
-        for word in [word for word in tables if word in meant and word not in (*_TABLES, *LISTS)]:
+        meant = tables_by_word(CHOICES) if tables.keys() - _KEYS[""] else {}
+        for word in [word for word in tables if word in meant and word not in _KEYS[""]] if meant else ():
             faults.append(Fault(word, no_table(word, "name", _TABLES, CHOICES)))
             del tables[word]
-        for name in (*STAGES, "task"):
+        given = [name for name in (*STAGES, "task") if name not in valid]
+        for name in given:
             if not isinstance(tables.setdefault(name, {}), dict | Stage):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
-        chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
+        chosen = {name: overrides.get(f"{name}.name") for name in STAGES if name not in valid}
         if controller is not None and chosen["controller"] not in (None, controller):
             both = f"{chosen['controller']!r} and {controller!r} are given; choose one"
             faults.append(Fault("controller.name", both))
-        for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
+        if controller is not None:
+            chosen["controller"] = chosen["controller"] or controller
+        for name, source in chosen.items():
             if source is not None:
                 own = (known or {}).get(name)
                 tables[name] = STAGES[name].replaced(tables[name], source, overrides, left_out, own, trusted)
         for key, value in overrides.items():
             faults += _override(tables, key, value)
-        _load_task(tables, faults)
-        _load_stages(tables, known or {}, trusted, faults)
-        _load_lists(tables, known or {}, trusted, faults)
+        _load_stages(given, tables, known or {}, trusted, faults)
+        for name in STAGE_LISTS.keys() - {*valid}:
+            _load_list(name, tables, known or {}, trusted, faults)
         try:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
@@ -239,11 +252,12 @@ class Scenario:
         those of :meth:`from_dict`.
         """
         overrides = overrides_of(overrides)
-        tables = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        tables = {name: getattr(self, name) for name in _KEYS[""]}
         changed = {key.partition(".")[0].partition("[")[0] for key in (*overrides, "controller" if controller else "")}
-        for name in changed & tables.keys():  # the others are valid as they are
+        for name in changed & tables.keys():
             tables[name] = plain(_as_tables(name, tables[name]))
-        known = {name: type(stage) for name, stage in self.named_stages.items()}
+        chosen = self.named_stages if changed & CHOICES.keys() else {}
+        known = {name: type(stage) for name, stage in chosen.items() if name.partition("[")[0] in changed}
         for name, kind in list(known.items()):
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
             if own is not None and kind.of_log:
@@ -252,7 +266,8 @@ class Scenario:
                 in_a_log = not Path(recorded.source()).is_absolute()
                 if recorded.source() == own or (in_a_log and parted(own)[1] == kind.__name__):
                     table_at(tables, name)["name"] = own
-        return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted)
+        valid = tables.keys() - changed
+        return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted, valid)
 
     def with_fresh_stages(self) -> "Scenario":
         """The scenario with the stages of users' files loaded anew, those of a folder together: what an earlier run
@@ -348,14 +363,18 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
 
 
 def _load_stages(
-    tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None, faults: list[Fault]
-) -> None:
-    """Replace the table of each stage by the stage; one with an error is left out."""
-    for name, choice in STAGES.items():
+    names: Iterable[str], tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None,
+    faults: list[Fault],
+) -> None:  # fmt: skip
+    """Replace the tables of stages, the task among them, by the stages; one with an error is left out."""
+    for name in names:
         if isinstance(tables[name], Stage):
             continue
         try:
-            tables[name] = choice.load(tables[name], known.get(name), trusted)
+            if name == "task":
+                tables[name] = stage_of(ImpedanceTask, tables[name])
+            else:
+                tables[name] = STAGES[name].load(tables[name], known.get(name), trusted)
         except InputError as error:
             del tables[name]
             faults += error.faults
@@ -374,44 +393,33 @@ def _as_tables(name: str, value: Any) -> Any:
     return [table_of(stage) for stage in value] if name in STAGE_LISTS else value
 
 
-def _load_lists(
-    tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None, faults: list[Fault]
-) -> None:
-    """Replace the tables of lists of stages by the stages; a list with an error is left out."""
-    for name, choice in STAGE_LISTS.items():
-        listed, found, wrong = tables.get(name, ()), list[Any](), list[Fault]()
-        if not isinstance(listed, list | tuple):
-            del tables[name]
-            hint = f'{name} = [{{name = "{listed}"}}]' if isinstance(listed, str) else choice.base.room.name_key
-            faults.append(Fault(name, f"is a list of tables; write {hint}"))
-            continue
-        for i, table in enumerate(listed):
-            key = f"{name}[{i}]"
-            if isinstance(table, Stage):
-                found.append(table)
-                continue
-            if not isinstance(table, Mapping) or "name" not in table:
-                wrong.append(Fault(key, f"{shortened(table)} needs a name, {USERS}, as of a table"))
-                continue
-            try:
-                found.append(choice.load(table, known.get(key), trusted))
-            except InputError as error:
-                wrong += [Fault(key + each.key.removeprefix(name), each.message) for each in error.faults]
-        tables[name] = tuple(found)
-        if wrong:
-            del tables[name]
-            faults += wrong
-
-
-def _load_task(tables: dict[str, Any], faults: list[Fault]) -> None:
-    """Replace the table ``task`` by its stage."""
-    if isinstance(tables["task"], Stage):
+def _load_list(
+    name: str, tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None,
+    faults: list[Fault],
+) -> None:  # fmt: skip
+    """Replace the tables of a list of stages by the stages; a list with an error is left out."""
+    choice, listed, found, wrong = STAGE_LISTS[name], tables.get(name, ()), list[Any](), list[Fault]()
+    if not isinstance(listed, list | tuple):
+        del tables[name]
+        hint = f'{name} = [{{name = "{listed}"}}]' if isinstance(listed, str) else choice.base.room.name_key
+        faults.append(Fault(name, f"is a list of tables; write {hint}"))
         return
-    try:
-        tables["task"] = stage_of(ImpedanceTask, tables["task"])
-    except InputError as error:
-        del tables["task"]
-        faults += error.faults
+    for i, table in enumerate(listed):
+        key = f"{name}[{i}]"
+        if isinstance(table, Stage):
+            found.append(table)
+            continue
+        if not isinstance(table, Mapping) or "name" not in table:
+            wrong.append(Fault(key, f"{shortened(table)} needs a name, {USERS}, as of a table"))
+            continue
+        try:
+            found.append(choice.load(table, known.get(key), trusted))
+        except InputError as error:
+            wrong += [Fault(key + each.key.removeprefix(name), each.message) for each in error.faults]
+    tables[name] = tuple(found)
+    if wrong:
+        del tables[name]
+        faults += wrong
 
 
 OF_LIST = re.compile(r"(\w+)(?:\[(\d{1,9})\]\.(\w+))?")

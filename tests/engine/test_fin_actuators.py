@@ -27,7 +27,7 @@ MOVING = {
 
 
 def fin_record(fin: Fin):
-    return record_of(effect_records({"fins": (fin,)}, World())["fins"][0])
+    return record_of(effect_records({"fins": (fin,)}, World)["fins"][0])
 
 
 def deflections(scenario: Scenario, yaw, engine: str = "free_body") -> np.ndarray:

@@ -51,7 +51,7 @@ def test_the_fins_of_the_lauv_are_the_derivatives_of_its_source_to_first_order()
     def wrench(nu=(0.0,) * 6, rudder_deg=0.0):
         given = tuple(replace(fin, deflection_deg=rudder_deg if i < 2 else 0.0) for i, fin in enumerate(fins))
         tau = np.zeros(6)
-        add_effects(record_of(effect_records({"fins": given}, World())), np.array([u, *nu[1:]]), tau)
+        add_effects(record_of(effect_records({"fins": given}, World)), np.array([u, *nu[1:]]), tau)
         return tau
 
     small = 1e-4

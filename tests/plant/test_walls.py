@@ -308,7 +308,7 @@ def test_a_capsule_rests_like_the_two_spheres_at_its_ends():
     np.testing.assert_array_equal(one.p_WB, two.p_WB)
 
 
-def test_reset_moves_walls_and_changes_bumpers_but_not_the_number_of_contacts():
+def test_reset_moves_walls_and_changes_bumpers_but_neither_number_nor_shape_of_contacts():
     base = {"walls": [{"shape": "plane", "position": [1.1 + REACH, 0, 0]}], "wall.present": False}
     start = {"initial.position": [1.1001, 0.0, 0.0], "reference.target": [1.2, 0, 0], "reference.step_time": 0.0}
 
@@ -328,7 +328,8 @@ def test_reset_moves_walls_and_changes_bumpers_but_not_the_number_of_contacts():
             sim.step(3000)
             assert sim.signals.force_peak > 0.0
             np.testing.assert_array_equal(sim.signals.p_WB, fresh(overrides))
-        for key, value in (("walls", []), ("wall.present", True)):
+        sphere = {"shape": "sphere", "position": [1.5, 0, 0], "radius": 0.1}
+        for key, value in (("walls", []), ("walls", [sphere]), ("wall.present", True)):
             with pytest.raises(InputError, match=rf"^reset: {key}: reset can't change which contacts there are"):
                 sim.reset({key: value})
         sim.set({"walls": changed["walls"]})

@@ -16,10 +16,10 @@ from ..errors import Fault, InputError
 from ..physics.effects import EFFECTS
 from ..physics.frames import BODY
 from ..plant.build import put_at, set_wall
-from ..plant.contacts import face_of, surfaces_of
-from ..plant.looks import aim, move_walls
+from ..plant.contacts import Contacts, face_of
+from ..plant.looks import aim, drawn_wall, move_walls
 from ..plant.vehicle import free_joint_addresses
-from ..scenario import STAGE_LISTS, STAGES, Scenario
+from ..scenario import STAGE_LISTS, STAGES
 from ..setup.base import Setup
 from .native.attachment import Attachment, immerse
 from .native.bodies import Water
@@ -198,9 +198,10 @@ class MujocoEngine(Engine):
     def __init__(self, setup: Setup) -> None:
         self._plant = plant = setup.plant
         self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
-        self._drawn, start = plant.walls, setup.scenario.initial.position
-        self._walls_of: Scenario | None = None  # whose walls the model has
+        start = setup.scenario.initial.position
+        self._contacts: Contacts | None = None  # whose walls the model has
         if plant.looks:
+            self._drawn = [drawn_wall(wall) for wall in plant.walls]
             aim(self._model, start, next((wall.position[0] for wall in plant.walls), start[0]), plant.geometry.reach)
         self._attachment: Attachment | None = None
         self._place()
@@ -233,14 +234,13 @@ class MujocoEngine(Engine):
         self._model.opt.timestep = setup.scenario.simulation.timestep
 
     def write_wall(self, setup: Setup) -> None:
-        scenario, probe = setup.scenario, self._plant.probe
-        if scenario is self._walls_of:
+        scenario, probe, contacts = setup.scenario, self._plant.probe, setup.contacts
+        if contacts is self._contacts:
             return
-        self._walls_of = scenario
+        self._contacts = contacts
         set_wall(self._model, probe.body, scenario.wall, face_of(scenario, probe.radius))
-        if self._plant.looks and (walls := surfaces_of(scenario, probe.radius)) != self._drawn:
-            move_walls(self._model, walls)
-            self._drawn = walls
+        if self._plant.looks:
+            self._drawn = move_walls(self._model, self._drawn, [wall for _, wall in contacts.walls])
 
     def write_initial(self, setup: Setup) -> None:
         super().write_initial(setup)

@@ -20,6 +20,7 @@ from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.checks import changed, checked, warnings_of
+from ..setup.reads import Change, Reads
 from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
@@ -86,7 +87,7 @@ class Simulation:
         settle_modes()  # which a user's file may change by what it imports
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
-        self._base = self.setup
+        self._base, self._reads = self.setup, Reads(self.setup)
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
         try:
@@ -212,9 +213,11 @@ class Simulation:
         if seed is not None:
             given["simulation.seed"] = seed
         with self._alone:
-            setup = changed(self._base, given, "reset") if given else self._base
+            setup, change = self._base, Change(given, self._reads)
+            if given:
+                setup = changed(setup, change, "reset")
             functions = functions_again([type(stage.stage) for stage in self._plain_users])
-            self._memory.restart(setup)
+            self._memory.restart(setup, change)
             self._net.begin()
             self.setup = setup
             self._begin_plain(functions)
@@ -237,7 +240,7 @@ class Simulation:
         """
         with self._alone:
             given = overrides_of(overrides, "set: overrides")
-            setup = changed(self.setup, given, "set")
+            setup = changed(self.setup, Change(given), "set")
             delayed = ("controller.delay", "controller.period") if self.scenario.controller.delay is not None else ()
             fixed = sorted(key for key in given if key.startswith(("initial.", "simulation.", *delayed)))
             if fixed:

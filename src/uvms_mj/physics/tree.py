@@ -135,9 +135,9 @@ def link_records(vehicle: Any) -> np.ndarray:
 
 def find_diagonals(links: np.ndarray) -> None:
     """Note which matrices of LINK records (n,) are diagonals: their products take a sixth of the time."""
-    for record in links:
-        diagonal = [not (record[name] - np.diag(np.diag(record[name]))).any() for name in ("M", "M_A", *DAMPING)]
-        record["M_diagonal"], record["A_diagonal"], record["D_diagonal"] = *diagonal[:2], all(diagonal[2:])
+    beside = ~np.eye(6, dtype=bool)
+    M, M_A, *D = (~links[name][:, beside].any(axis=1) for name in ("M", "M_A", *DAMPING))
+    links["M_diagonal"], links["A_diagonal"], links["D_diagonal"] = M, M_A, D[0] & D[1]
 
 
 @kernel

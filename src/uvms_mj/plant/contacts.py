@@ -127,9 +127,9 @@ class Contacts:
         return [*([("wall", self.paper)] if self.paper else []), *self.surfaces]
 
     @property
-    def kinds(self) -> tuple[int, int, bool]:
-        """How many walls and pairs there are, and whether ``paper`` is."""
-        return len(self.surfaces), len(self.pairs), self.paper is not None
+    def kinds(self) -> tuple[tuple[str, ...], int, bool]:
+        """The shapes of the walls, how many pairs there are, and whether ``paper`` is."""
+        return tuple(wall.shape for _, wall in self.surfaces), len(self.pairs), self.paper is not None
 
     def records(
         self, lightest: Callable[[Pair], float], along_face: Callable[[], float] | None = None
@@ -144,9 +144,10 @@ class Contacts:
         for row, wall in zip(surfaces, walls, strict=True):
             row["kind"], row["extent"], row["R_WS"] = list(SHAPES).index(wall.shape), wall.size, wall.R_WS
             row["p_WS"] = row["start_W"] = wall.position
-            row["moves"], row["rows"] = wall.moves, len(wall.motion)
-            row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
-            row["phase"] = math.radians(wall.phase_deg)
+            if wall.moves:
+                row["moves"], row["rows"] = True, len(wall.motion)
+                row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
+                row["phase"] = math.radians(wall.phase_deg)
         if paper is not None and along_face is not None:
             pairs[0]["radius"], pairs[0]["layer_depth"], pairs[0]["solved"] = self.radius, math.inf, True
             for name, value in contact_settings(paper, along_face).items():
@@ -239,10 +240,13 @@ def as_surface(wall: Any, radius: float) -> Surface:
     """``[wall]`` as one of ``[[walls]]``: a probe of a radius [m] touches it at x_c."""
     names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
     given = {name: getattr(wall, name) for name in names}
-    surface = Surface(shape="plane", position=(0.0, 0.0, 0.0), **given)
-    # the face of a valid wall and a valid vehicle may lie beyond the greatest coordinate of an input
-    object.__setattr__(surface, "position", (wall.position + radius, 0.0, 0.0))
+    surface = object.__new__(Surface)
+    # without a check: the face of a valid wall and a valid vehicle may lie beyond the greatest coordinate of an input
+    vars(surface).update(vars(_PLANE), position=(wall.position + radius, 0.0, 0.0), **given)
     return surface
+
+
+_PLANE = Surface(shape="plane", position=(0.0, 0.0, 0.0))
 
 
 def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:

@@ -136,10 +136,15 @@ def aim(model: mujoco.MjModel, start: Sequence[float], face: float, reach: float
     mujoco.mju_mat2Quat(camera.quat, np.stack([right, np.cross(away, right), away], axis=1).reshape(9))
 
 
-def move_walls(model: mujoco.MjModel, walls: Sequence[Surface]) -> None:
-    """Draw the walls of a model elsewhere, in the same number and of the same shapes."""
-    for i, wall in enumerate(walls):
-        (solid,) = solids(Geometry((drawn_wall(wall),), {}))
+def move_walls(model: mujoco.MjModel, drawn: Sequence[Shape], walls: Sequence[Surface]) -> list[Shape]:
+    """Draw the walls of a model elsewhere, in the same number and of the same shapes; ``drawn`` is what this function
+    has returned, or :func:`drawn_wall` of those that the model was made with."""
+    shapes = [drawn_wall(wall) for wall in walls]
+    for i, (old, new) in enumerate(zip(drawn, shapes, strict=True)):
+        if new == old:
+            continue
+        (solid,) = solids(Geometry((new,), {}))
         skin = model.skin(f"{PREFIX}{_name(i)} 1").id
         first = model.skin_vertadr[skin]
         model.skin_vert[first : first + len(solid.vertices)] = solid.vertices
+    return shapes

@@ -1,8 +1,9 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), and its further effects."""
 
+import functools
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -276,24 +277,31 @@ EFFECT_TABLES: dict[str, Any] = {"sea": Sea, "pads": Pad, "tether": Tether, "fin
 def effects_of(scenario: ScenarioLike, plant: Any) -> np.ndarray:
     """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
     tables = {name: getattr(scenario, name) for name in EFFECT_TABLES} | {"products": plant.vehicle.products}
-    face = scenario.wall.position + plant.probe.radius if scenario.wall.present else None
-    gravity = float(np.linalg.norm(plant.mjcf.gravity_W))
-    return effect_records(tables, World(scenario.simulation.seed, gravity, face))
+
+    def world() -> World:
+        face = scenario.wall.position + plant.probe.radius if scenario.wall.present else None
+        return World(scenario.simulation.seed, float(np.linalg.norm(plant.mjcf.gravity_W)), face)
+
+    return effect_records(tables, world)
 
 
-def effect_records(tables: Mapping[str, Any], world: World) -> np.ndarray:
+@functools.cache
+def _default(kind: Any) -> Any:
+    return kind()
+
+
+def effect_records(tables: Mapping[str, Any], world: Callable[[], World]) -> np.ndarray:
     """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
-    them."""
+    them. ``world`` is called for those that depend on it."""
     found = dict[str, list[tuple]]()
     for name, table in tables.items():
-        each = table if isinstance(table, tuple) else () if table == type(table)() else (table,)
-        found[name] = []
-        for one in each:
-            found[name] += one.records(world) if hasattr(one, "records") else [one.record]
+        each = table if isinstance(table, tuple) else () if table == _default(type(table)) else (table,)
+        rows = [row for one in each for row in (one.records(world()) if hasattr(one, "records") else [one.record])]
+        if rows:
+            found[name] = rows
     records = np.zeros(1, effects_dtype({name: len(rows) for name, rows in found.items()}))
     for name, rows in found.items():
-        if rows:
-            records[name] = rows
+        records[name] = rows
     return records
 
 

@@ -11,7 +11,7 @@ import functools
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,11 +37,12 @@ from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..plant.water import Current, Disturbance, counted, effects_of
+from ..plant.water import Current, Disturbance, counted
 from ..quantities import leaves, radians_notes
-from ..scenario import Scenario
+from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped
 from .base import Setup, set_up
+from .reads import ANYTHING, Change
 from .task_frame import task_faults, task_notes
 
 RESOLVED = 0.3
@@ -266,53 +267,73 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     return setup
 
 
-def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> Setup:
-    """``base`` with overrides by dotted keys, as :func:`uvms_mj.quantities.overrides_of` gives them.
+def changed(base: Setup, change: Change, place: str) -> Setup:
+    """``base`` with a change of its scenario.
 
     Raises:
         InputError: a key or value is invalid, or needs another plant or other machine code. ``place`` is the caller's
             name in the message.
     """
     try:
-        scenario = base.scenario.updated(overrides)
-        _refuse_other_code(base, scenario, place)
-        with no_overflow(scenario):
-            check_fit(scenario, base.nominal)
-            design = Design.of(scenario, *task_inertias(scenario, base.nominal))
-            contacts = contacts_of(scenario, base.plant.probe, base.nominal)
-            if contacts.kinds != base.contacts.kinds:
-                keys = [key for key in overrides if key in ("wall.present", "bumper.stiffness") or key[:5] == "walls"]
+        setup = Setup(base.scenario.updated(change.overrides), base.plant, base.design, base.contacts)
+        _refuse_other_code(base, setup.scenario, place)
+        with no_overflow(setup.scenario):
+            if change.concerns(_check_fit):
+                _check_fit(setup)
+            parts = {name: part(setup) for name, part in _PARTS.items() if change.concerns(part)}
+            if parts:
+                made: dict[str, Any] = {"design": base.design, "contacts": base.contacts} | parts
+                setup = Setup(setup.scenario, base.plant, **made)
+                change.add(parts)
+            if change.concerns(_effects):
+                _refuse_more_effects(base, setup, place)
+            if setup.contacts.kinds != base.contacts.kinds:
                 wrong = f"{place} can't change which contacts there are; make a new Simulation"
-                raise InputError([Fault(key, wrong) for key in keys])
-            setup = Setup(scenario, base.plant, design, contacts)
-            refuse(setup)
+                keys = ("wall.present", "bumper.stiffness")
+                raise InputError([Fault(key, wrong) for key in change.overrides if key in keys or key[:5] == "walls"])
+            refuse(setup, change)
     except InputError as error:
         raise InputError(error.faults, place) from None
     return setup
 
 
+def _check_fit(setup: Setup) -> None:
+    check_fit(setup.scenario, setup.nominal)
+
+
+def _effects(setup: Setup) -> np.ndarray:
+    return setup.effects
+
+
+_PARTS: dict[str, Callable[[Setup], Any]] = {
+    "design": lambda setup: Design.of(setup.scenario, *task_inertias(setup.scenario, setup.nominal)),
+    "contacts": lambda setup: contacts_of(setup.scenario, setup.plant.probe, setup.nominal),
+}
+"""The parts of a setup that follow from its scenario and its plant."""
+
+
+def _refuse_more_effects(base: Setup, setup: Setup, place: str) -> None:
+    there = dict(counted(base.effects))
+    wrong = f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation"
+    if faults := [Fault(name, wrong) for name, n in counted(setup.effects) if n > there.get(name, 0)]:
+        raise InputError(faults)
+
+
 def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
     base, faults = setup.scenario, []
-    if scenario.vehicle != base.vehicle:
+    if scenario.vehicle is not base.vehicle and scenario.vehicle != base.vehicle:
         keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
         faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
-    there = dict(counted(setup.effects))
-    faults += [
-        Fault(
-            name,
-            f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation",
-        )
-        for name, n in counted(effects_of(scenario, setup.plant))
-        if n > there.get(name, 0)
-    ]
     if scenario.task.frame != base.task.frame:
         faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
+    changed_tables = [name for name in CHOICES if getattr(scenario, name) is not getattr(base, name)]
+    there = scenario.named_stages if changed_tables else {}
     faults += [
         Fault(f"{table}.name", f"{place} can't change a stage, only its settings; make a new Simulation")
-        for table, stage in base.named_stages.items()
-        if type(scenario.named_stages.get(table, stage)) is not type(stage)
+        for table, new in there.items()
+        if type(base.named_stages.get(table, new)) is not type(new)
     ]
     if len(scenario.effects) != len(base.effects):
         faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
@@ -346,20 +367,26 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
-def refuse(setup: Setup) -> None:
-    """Raise for a scenario that cannot run.
+def refuse(setup: Setup, change: Change = ANYTHING) -> None:
+    """Raise for a scenario that cannot run. With the change of a setup that can, what it does not concern is not
+    checked.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    stages = [*setup.scenario.named_stages.values()]
-    faults = [fault for stage in stages if stage.runs for fault in stage.faults(setup)]
+    tables = [table for table in setup.scenario.named_stages if change.concerns_stage(_stage_faults, table)]
+    faults = [fault for table in tables for fault in _stage_faults(table, setup)]
     if len(setup.scenario.effects) > _MOST_EFFECTS:
         wrong = f"has {len(setup.scenario.effects)} effects; at most {_MOST_EFFECTS} are possible"
         faults.append(Fault("effects", wrong))
-    faults += [fault for check in CHECKS for fault in check(setup)]
+    faults += [fault for check in CHECKS if change.concerns(check) for fault in check(setup)]
     if faults:
         raise InputError(faults, "scenario")
+
+
+def _stage_faults(table: str, setup: Setup) -> Iterable[Fault]:
+    stage = setup.scenario.stage(table)
+    return stage.faults(setup) if stage.runs else ()
 
 
 def warnings_of(setup: Setup) -> list[str]:

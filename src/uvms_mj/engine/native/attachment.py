@@ -378,7 +378,7 @@ class Motion:
             faults += sea_faults(sea, option.timestep, g, joints, False, np.nan)  # where it begins is not known
         if faults:
             raise InputError(faults, "attach")
-        records = effect_records({**effects, "products": vehicle.products}, World(seed, g))
+        records = effect_records({**effects, "products": vehicle.products}, lambda: World(seed, g))
         return cls(numbers, current, disturbance, records, seed)
 
     def apply(self, water: Water) -> None:
@@ -394,7 +394,7 @@ class Motion:
 
 def products_alone(vehicle: Vehicle) -> np.ndarray:
     """The records (1,) of the effects of a vehicle in water without others."""
-    return effect_records({"products": vehicle.products}, World())
+    return effect_records({"products": vehicle.products}, World)
 
 
 def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

@@ -159,7 +159,7 @@ class Water:
     def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
         self._image, self._plant, self._water = image, plant, plant["water"]
         self._series = {name: plant[name] for name in ("current", "disturbance")}
-        self._constant = True  # the current
+        self._there = [name for name in EFFECTS if plant["effects"][name].size]
         plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
 
     def flow(self, current: Current) -> None:
@@ -169,16 +169,15 @@ class Water:
         series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
         self._vary("current", current)
         self._plant["shear"], self._plant["shear_rows"] = self._table("current.shear", current.shear)
-        self._constant = current.constant
         self._begin()
 
     def _begin(self) -> None:
         """Say whether the water is computed at each instant, which it is from the next one on."""
-        water = self._water
-        water["unsteady"] = not self._constant or any(
-            self._plant["effects"][name].view(np.uint8).any() for name in FLOWS
-        )
-        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = self._series["current"]["mean"], 0.0, 0.0
+        water, current = self._water, self._series["current"]
+        varies = current["rows"][0] or current["noisy"][0] or self._plant["shear_rows"][0] or current["amplitude"].any()
+        moved = (self._plant["effects"][name].view(np.uint8).any() for name in FLOWS if name in self._there)
+        water["unsteady"] = bool(varies) or any(moved)
+        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = current["mean"], 0.0, 0.0
         water["fresh"] = False
 
     def push(self, disturbance: Disturbance) -> None:
@@ -189,7 +188,7 @@ class Water:
 
     def affect(self, effects: np.ndarray) -> None:
         """Set the records (1,) of the effects, at most as many of each as there is room for."""
-        for name in EFFECTS:  # and not their states, which go on
+        for name in self._there:  # and not their states, which go on
             room = self._plant["effects"][name][0]
             room[:] = np.zeros((), room.dtype)
             room[: effects[name].size] = effects[name][0]

@@ -32,6 +32,7 @@ from ...physics.random import key_of
 from ...plant.effect import Surroundings
 from ...scenario import Scenario
 from ...setup.base import Setup
+from ...setup.reads import ANYTHING, Change
 from ...stages.base import Stage, is_shipped
 from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
 from ...stages.signals import (
@@ -484,6 +485,7 @@ class Pipeline:
         scenario, self._setup, self.shape = setup.scenario, setup, shape
         self.controller = scenario.controller
         self._run = run_dtype(shape)
+        self._named = scenario.named_stages.keys()
         self.scenario, self.interface = scenario, setup.interface if shape.joints else None
         self.stages: dict[str, CompiledStage] = {}
         self._places: list[Place] = []
@@ -563,10 +565,10 @@ class Pipeline:
         """(6,) wrench that the law commands."""
         return self.command
 
-    def constants(self, setup: Setup) -> dict[str, dict[str, Any]]:
-        """The constants of all stages, by table, from another setup. Raises InputError if a stage has other constants
-        than its memory has room for."""
-        found, faults, scenario, named = {}, [], setup.scenario, setup.scenario.named_stages
+    def constants(self, setup: Setup, change: Change = ANYTHING) -> dict[str, dict[str, Any]]:
+        """The constants of the stages that a change concerns, by table, from another setup. Raises InputError if a
+        stage has other constants than its memory has room for."""
+        found, faults, scenario = {}, [], setup.scenario
         if (scenario.controller.delay is not None) != ("delay" in self.stages):
             faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
         if bool(scenario.impedance.schedule) != ("schedule" in self.stages):
@@ -576,15 +578,19 @@ class Pipeline:
         if scenario.impedance.natural != ("natural" in self.stages):
             faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
         for table, stage in self.stages.items():
-            given = named.get(table, getattr(setup.scenario, table, None))
-            chosen = given if isinstance(given, Stage) else stage.stage
-            constants = chosen.constants(setup).items()
+            if not change.concerns_stage(self._constants, table):
+                continue
+            constants = self._constants(table, setup).items()
             found[table] = new = {name: value for name, value in constants if value is not None and name != "period"}
             if new.keys() != stage.shapes.keys() or any(_shape(new[name]) != stage.shapes[name] for name in new):
                 faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
         if faults:
             raise InputError(faults, "a new Simulation is needed")
         return found
+
+    def _constants(self, table: str, setup: Setup) -> Mapping[str, Any]:
+        given = setup.scenario.stage(table) if table in self._named else getattr(setup.scenario, table, None)
+        return (given if isinstance(given, Stage) else self.stages[table].stage).constants(setup)
 
     def start(self, scenario: Scenario) -> None:
         """Begin a run in what stages in libraries and FMUs keep."""
@@ -613,10 +619,9 @@ class Pipeline:
         steps = [round(stage.period_in(scenario) / h) for stage in stages]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
-    def write_keys(self, scenario: Scenario) -> None:
+    def write_keys(self, seed: int) -> None:
         """Set the keys of the random numbers of the stages that a scenario chooses."""
-        seed, named = scenario.simulation.seed, scenario.named_stages
-        self.rows["key"] = [key_of(seed, table) if table in named else 0 for table in self.stages]
+        self.rows["key"] = [key_of(seed, table) if table in self._named else 0 for table in self.stages]
 
     def take_back(self, index: int) -> None:
         """Let a stage that was interrupted begin its instant again, without advancing its states twice."""

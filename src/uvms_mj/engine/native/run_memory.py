@@ -18,6 +18,7 @@ from ...physics.spanned_axes import pseudoinverse
 from ...plant.water import counted
 from ...records.trace import Trace
 from ...setup.base import Setup
+from ...setup.reads import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
     BAND,
@@ -273,28 +274,29 @@ class RunMemory:
         """Discard the rows, to make room for the next chunk."""
         self.run["row_count"] = 0
 
-    def restart(self, setup: Setup) -> None:
-        """Return to the start, with the numbers of a setup.
+    def restart(self, setup: Setup, change: Change = ANYTHING) -> None:
+        """Return to the start, with the numbers of a setup, which are those of the first one but for what a change of
+        it concerns.
 
         Raises:
             InputError: a stage has other constants than its memory has room for, or a table is too long. Nothing is
                 changed then.
         """
-        constants = {} if setup is self._setup else self._fitting(setup)
+        constants = {} if setup is self._setup else self._fitting(setup, change)
         self.engine.clear()
         drawn = self.engine.water.drawn()  # noise of the same seed and constants is not drawn again
         self.image.fixed[:] = self._start
         self.engine.water.keep(drawn)
         self.engine.write_time(setup)
         self.engine.write_wall(setup)
-        if setup is not self._setup:
-            write_time(self, setup)
-            write_initial(self, setup)
-            self._write(setup, constants)
-        elif self._has_other_tables:
+        if self._has_other_tables:
             for room, (_, table) in self._tables.items():
                 self.image.put(room, table)
             self._has_other_tables = False
+        if setup is not self._setup:
+            write_time(self, setup)
+            write_initial(self, setup)
+            self._write(setup, constants, change)
         self.stages.start(setup.scenario)
 
     def begin(self, setup: Setup) -> None:
@@ -325,16 +327,19 @@ class RunMemory:
             n <= there.get(name, 0) for name, n in shape.effects
         )
 
-    def _fitting(self, setup: Setup) -> dict[str, dict[str, Any]]:
-        """The constants of all stages. Raises InputError if they or a table do not fit into this memory."""
-        for room, (key, table) in tables_of(setup).items():
-            self.image.check_room(room, key, table)
-        return self.stages.constants(setup)
+    def _fitting(self, setup: Setup, change: Change = ANYTHING) -> dict[str, dict[str, Any]]:
+        """The constants of the stages that a change concerns. Raises InputError if they or a table do not fit into this
+        memory."""
+        if change.concerns(tables_of):
+            for room, (key, table) in tables_of(setup).items():
+                self.image.check_room(room, key, table)
+        return self.stages.constants(setup, change)
 
-    def _write(self, setup: Setup, constants: dict[str, dict[str, Any]]) -> None:
-        self._has_other_tables = True
+    def _write(self, setup: Setup, constants: dict[str, dict[str, Any]], change: Change = ANYTHING) -> None:
+        self._has_other_tables = change.concerns(tables_of)
         for write in WRITERS:
-            write(self, setup)
+            if change.concerns(write, self):
+                write(self, setup)
         self.stages.write(constants)
 
     def check_stages(self) -> None:
@@ -394,10 +399,12 @@ def write_impedance(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:
-    model = memory.run["model"]
-    estimate(model, setup.nominal, setup.scenario.estimates)
-    if not memory.shape.resolves:  # the inertia of a rigid vehicle at B is constant
-        model["M"] = setup.design.M_hat
+    estimate(memory.run["model"], setup.nominal, setup.scenario.estimates)
+
+
+def write_inertia(memory: RunMemory, setup: Setup) -> None:
+    if not memory.shape.resolves:  # that of a rigid vehicle at B is constant
+        memory.run["model"]["M"] = setup.design.M_hat
 
 
 def write_sensor(memory: RunMemory, setup: Setup) -> None:
@@ -419,17 +426,24 @@ def write_water(memory: RunMemory, setup: Setup) -> None:
     water, scenario = memory.engine.water, setup.scenario
     water.flow(scenario.current)
     water.push(scenario.disturbance)
-    water.affect(setup.effects)
     water.seed(scenario.simulation.seed)
 
 
-def write_stages(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario)
+def write_effects(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.affect(setup.effects)
+
+
+def write_keys(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario.simulation.seed)
+
+
+def write_periods(memory: RunMemory, setup: Setup) -> None:
     memory.stages.write_periods(setup.scenario)
 
 
 WRITERS: tuple[Callable[[RunMemory, Setup], None], ...] = (
-    *(write_water, write_contact, write_impedance, write_estimates, write_sensor),
-    *(write_epsilon, write_limits, write_stages),
+    *(write_water, write_effects, write_contact, write_impedance, write_estimates, write_inertia),
+    *(write_sensor, write_epsilon, write_limits, write_keys, write_periods),
 )
-"""What sets the numbers of a setup that may change during a run."""
+"""What sets the numbers of a setup that may change during a run. Each depends on the setup alone, and on no number in
+memory that another one has set from another part of it."""
