@@ -2,7 +2,8 @@
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -67,7 +68,7 @@ FREEZES = {"thrusters.freeze_time": 1.4, "thrusters.freeze_at": 1.6, "thrusters.
 STIFFNESS = 150.0  # N/m, of the paper's impedance ahead
 
 
-def as_deployed(law: str, push: float, settings: dict) -> tuple[float, float]:
+def as_deployed(law: str, push: float, settings: Mapping[str, Any]) -> tuple[float, float]:
     """Mean push of the last 0.5 s and largest push [N] of a law of which a push is demanded."""
     ahead = {"reference.target": [1.0 + push / STIFFNESS, 0.0, 0.0]}
     gains = SMOOTHER if law == "gsta" else {}
@@ -87,7 +88,7 @@ def deployed_numbers() -> Iterator[tuple]:
     for law in ("gsta", "admittance", "impedance"):
         for push in (5.0, 20.0):
             each = [
-                as_deployed(law, push, keys) for keys in ({}, AS_DEPLOYED, AS_DEPLOYED | {"thrusters.mixer": "linear"})
+                as_deployed(law, push, keys) for keys in ({}, AS_DEPLOYED, {**AS_DEPLOYED, "thrusters.mixer": "linear"})
             ]
             (ideal, _), (mean, most), (mixed, peak) = each
             close = 0.02 if law == "gsta" else 2e-3
@@ -99,7 +100,7 @@ def deployed_numbers() -> Iterator[tuple]:
                 (mixed, 20.0 * close),
                 (peak, 1.0),
             )
-    _, hit = as_deployed("admittance", 20.0, AS_DEPLOYED | FREEZES)
+    _, hit = as_deployed("admittance", 20.0, {**AS_DEPLOYED, **FREEZES})
     yield "hits the bumper with {} N instead of", (hit, 2.0)
 
 

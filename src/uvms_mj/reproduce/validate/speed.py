@@ -1,8 +1,8 @@
 r"""The speed law of a real BlueROV2 Heavy in MANUAL, against a run and against a closed form, with nothing fitted.
 
 A laboratory measured 29 runs at the pilot's gain of 0.5 (SPEED_PER_AXIS, AXIS_AT_REST). ArduSub's linear mixer moves
-the pulses of the four horizontal thrusters by 400 us times gain times axis, two of them in reverse. The thrust X follows
-from the T200's curve, and the speed from the drag of the vehicle's file,
+the pulses of the four horizontal thrusters by 400 us times gain times axis, two of them in reverse. The thrust X
+follows from the T200's curve, and the speed from the drag of the vehicle's file,
 
 .. math:: X = d\,v + D\,v^2.
 
