@@ -35,8 +35,12 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 def info(log: str, show: str | None, as_json: bool) -> None:
     """Print the contents of a log: the run's table, signals, topics, versions, files.
 
+    LOG is that of a run, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
+    export log take it, too.
+
     \b
     uvms-mj info results/run.mcap
+    uvms-mj info dive.toml
     uvms-mj info results/run.mcap --show scenario.toml
     """
     with bad_input():
