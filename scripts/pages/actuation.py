@@ -2,15 +2,19 @@
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from page_look import written
 from uvms_mj import Scenario, simulate
+from uvms_mj.actuation import T200 as T200Thrusters
 from uvms_mj.actuation.propeller import VOLTAGES, thrust_curve
 from uvms_mj.actuation.thrusters import discrete
+from uvms_mj.reproduce.practicality.results import SMOOTHER
+from uvms_mj.setup.deployment import AS_DEPLOYED, pushed
 from uvms_mj.views.figures.style import BLACK, COLOURS, GREY, PAGE_IN, styled
 
 PERIOD = 1e-3
@@ -52,6 +56,54 @@ ROWS = {
 WEAK = {"thrusters.name": "t200", "thrusters.voltage": 10.0, "reference.target": [1.4, 0.0, 0.0]}
 
 
+DEPLOYED = {
+    "vehicle.model": "bluerov2_heavy",
+    "initial.position": [0.95, 0.0, 0.0],
+    "reference.step_time": 1.5,
+    "bumper.stiffness": 2e3,
+    "simulation.duration": 20.0,
+    "simulation.timestep": 5e-4,
+}
+FREEZES = {"thrusters.freeze_time": 1.4, "thrusters.freeze_at": 1.6, "thrusters.freeze_every": 6.0}
+STIFFNESS = 150.0  # N/m, of the paper's impedance ahead
+
+
+def as_deployed(law: str, push: float, settings: Mapping[str, Any]) -> tuple[float, float]:
+    """Mean push of the last 0.5 s and largest push [N] of a law of which a push is demanded."""
+    ahead = {"reference.target": [1.0 + push / STIFFNESS, 0.0, 0.0]}
+    gains = SMOOTHER if law == "gsta" else {}
+    keys = {**gains, **settings}  # a control period is a key of the preset
+    scenario = Scenario.load("push_wall", DEPLOYED | ahead | keys, law)
+    trace = simulate(scenario, engine="free_body", log_rate=1000)
+    return float(trace.push[trace.t > 19.5].mean()), float(trace.force_peak[-1])
+
+
+def deployed_numbers() -> Iterator[tuple]:
+    """The two tables of the section on a law as deployed."""
+    parts = np.full(4, np.cos(np.pi / 4))
+    for push in (1.5, 5.0, 20.0, 60.0):
+        one = pushed(T200Thrusters(), thrust_curve(16.0), thrust_curve(16.0), parts, 0.25 / parts, push)
+        yield f"| {push:g} | {{}} | {{}} | {{}} |", one.thrusts[0], one.commands[0], one.step
+    yield "The smallest push is then {} N", one.smallest
+    for law in ("gsta", "admittance", "impedance"):
+        for push in (5.0, 20.0):
+            each = [
+                as_deployed(law, push, keys) for keys in ({}, AS_DEPLOYED, {**AS_DEPLOYED, "thrusters.mixer": "linear"})
+            ]
+            (ideal, _), (mean, most), (mixed, peak) = each
+            close = 0.02 if law == "gsta" else 2e-3
+            yield (
+                f"| {law}, {push:g} N | {{}} | {{}} | {{}} | {{}} | {{}} |",
+                (ideal, 1e-3),
+                (mean, close),
+                (most, 0.1),
+                (mixed, 20.0 * close),
+                (peak, 1.0),
+            )
+    _, hit = as_deployed("admittance", 20.0, {**AS_DEPLOYED, **FREEZES})
+    yield "hits the bumper with {} N instead of", (hit, 2.0)
+
+
 def numbers() -> Iterator[tuple]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -71,6 +123,9 @@ def numbers() -> Iterator[tuple]:
     yield "surge_left needs {} N at rest and has {} N", float(needs), float(has)
     denominator, numerator, gain = 9258.0, 6136.0, 108700.0  # of the transfer function: s, s, 1
     yield "Slow changes of the thrust are {} ms late", 1e3 * (denominator - numerator) / gain
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield from deployed_numbers()
     yield "with both efficiencies at 0.46 has {} N at 16 V", 0.46 * thrust_curve(16.0).thrust[-1]
 
 

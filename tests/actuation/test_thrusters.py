@@ -392,3 +392,80 @@ def test_thrust_of_a_users_thrusters_that_diverges_is_answered_with_their_time_c
     assert ("u[" in trace.message[:30]) is also
     assert trace.message.endswith("smaller gains, or a longer time constant of the thrusters.") is also
     assert "smaller gains" in trace.message
+
+
+# as deployed: outputs that freeze, a linear mixer
+
+
+def frozen_by_hand(commands, since: int, held: int, again: int) -> np.ndarray:
+    """The commands that reach the thrusters: in a freeze the last one before it."""
+    found = []
+    for i, each in enumerate(commands):
+        freezes = i >= since and ((i - since) % again if again else i - since) < held
+        found.append(found[-1] if freezes and found else 0.0 if freezes else each)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+@pytest.mark.parametrize(("at", "every"), [(0.02, None), (0.02, 0.03), (0.0, 0.05)])
+def test_frozen_outputs_keep_the_last_command(at, every, engine):
+    settings = {"freeze_time": 0.01, "freeze_at": at} | ({} if every is None else {"freeze_every": every})
+    commands = np.sin(0.3 * np.arange(120))
+    with Simulation(scenario_with("general", **settings), engine=engine) as sim:
+        found = []
+        for command in commands:
+            sim.u[:] = command
+            sim.step()
+            found.append(sim.signals.u[0])
+    expected = frozen_by_hand(commands, round(at / 1e-3), 10, 0 if every is None else round(every / 1e-3))
+    assert found == expected.tolist()
+
+
+def test_a_linear_mixer_moves_the_pulse_in_proportion_and_the_true_curve_answers():
+    gain, full = 0.5, thrust_curve(16.0).thrust[-1]
+    demands = np.linspace(-0.77, 1.0, 60)
+    scenario = scenario_with("t200", lag="none", quantum=0.0, mixer="linear", pilot_gain=gain)
+    thrust = responses(scenario, demands * full)[:, 0]
+    assert np.abs(thrust - thrust_curve(16.0).at(1500.0 + 400.0 * gain * demands)).max() < 1e-12 * full
+
+
+def test_mixer_gain_and_freeze_change_in_a_reset_and_give_the_run_of_a_new_simulation():
+    new = {"thrusters.mixer": "linear", "thrusters.pilot_gain": 0.3, "thrusters.freeze_time": 0.02}
+    new["thrusters.freeze_at"] = 0.03
+    scenario = Scenario.load("push_wall", {"thrusters.name": "t200", "simulation.duration": 0.1})
+    with Simulation(scenario, **FREE) as sim, Simulation(scenario.updated(new), **FREE) as fresh:
+        sim.step(200)
+        sim.reset(overrides=new)
+        for each in (sim, fresh):
+            each.step(900)
+        assert sim.signals.u.tobytes() == fresh.signals.u.tobytes()
+        assert np.ptp(sim.signals.u) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"pilot_gain": 0.5}, r"thrusters\.pilot_gain: 0\.5 has no effect on the inverse curve"),
+        ({"freeze_time": 1.0, "freeze_every": 0.5}, r"thrusters\.freeze_every: 0\.5 s must be longer"),
+        ({"mixer": "cubic"}, r"thrusters\.mixer"),
+    ],
+)
+def test_wrong_settings_of_outputs_are_refused(settings, said):
+    with pytest.raises(InputError, match=said):
+        scenario_with("t200", **settings)
+
+
+def test_pulse_widths_from_outside_pass_no_mixer():
+    keys = {"actuation.name": "pwm", "thrusters.name": "t200", "thrusters.mixer": "linear"}
+    with pytest.raises(InputError, match=r"thrusters\.mixer: .*nothing is mixed"):
+        Simulation(Scenario.load("push_wall", BY_HAND | keys), **FREE)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [({"thrusters.freeze_time": 0.4}, "freeze"), ({"thrusters.mixer": "linear"}, "linear mixer")],
+)
+def test_what_a_closed_form_does_not_know_of_the_outputs_it_refuses(settings, said):
+    made = Scenario.load("push_wall", {"thrusters.name": "t200", "simulation.duration": 1e-3} | settings)
+    late = made.updated({"thrusters.freeze_at": 0.0005}) if "thrusters.freeze_time" in settings else made
+    assert said in simulate(late, **FREE).analytic.reason

@@ -87,6 +87,19 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"current.speed": [0.1, 0.4], "tether.length": [4.0, 6.0]},
     ),
+    "a linear mixer, late and slow pulses, outputs that freeze": (
+        {
+            "vehicle.model": "bluerov2_heavy",
+            "controller.period": 1e-3,
+            "controller.delay": 2e-3,
+            "actuation.period": 5e-4,
+            "thrusters.name": "t200",
+            "thrusters.mixer": "linear",
+            "thrusters.freeze_time": 2e-3,
+            "thrusters.freeze_every": 5e-3,
+        },
+        {"thrusters.pilot_gain": [1.0, 0.5], "thrusters.freeze_at": [3e-3, 0.0]},
+    ),
     "sensors with noise and delay": (
         {
             "controller.name": "pid",

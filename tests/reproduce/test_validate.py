@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from page_numbers import page as page_of
 from pool_records import reach, write
 from tree_twin import Rigid, TwinBody, TwinTree, inertia, resistance
 from twin import rotation, skew
@@ -20,6 +21,7 @@ from uvms_mj.cli import main
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.physics.frames import quat_from_euler_deg
 from uvms_mj.reproduce.validate import results as judging
+from uvms_mj.reproduce.validate import speed
 from uvms_mj.reproduce.validate.data import AXES, Attitude, Motion, records
 from uvms_mj.reproduce.validate.page import CONSTANT, FITTED, numbers
 from uvms_mj.reproduce.validate.results import PITCH, compute
@@ -330,3 +332,29 @@ def test_the_command_names_what_it_looks_for(tmp_path):
     assert done.output.count("\n") == 1
     assert "no such folder; a record is the files NAME_mocap.csv, NAME_imu.csv, NAME_joint_states.csv" in done.output
     assert not (tmp_path / "out").exists()
+
+
+def test_the_speed_of_a_heavy_is_that_of_a_laboratory_and_of_the_closed_form():
+    """Nothing is fitted. At another voltage the bound is missed."""
+    found = speed.speeds()
+    assert speed.rms_error(found) < speed.BOUND
+    assert max(abs(each.run / each.closed_form - 1.0) for each in found) < 0.02
+    text = page_of("validation").read_text(encoding="utf-8")
+    worst = max(found, key=lambda each: abs(each.run / each.measured - 1.0))
+    rms, by_formula = 100.0 * speed.rms_error(found), 100.0 * speed.rms_error(found, "closed_form")
+    said = f"The rms error is {rms:.1f} % of the mean speed over axes from 0.2 to 0.5, and the worst one"
+    assert f"{said} {100.0 * abs(worst.run / worst.measured - 1.0):.1f} %, at an axis of {worst.axis:g}." in " ".join(
+        text.split()
+    )
+    assert f"of the vehicle's file, it is {by_formula:.1f} %." in text
+    others = [100.0 * speed.rms_error(speed.speeds(voltage)) for voltage in (14.0, 16.0)]
+    assert f"at 14 V the rms error is {others[0]:.1f} %, at 16 V {others[1]:.1f} %" in text
+    assert min(others) > 100.0 * speed.BOUND
+
+
+def test_the_command_prints_the_speeds_and_judges_them():
+    done = CliRunner().invoke(main, ["validate", "speed", "--json"])
+    assert done.exit_code == 0
+    told = json.loads(done.stdout)
+    assert len(told["speeds_m_per_s"]) == len(speed.AXES)
+    assert told["rms_error"] < speed.BOUND

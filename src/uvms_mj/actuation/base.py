@@ -119,6 +119,9 @@ class Pwm(Actuation):
         if true is None or assumed is None:
             wrong = "pwm needs thrusters.name = t200, or general with a curve of pulse widths that is inverted"
             raise InputError([Fault("actuation.name", wrong)], "scenario")
+        if getattr(thrusters, "mixer", "inverse") != "inverse":
+            wrong = "with actuation.name = pwm nothing is mixed: the pulse width is given; leave it out"
+            raise InputError([Fault("thrusters.mixer", wrong)], "scenario")
         if not assumed.same_as(true):
             wrong = "with actuation.name = pwm nothing is assumed: the pulse width is given; leave it out"
             raise InputError([Fault("thrusters.assumed_voltage", wrong)], "scenario")

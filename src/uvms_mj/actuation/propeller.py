@@ -3,7 +3,8 @@ r"""Thrusters as they are: a static curve, a speed controller with its quantised
 The commanded thrust of a thruster passes these elements in order, each of which may be absent:
 
 1. The control system's inverse of the static curve gives the command x, a pulse width [us]. Without an inverse, x is
-   the commanded thrust itself [N]. ``assumed_efficiency`` is the efficiency that the control system knows of.
+   the commanded thrust itself [N]. ``assumed_efficiency`` is the efficiency that the control system knows of. A linear
+   mixer, as ArduSub's, takes the curve for a straight line (:func:`mixer_curve`).
 2. The speed controller rounds x to multiples of ``quantum`` from neutral.
 3. The true static curve gives a thrust, zero within ``dead_band`` of neutral, times ``efficiency``.
 4. A thruster that was at rest or turns the other way starts after ``start_delay``.
@@ -14,7 +15,8 @@ The commanded thrust of a thruster passes these elements in order, each of which
 
    .. math:: u = f - c \sqrt{|f|}\, u_a, \qquad c = T_{nu} / \sqrt{T_{nn}}
 
-A failed thruster keeps the command of its last good instant, or a fraction of its thrust.
+A failed thruster keeps the command of its last good instant, or a fraction of its thrust. Outputs that freeze keep the
+last command of every thruster for a time, once or again and again.
 
 :class:`General` has every setting spelt out. :class:`T200` is the thruster of Blue Robotics at a battery's
 voltage: ``t200.toml`` has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the
@@ -97,6 +99,15 @@ def started(settings, state, k, thrust) -> float:
 
 
 @kernel
+def frozen(settings, instant) -> bool:
+    """Whether the outputs are frozen at an instant of the stage."""
+    since = instant - int(settings.freeze_from)
+    if since >= 0 and settings.freeze_again > 0.0:
+        since %= int(settings.freeze_again)
+    return since >= 0 and since < int(settings.freeze_instants)
+
+
+@kernel
 def lagged(settings, state, k, thrust) -> float:
     """The thrust at this instant, before the new input acts; the states go on to the next instant."""
     Phi, Gamma, C = settings.Phi, settings.Gamma, settings.C
@@ -124,6 +135,11 @@ class Propeller(Thrusters):
     lag: Lag = setting("none", "-", "none, first_order with time_constant, or third_order, as identified on a T200")
     time_constant: Annotated[Number, within(1e-6, 100.0, "s")] = setting(0.03, "s", "of the first-order lag")
     inflow_loss: NonNegative = setting(0.0, "N^0.5 s/m", "c of the thrust lost by inflow, c sqrt(|f|) u_a")
+    freeze_time: Annotated[Number, within(0.0, 1e3, "s")] = setting(
+        0.0, "s", "how long the outputs freeze: every thruster keeps its last command; 0: never"
+    )
+    freeze_at: Time = setting(0.0, "s", "time at which the outputs freeze")
+    freeze_every: Positive | None = setting(None, "s", "time from one freeze to the next; default: they freeze once")
     failed: Annotated[int, Field(strict=True, ge=0)] = setting(
         0, "1", "number of the thruster that fails, from 1; 0: none"
     )
@@ -144,6 +160,9 @@ class Propeller(Thrusters):
         if self.failed_stuck and self.failed_fraction > 0.0:
             wrong = f"{self.failed_fraction:g}: a stuck thruster keeps its command; set failed_fraction or failed_stuck"
             raise InputError([Fault("thrusters.failed_fraction", wrong)])
+        if self.freeze_every is not None and self.freeze_every <= self.freeze_time:
+            wrong = f"{self.freeze_every:g} s must be longer than thrusters.freeze_time, {self.freeze_time:g} s"
+            raise InputError([Fault("thrusters.freeze_every", wrong)])
 
     def curves(self) -> tuple[Curve | None, Curve | None]:
         """The true curve and the curve that the control system inverts, or None without one."""
@@ -173,7 +192,14 @@ class Propeller(Thrusters):
             "lags": self.lag != "none",
             **discrete(self.lag, self.time_constant, period),
             "failed": self.failed - 1.0,
+            "freeze_instants": float(round(self.freeze_time / period)),
+            "freeze_from": float(round(self.freeze_at / period)),
+            "freeze_again": 0.0 if self.freeze_every is None else float(max(1, round(self.freeze_every / period))),
         }
+
+    def freezes(self, duration: float) -> bool:
+        """Whether the outputs freeze in a run of this duration [s]."""
+        return self.freeze_time > 0.0 and self.freeze_at < duration
 
     def command_limits(self, setup: SetupLike) -> tuple[np.ndarray, np.ndarray]:
         low, high = super().command_limits(setup)
@@ -193,6 +219,8 @@ class Propeller(Thrusters):
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"
+        if self.freezes(setup.scenario.simulation.duration):
+            return "the outputs to the thrusters freeze: thrusters.freeze_time"
         if self.inflow_loss > 0.0 and any(setup.scenario.current.velocity_W):
             return "the current costs thrust"
         true, assumed = self.curves()
@@ -219,6 +247,7 @@ class Propeller(Thrusters):
 
     @staticmethod
     def step(settings, state, given, state_dot, u):
+        freezes = settings.freeze_instants > 0.0 and frozen(settings, given.instant)
         for k in range(u.shape[0]):
             failed = k == settings.failed and given.t >= settings.failed_at
             if not abs(given.u_cmd[k]) <= _LARGEST:  # the run stops
@@ -226,7 +255,9 @@ class Propeller(Thrusters):
                 continue
             if given.instant == 0:
                 state.command[k] = settings.neutral
-            if given.instant == 0 or given.u_cmd[k] != state.asked[k]:  # a command is held for a control period
+            if not freezes and (
+                given.instant == 0 or given.u_cmd[k] != state.asked[k]
+            ):  # a command is held for a control period
                 state.asked[k] = given.u_cmd[k]
                 if not (failed and settings.failed_stuck):
                     state.command[k] = command_of(settings, state, k, given.u_cmd[k])
@@ -292,6 +323,20 @@ def thrust_curve(voltage: float) -> Curve:
     return Curve(PULSE_WIDTHS_US, thrust, NEUTRAL_US)
 
 
+FULL_US = 400.0
+"""Pulse width from neutral at the full demand of a mixer [us]."""
+
+
+def mixer_curve(curve: Curve, gain: float) -> Curve:
+    """The straight line that a linear mixer takes for the curve of pulse widths: the demand f/f_max moves the pulse by
+    400 us times the pilot's gain, where f_max is the curve's greatest thrust."""
+    demand = (curve.command - curve.neutral) / FULL_US
+    return Curve(curve.neutral + gain * FULL_US * demand, curve.thrust[-1] * demand, curve.neutral)
+
+
+_Mixer = Annotated[Literal["inverse", "linear"], Lowercase]
+
+
 @dataclasses.dataclass(frozen=True)
 class T200(Propeller):
     """T200 thrusters with the maker's curve, a pulse width in whole microseconds and the identified lag."""
@@ -303,10 +348,31 @@ class T200(Propeller):
         0.0, "us", "pulse widths as near to 1500 us as this give no thrust, besides the curve"
     )
     lag: Lag = setting("third_order", "-", "none, first_order with time_constant, or third_order, as identified")
+    mixer: _Mixer = setting(
+        "inverse", "-", "inverse: the control system inverts the curve; linear: the pulse is proportional, as ArduSub's"
+    )
+    pilot_gain: Annotated[Number, within(0.01, 1.0, "")] = setting(1.0, "1", "pilot's gain of the linear mixer")
 
     name = "t200"
     takes_pulses: ClassVar[bool] = True
 
+    def check_settings(self) -> None:
+        super().check_settings()
+        if self.mixer == "inverse" and self.pilot_gain != 1.0:
+            wrong = f'{self.pilot_gain:g} has no effect on the inverse curve; set thrusters.mixer = "linear"'
+            raise InputError([Fault("thrusters.pilot_gain", wrong)])
+
+    def at_rest(self, setup: Any) -> StaticThrust | str:
+        if self.mixer == "linear":
+            return "a linear mixer does not jump over the thrusters' dead band, about which a law hunts"
+        return super().at_rest(setup)
+
     def curves(self) -> tuple[Curve | None, Curve | None]:
         voltage = self.voltage if self.assumed_voltage is None else self.assumed_voltage
-        return thrust_curve(self.voltage), thrust_curve(voltage)
+        assumed = thrust_curve(voltage)
+        return thrust_curve(self.voltage), assumed if self.mixer == "inverse" else _line(voltage, self.pilot_gain)
+
+
+@functools.lru_cache(maxsize=8)
+def _line(voltage: float, gain: float) -> Curve:
+    return mixer_curve(thrust_curve(voltage), gain)

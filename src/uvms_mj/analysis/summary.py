@@ -55,6 +55,8 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     """Warnings about how a run ended, besides its status."""
     from .metrics import astray
 
+    if trace.header.measured:
+        return ()
     distance = None if trace.scenario.controller.external else astray(trace)
     lost = "the vehicle is still moving at the end, up to {:.3g} m from its reference: the loop may be unstable"
     return () if distance is None else (lost.format(distance),)
@@ -350,7 +352,19 @@ def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
 
 def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
     """The numbers of :data:`NUMBERS` at these places, by place. Only these are computed."""
-    return {place: NUMBERS[place].of(trace) for place in places}
+    return {place: _measured(NUMBERS[place], trace) for place in places}
+
+
+def _measured(number: Number, trace: "Trace") -> Any:
+    """A number of a run; None if it needs a signal that the log of a real vehicle lacks."""
+    if not trace.header.measured:
+        return number.of(trace)
+    from ..records.trace import MissingSignal, UnknownSignal
+
+    try:
+        return number.of(trace)
+    except (MissingSignal, UnknownSignal):
+        return None
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:
@@ -439,7 +453,8 @@ def _contact_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[s
 def _motion_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     final, analytic_m = report["final"], report["analytic"]["position_m"]
     if len(trace):
-        yield "final position", f"{_vector(final['position_m'], 5)} m"
+        if final["position_m"]:
+            yield "final position", f"{_vector(final['position_m'], 5)} m"
         recorded = {signal.name for signal in trace.signals}
         if "p_WT" in recorded:
             yield "final position, tool", f"{_vector(trace.p_WT[-1], 5)} m"
@@ -451,7 +466,8 @@ def _motion_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[st
     if len(trace):
         if final["s"]:
             yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
-        yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
+        if "tau_max" in trace.arrays:
+            yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
 
 
 def _joint_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -55,6 +55,7 @@ def main() -> None:
     uvms-mj bench my_law.py:MyLaw         Contact-10: a law on ten tasks, the same for everybody
     uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
     uvms-mj validate pool --data DIR      runs against a real pool: a floating vehicle whose arm moves
+    uvms-mj validate speed                the speed of a real BlueROV2 Heavy by its pilot's axis
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
     uvms-mj video runs/.../run.mcap       a video of a log: the scene, its forces, growing plots
     uvms-mj plot runs/.../run.mcap        plot one or several logs

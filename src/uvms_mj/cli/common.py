@@ -353,7 +353,9 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     from ..analysis.summary import heading, rows
 
     table: list[tuple[Any, ...]] = [(name, printable(value)) for name, value in rows(trace, report)]
-    if report["status"] == "completed" and not trace.scenario.controller.external:  # which can't be repeated
+    if report["status"] == "completed" and not (
+        trace.scenario.controller.external or trace.header.measured
+    ):  # which can't be repeated
         bars = ("error bars", "uvms-mj converge, with the same scenario and settings")
         table.append(tuple(Text(each, style="dim") for each in bars))
     facts(printable(heading(report)), table).show()

@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from .common import Listing, Resumed, Stop, bad_input, draw_to_files, filling, print_verdicts, printable, progress_bar
+from .common import (
+    Listing,
+    Resumed,
+    Stop,
+    bad_input,
+    draw_to_files,
+    end,
+    exit_interrupted,
+    filling,
+    print_verdicts,
+    printable,
+    progress_bar,
+)
 from .folders import folder_for, move_aside
 from .options import (
     OneOrNone,
@@ -197,6 +209,7 @@ def validate() -> None:
 
     \b
     uvms-mj validate pool --data pool_2023
+    uvms-mj validate speed
     """
 
 
@@ -249,7 +262,43 @@ def _errors_of_the_pool(found: dict[str, Any]) -> None:
         )
 
 
+@command(epilog="Exit status: 0 within the bound, 1 beyond it, 130 interrupted (143 SIGTERM, 129 SIGHUP).")
+@json_option
+def speed(as_json: bool) -> None:
+    """The speed ahead of a real BlueROV2 Heavy in MANUAL, by the axis of its pilot.
+
+    A laboratory measured speed = 0.692 (axis - 0.096) m/s at the pilot's gain of 0.5. The run has the T200's curve at
+    15 V, ArduSub's linear mixer, and the vehicle as it ships; nothing is fitted. It takes some seconds.
+
+    \b
+    uvms-mj validate speed
+    """
+    stop = Stop()
+    try:
+        from ..reproduce.validate.speed import AXES, BOUND, VOLTAGE, rms_error, speeds
+
+        with progress_bar("running", as_json, stop) as update:
+            found = speeds(progress=lambda done: update(done, len(AXES)))
+    except KeyboardInterrupt:
+        end("interrupted", exit_interrupted())
+    error, by_formula = rms_error(found), rms_error(found, "closed_form")
+    if as_json:
+        rows = [vars(each) for each in found]
+        click.echo(json.dumps({"speeds_m_per_s": rows, "rms_error": error, "closed_form_rms_error": by_formula}))
+    else:
+        heads = ("measured [m/s]", "run [m/s]", "closed form [m/s]")
+        cells = [(f"{x.axis:g}", *(f"{v:.4f}" for v in (x.measured, x.run, x.closed_form))) for x in found]
+        title = f"speed ahead of a Heavy at {VOLTAGE:g} V"
+        Listing(title, ("axis", *heads), cells, right=("axis", *heads), fixed=heads).show()
+        click.echo(
+            f"rms error of the run {error:.1%} of the mean speed, at most {BOUND:.0%}; "
+            f"of the closed form {by_formula:.1%}"
+        )
+    sys.exit(int(error > BOUND))
+
+
 validate.add_command(pool)
+validate.add_command(speed)
 
 
 @command(

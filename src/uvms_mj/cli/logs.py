@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import Console, bad_input, end, exit_interrupted, log_tables, refuse_existing, warn
+from .common import Console, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
 from .folders import remove_if_empty
 from .options import (
     asked_for,
@@ -35,8 +35,12 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 def info(log: str, show: str | None, as_json: bool) -> None:
     """Print the contents of a log: the run's table, signals, topics, versions, files.
 
+    LOG is that of a run, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
+    export log take it, too.
+
     \b
     uvms-mj info results/run.mcap
+    uvms-mj info dive.toml
     uvms-mj info results/run.mcap --show scenario.toml
     """
     with bad_input():
@@ -45,7 +49,12 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         from ..records.mcap import read
         from ..records.trace import Trace
 
-        header, rows, outcome, files = read(log)
+        if Path(log).suffix.lower() == ".toml":
+            from ..records.measured import load
+
+            (header, rows, outcome), files = load(log), dict[str, bytes]()
+        else:
+            header, rows, outcome, files = read(log)
         if show is not None:
             if show not in files:
                 raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
@@ -72,6 +81,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
             return
         Console(as_json=False, quiet=False).report(trace, report)
         log_tables(Path(log), trace, files)
+        say_how_measured(trace)
 
 
 class _Exports(click.Group):
@@ -249,6 +259,7 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
     traces = [Trace.load(log) for log in logs]
     for log, trace in zip(logs, traces, strict=True):
         say_if_truncated(log, trace)
+        say_how_measured(trace)
     return dict(zip(labels(logs, traces), traces, strict=True))
 
 
@@ -261,6 +272,13 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{law} {i + 1}" for i, law in enumerate(laws)]
+
+
+def say_how_measured(trace: "Trace") -> None:
+    """Print how the log of a real vehicle was read: its clock, its gaps and what is missing."""
+    if trace.header.measured:
+        for note in trace.notes:
+            click.echo(printable(note), err=True)
 
 
 def say_if_truncated(log: str, trace: "Trace") -> None:

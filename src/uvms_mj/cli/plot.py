@@ -156,6 +156,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
     \b
     uvms-mj compare gsta/run.mcap fosm/run.mcap
     uvms-mj compare runs/*/run.mcap --out monday.html
+    uvms-mj compare results/run.mcap dive.toml          beside the log of a real vehicle
     """
     draw_to_files()
     with bad_input():

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
 @click.option("--engine", metavar="NAME", help="mujoco [default], or free_body: one vehicle without MuJoCo, faster.")
+@click.option(
+    "--as-deployed", is_flag=True, help="Commands as a real vehicle takes them: late, slow, whole microseconds."
+)
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @output_options
 def run(
@@ -45,6 +48,7 @@ def run(
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     uvms-mj run --from study --row 17 --viewer
     uvms-mj run --engine free_body
+    uvms-mj run --as-deployed vehicle.model=bluerov2_heavy thrusters.voltage=14 thrusters.mixer=linear
     """
     stop = Stop()
     console = Console(as_json, quiet)
@@ -54,7 +58,10 @@ def run(
         with bad_input(), console.alone():
             from ..files import locked
 
+            deployed = asked["as_deployed"]
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
+            if deployed and not quiet:
+                _say_what_is_left(scenario, mjcf)
             folder, made = output_folder(out, scenario)
             with locked(folder):
                 try:
@@ -85,6 +92,7 @@ def chosen(
     log: str | None,
     log_rate: str | None,
     row: int | None = None,
+    as_deployed: bool = False,
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
     is that of a log. Raises InputError if the input is invalid."""
@@ -92,6 +100,10 @@ def chosen(
     from ..scenario import Scenario
 
     name, overrides = asked_for(arguments, settings)
+    if as_deployed:
+        from ..setup.deployment import as_deployed as deployed
+
+        overrides = deployed(overrides)
     if row is not None and log is None:
         raise InputError(f"--row {row}: name the folder of its study with --from DIR")
     if name is not None and name.endswith(".mcap"):
@@ -106,6 +118,17 @@ def chosen(
     if Path(log, "study.toml").is_file():
         raise InputError(f"--from {log}: is the folder of a study; name one of its runs with --row N")
     return _from_log(log, overrides, controller, log_rate)
+
+
+def _say_what_is_left(scenario: "Scenario", mjcf: "Mjcf | None") -> None:
+    """Print what the thrusters' commands leave of the demanded push, before the run."""
+    from ..setup.base import set_up
+    from ..setup.deployment import resolution
+
+    found = resolution(set_up(scenario, mjcf))
+    quantum = getattr(scenario.thrusters, "quantum", 0.0)
+    said = f"what is left of the push is not known: {found}" if isinstance(found, str) else found.text(quantum)
+    click.echo(printable(f"as deployed: {said}"), err=True)
 
 
 def _from_log(

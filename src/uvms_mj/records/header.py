@@ -29,6 +29,8 @@ from ..stages.foreign import SHARED
 from ..stages.signals import OF_JOINTS, Signal, no_signal
 from ..stages.written import class_source
 
+MEASURED = "measured"
+"""The engine of the log of a real vehicle."""
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "llvmlite", "mcap")
 
 
@@ -107,7 +109,7 @@ class Header:
         notes: the warnings that the user was given.
         sources: sources of the stages by their table in the scenario: reference, navigation, controller, actuation.
         versions: versions of the packages that made the run, by name.
-        engine: name of the engine that stepped the run: mujoco or free_body.
+        engine: name of the engine that stepped the run: mujoco or free_body; "measured" for the log of a real vehicle.
     """
 
     scenario: Scenario
@@ -120,6 +122,11 @@ class Header:
     sources: Mapping[str, StageSource]
     versions: Mapping[str, str]
     engine: str = "mujoco"
+
+    @property
+    def measured(self) -> bool:
+        """Whether the record is the log of a real vehicle (:mod:`uvms_mj.records.measured`)."""
+        return self.engine == MEASURED
 
     @property
     def law(self) -> StageSource:

@@ -21,11 +21,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class UnknownSignal(KeyError):
+class UnknownSignal(InputError, KeyError):
     """A trace has no signal of that name."""
 
     def __str__(self) -> str:
         return str(self.args[0])  # without the quotes that KeyError puts around a key
+
+
+class MissingSignal(InputError, AttributeError):
+    """A trace has no attribute of that name; a log of a real vehicle has the signals that were measured."""
 
 
 class Columns(Mapping[str, np.ndarray]):
@@ -70,7 +74,8 @@ class Trace:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "Trace":
-        """Load the trace of a log, ``run.mcap``.
+        """Load the trace of a log, ``run.mcap``, or that of a real vehicle, by a table in TOML
+        (:mod:`uvms_mj.records.measured`).
 
         A log that was cut off gives the rows that it has. The status is then ``truncated``, and the message names the
         missing part.
@@ -78,6 +83,10 @@ class Trace:
         Raises:
             InputError: the file can't be read, is not a log of this project, or is damaged.
         """
+        if Path(path).suffix.lower() == ".toml":
+            from .measured import load
+
+            return cls.of(*load(path))
         header, rows, outcome, _ = read(path)
         return cls.of(header, rows, outcome)
 
@@ -88,6 +97,8 @@ class Trace:
             FileExistsError: the file exists.
             InputError: the trace lacks the beginning of its run, which a log must have.
         """
+        if self.header.measured:
+            raise InputError(f"{os.fspath(path)}: the trace is of a real vehicle's log, which is no run; export it")
         if len(self) and self.t[0] > 0.0:
             raise InputError(
                 f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s because of keep_s, but a log must "
@@ -129,7 +140,7 @@ class Trace:
         try:
             return self.__dict__["arrays"][name]
         except KeyError:
-            raise AttributeError(no_signal(name, {*self.__dict__.get("arrays", {}), "push"})) from None
+            raise MissingSignal(no_signal(name, {*self.__dict__.get("arrays", {}), "push"})) from None
 
     def __getitem__(self, name: str) -> np.ndarray:
         try:

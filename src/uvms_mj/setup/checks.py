@@ -42,6 +42,7 @@ from ..quantities import leaves, radians_notes
 from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped
 from .base import Setup, set_up
+from .deployment import deployment_notes
 from .reads import ANYTHING, Change
 from .task_frame import task_faults, task_notes
 
@@ -565,6 +566,7 @@ NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
     *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _inertia_notes),
+    deployment_notes,
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )
 """The warnings of a run."""

@@ -15,7 +15,7 @@ from ...control.design import demanded_force
 from ...control.laws.impedance import TOLD_THE_TRUTH
 from ...quantities import leaves
 from ...records.header import Status
-from ...records.trace import Trace
+from ...records.trace import MissingSignal, Trace, UnknownSignal
 from ...studies import pages
 from ...studies.pages import Group, Items, Page, Section, Table, Text, given, marked, rendered
 from ...views import figures
@@ -193,9 +193,19 @@ def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], r
 def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:
     """Name, unit and values of all :data:`MEASURES`, one value per run; None if it cannot be measured."""
     return [
-        (name, unit, [_finite(measure(trace)) if len(trace) else None for trace in traces.values()])
+        (name, unit, [_finite(_of(measure, trace)) if len(trace) else None for trace in traces.values()])
         for name, unit, measure in MEASURES
     ]
+
+
+def _of(measure: Callable[[Trace], Any], trace: Trace) -> Any:
+    """A measure of a trace; None if it needs a signal that the log of a real vehicle lacks."""
+    if not trace.header.measured:
+        return measure(trace)
+    try:
+        return measure(trace)
+    except (MissingSignal, UnknownSignal):
+        return None
 
 
 def _finite(value: Any) -> float | None:
@@ -236,6 +246,8 @@ _CAPTIONS = {
     "tau": "Thrust",
 }
 """Captions of the figures of a page."""
+_NEEDED = {"position": "p_d", "force": "f_contact_W", "sliding": "s", "tau": "tau"}
+"""Signals without which there is no such figure."""
 
 
 def compare(traces: Mapping[str, Trace], path: str | os.PathLike) -> None:
@@ -249,7 +261,7 @@ def compare(traces: Mapping[str, Trace], path: str | os.PathLike) -> None:
     pictures = [
         Picture(what, f"{caption}: {named(traces)}.", figures.plot(traces, what))
         for what, caption in captions.items()
-        if what != "sliding" or any("s" in trace.arrays for trace in traces.values())
+        if any(_NEEDED.get(what, "t") in trace.arrays for trace in traces.values())
     ]
     names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
     pages.write(Path(path), page(f"{names}: {named(traces)}", traces, pictures))

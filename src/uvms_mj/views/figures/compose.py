@@ -193,22 +193,36 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
             for signal in panels.states_of(trace)
         ]
 
+    def whole(name: str, panel: Callable[[Trace], Panel]) -> list[Panel]:
+        return [panel(trace)] if name in trace.arrays or not trace.header.measured else []
+
+    def thrust() -> Rows:
+        if trace.header.measured and "tau" not in trace.arrays:
+            return []
+        return [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]]
+
+    at, turned, _ = trace.header.task_frame
     rows: dict[str, Callable[[], Rows]] = {
-        "position": lambda: [[panels.position(trace)]],
-        "attitude": lambda: [[panels.attitude(trace)]],
+        "position": lambda: [whole(at, panels.position)],
+        "attitude": lambda: [whole(turned, panels.attitude)],
         "velocity": lambda: [halves(trace.header.task_frame[2])],
-        "force": lambda: [[panels.force(trace)]],
+        "force": lambda: [whole("f_contact_W", panels.force)],
         "sliding": lambda: [halves("s")],
-        "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
+        "tau": thrust,
         "thrusters": lambda: [panels.named(trace, name) for name in _OF_THRUSTERS if name in trace.arrays],
         "integral": states,
         "joints": lambda: [panels.joint_panels(trace)],
     }
     if what == "summary":
-        drawn = [[panels.position(trace), panels.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+        drawn = [
+            [*whole(at, panels.position), *whole("f_contact_W", panels.force)],
+            *rows["sliding"](),
+            *rows["tau"](),
+            *states(),
+        ]
         arm = panels.joint_panels(trace)
         drawn += [arm[i : i + 2] for i in range(0, len(arm), 2)]
-        return [row for row in drawn if row]
+        return [row for row in drawn if row] or _refuse([label], what)
     if what not in WHATS:
         one_each = what.partition(".")[0] in OF_JOINTS and "." not in what
         return [[panel] for panel in (panels.of_joints if one_each else panels.named)(trace, what)]
@@ -217,11 +231,24 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
 
 
 def _of_several(runs: Overlay, what: str) -> Rows:
+    def having(number: int) -> Overlay:
+        """The runs and logs that have the position or the attitude."""
+        names = {label: trace.header.task_frame[number] for label, trace in runs.traces.items()}
+        return runs.of([label for label, trace in runs.traces.items() if names[label] in trace.arrays])
+
+    def pushing() -> Rows:
+        some = runs.of([label for label, trace in runs.traces.items() if "f_contact_W" in trace.arrays])
+        return [[panels.forces(some.traces, some.looks)]] if some.traces else []
+
+    def posed(number: int, panel: Callable[[Overlay, int], Panel]) -> Rows:
+        some = having(number)
+        return [[panel(some, i) for i in range(3)]] if some.traces else []
+
     rows: dict[str, Callable[[], Rows]] = {
-        "position": lambda: [[runs.position(i) for i in range(3)]],
-        "attitude": lambda: [[runs.attitude(i) for i in range(3)]],
+        "position": lambda: posed(0, Overlay.position),
+        "attitude": lambda: posed(1, Overlay.attitude),
         "velocity": lambda: [row for name in runs.velocities for row in runs.signal(name)],
-        "force": lambda: [[panels.forces(runs.traces, runs.looks)]],
+        "force": pushing,
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
         "thrusters": lambda: [row for name in _OF_THRUSTERS for row in runs.signal(name)],
@@ -244,7 +271,7 @@ _MISSING = {
 
 
 def _refuse(names: Sequence[str], what: str) -> Never:
-    one, several = _MISSING[what]
+    one, several = _MISSING.get(what, (f"has not measured its {what}", f"none of them has measured its {what}"))
     if len(names) > 1:
         raise InputError(f"{', '.join(names)}: {several}")
     others = ", ".join(each for each in WHATS if each != what)

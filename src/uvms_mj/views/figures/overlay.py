@@ -3,6 +3,7 @@
 If one run would make the others look flat, the axis is logarithmic beyond a limit that the panel shows.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -45,6 +46,13 @@ class Overlay:
         self.looks: dict[str, dict[str, Any]] = {}
         for i, (label, name, shade) in enumerate(zip(traces, names, shades, strict=True)):
             self.looks[label] = {"color": shade, "label": name, **stripe(i, len(traces))}
+
+    def of(self, labels: Sequence[str]) -> "Overlay":
+        """Some of the runs, in the same colours."""
+        some = copy.copy(self)
+        some.traces = {label: self.traces[label] for label in labels}
+        some.looks = {label: self.looks[label] for label in labels}
+        return some
 
     def position(self, i: int) -> Panel:
         """x, y or z, with references; x with walls."""

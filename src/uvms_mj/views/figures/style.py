@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import logging
 import os
 import shutil
@@ -206,6 +207,12 @@ def size_in(ax: Axes) -> tuple[float, float]:
     return figure.get_figwidth() * box.width, figure.get_figheight() * box.height
 
 
+def _gaps(t: np.ndarray) -> np.ndarray:
+    """The samples behind which there is a gap: the next one is much later than usually. A run has none."""
+    apart = np.diff(t)
+    return np.flatnonzero(apart > 2.5 * np.median(apart)) if len(apart) > 1 else np.zeros(0, int)
+
+
 def line(
     ax: Axes,
     t: np.ndarray,
@@ -217,6 +224,12 @@ def line(
     """Draw samples (n,) as one line, above the area from the least to the largest value since the sample before, if
     their ``band`` is given. ``name`` is the line's group id in an SVG."""
     columns = max(100, round(size_in(ax)[0] * PIXELS_PER_INCH))
+    if len(gaps := _gaps(t)):
+        ends = [0, *(gaps + 1).tolist(), len(t)]
+        for i, (a, b) in enumerate(itertools.pairwise(ends)):
+            part = None if band is None else (band[0][a:b], band[1][a:b])
+            line(ax, t[a:b], values[a:b], name, part, **(look if i == 0 else look | {"label": None}))
+        return
     (drawn,) = ax.plot(*thin(t, values, columns), gid=name, **look)
     low, high = (values, values) if band is None else band
     further = beyond(values, low, high)
