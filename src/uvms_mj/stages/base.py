@@ -479,7 +479,7 @@ def check_contract(cls: type[Stage], file: str = "") -> None:
         return
     place = f"{cls.__name__} in {file}" if file else cls.__name__
     try:
-        wrong = list(_wrong(cls))
+        wrong = list(_broken_rules(cls))
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's attributes may raise anything
@@ -489,7 +489,7 @@ def check_contract(cls: type[Stage], file: str = "") -> None:
     _SOUND.add(cls)
 
 
-def _wrong(cls: type[Stage]) -> Iterator[str]:
+def _broken_rules(cls: type[Stage]) -> Iterator[str]:
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
         return  # without its fields, the rest can't be judged
