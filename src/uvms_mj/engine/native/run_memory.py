@@ -12,9 +12,9 @@ import numpy as np
 from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
+from ...physics.effects import counted
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
-from ...plant.water import counted
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...stages.base import Stage
