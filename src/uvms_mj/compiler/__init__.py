@@ -17,6 +17,7 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.libm`: exp, sin and their like, written in the language, with the same bits on every processor
 - :mod:`.cells`: a record whose numbers are known when compiling, or in registers
 - :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
+- :mod:`.tree_facts`: facts about a function that its tree tells before it is translated
 - :mod:`.function`: statements
 - :mod:`.unit`: the translation of several functions to one module
 - :mod:`.targets`: its machine code, also for other processors
