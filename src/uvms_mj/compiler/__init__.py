@@ -18,7 +18,8 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.cells`: a record whose numbers are known when compiling, or in registers
 - :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
 - :mod:`.tree_facts`: facts about a function that its tree tells before it is translated
-- :mod:`.function`: statements
+- :mod:`.assignments`: statements that bind a name or store
+- :mod:`.function`: all other statements, and the whole function
 - :mod:`.unit`: the translation of several functions to one module
 - :mod:`.targets`: its machine code, also for other processors
 """
