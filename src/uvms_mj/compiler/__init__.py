@@ -7,6 +7,8 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.emission`: settings, constants and files of a module; memory, loops and checks of one function
 - :mod:`.scalars`: arithmetic of numbers
 - :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions; fields, entries, rows and slices
+- :mod:`.known`: objects that are known when compiling, and the constants that they become
+- :mod:`.forms`: texts, lists, dicts, comprehensions and functions within functions
 - :mod:`.expressions`: expressions and calls
 - :mod:`.calls`: which function has which writer, and how its arguments are read
 - :mod:`.shapes`: the functions of NumPy that put numbers into another shape or order

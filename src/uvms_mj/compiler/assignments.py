@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from .cells import CELLS, ROOMS
 from .emission import Module
-from .forms import LIST, MOST_TURNS
+from .forms import MOST_TURNS
+from .known import LIST
 from .lifetimes import Lifetimes
 from .scalars import operator_name
 from .tree_facts import facts_of, held_in
