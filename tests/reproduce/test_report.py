@@ -109,8 +109,8 @@ def test_no_table_is_wider_than_a_page_and_each_value_stands_where_it_belongs():
 
 
 def test_a_heading_counts_many_runs_and_names_few(trace):
-    assert report.named({"a": trace, "b": trace}) == "a, b"
-    assert report.named({str(i): trace for i in range(20)}) == "20 runs (20 gsta)"
+    assert report.names_of({"a": trace, "b": trace}) == "a, b"
+    assert report.names_of({str(i): trace for i in range(20)}) == "20 runs (20 gsta)"
 
 
 def test_no_folder_of_the_user_stands_on_the_page(tmp_path, picture):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import Gsta, InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
-from uvms_mj.control import External, Ideal, ImpedanceTask
+from uvms_mj.control import Controller, External, Ideal, ImpedanceTask
 from uvms_mj.control.task import tracking_errors
 from uvms_mj.guidance import FilteredSteps, Guidance, station_keep
 from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
@@ -195,7 +195,7 @@ def test_wrong_declarations_are_named(tmp_path, table, members, said):
     ],
 )
 def test_files_of_a_class_are_below_its_folder_and_small(tmp_path, monkeypatch, name, said):
-    monkeypatch.setattr("uvms_mj.stages.base._MOST_BYTES", 10)
+    monkeypatch.setattr("uvms_mj.stages.contract._MOST_BYTES", 10)
     with pytest.raises(InputError, match=said):
         Scenario.load("push_wall", controller=file_with(tmp_path, own("controller", members=f"files = ['{name}']")))
 
@@ -637,3 +637,27 @@ def test_a_list_for_the_thrusters_has_their_number(tmp_path):
 def test_wrong_start_values_are_named(tmp_path, starts, said):
     with pytest.raises(InputError, match=rf"controller.name: Own in .*own\.py: {re.escape(said)}"):
         starting(tmp_path, "controller", starts)
+
+
+class Further:
+    """A further base class of a law."""
+
+
+@dataclass(frozen=True)
+class Mixed(Controller, Further):
+    k: float = 1.0
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[0] = -gains.k * signals.eta_e[0]
+
+
+def test_a_law_with_a_further_base_class_keeps_its_contract():
+    assert Mixed().k == 1.0
+
+    class Wrong(Mixed):
+        def label(self):
+            return "mine"
+
+    with pytest.raises(InputError, match="'label' is a method of every law; give yours another name"):
+        dataclass(frozen=True)(Wrong)()

@@ -204,7 +204,7 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
     if as_json:
         click.echo(json.dumps(_numbers(found), allow_nan=False))
     elif not quiet:
-        _table(found)
+        _print_errors(found)
 
 
 def _numbers(found: "Convergence") -> dict[str, object]:
@@ -217,7 +217,7 @@ def _numbers(found: "Convergence") -> dict[str, object]:
     }
 
 
-def _table(found: "Convergence") -> None:
+def _print_errors(found: "Convergence") -> None:
     heads, *rows = found.table()
     right = [head for head in heads if head.startswith(("h =", "order"))]
     Listing(found.title, heads, rows, right=right, fixed=(heads[0], "tends to"), width=60).show()

@@ -346,7 +346,7 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
         }
         click.echo(json.dumps(finite(numbers), allow_nan=False))
     elif not quiet:
-        _table(study)
+        _print_laws(study)
         if found is not None:
             click.echo(
                 f"{' against '.join(pair_of(study.plan))}, {found['index'].nunique()} runs, largest differences:"
@@ -380,7 +380,7 @@ def finite(value: Any) -> Any:
     return None if value != value or value in (float("inf"), -float("inf")) else value
 
 
-def _table(study: "Study") -> None:
+def _print_laws(study: "Study") -> None:
     """Runs by law and status, and their successes."""
     from ..studies.plan.metrics import in_words
 

@@ -148,7 +148,7 @@ def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
         }
         click.echo(json.dumps(finite(report), allow_nan=False))
     elif not quiet:
-        _table(tuning, trials[0], best).show()
+        _found_gains(tuning, trials[0], best).show()
         click.echo(page)
     if best is None:
         worst = trials[-1].outcome.message
@@ -172,7 +172,7 @@ def _numbers(tuning: "Tuning", trial: Any) -> dict[str, Any]:
     }
 
 
-def _table(tuning: "Tuning", baseline: Any, best: Any) -> Listing:
+def _found_gains(tuning: "Tuning", baseline: Any, best: Any) -> Listing:
     """The baseline beside the best trial."""
     shown = [("the file's own", baseline), *([] if best is None else [(f"found, trial {best.number}", best)])]
     heads, trials = [head for head, _ in shown], [trial for _, trial in shown]

@@ -15,7 +15,8 @@ from llvmlite import ir
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .cells import CELLS
 from .emission import Module
-from .forms import LIST, MISSING, Forms, Given
+from .forms import Forms, Given
+from .known import LIST, MISSING
 from .scalars import COMPARISONS, operator_name
 from .values import (
     BOOL,

@@ -10,7 +10,6 @@ import dataclasses
 import enum
 import functools
 import inspect
-import sys
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,39 +20,26 @@ import numpy as np
 from llvmlite import ir
 
 from ..files import parsed
-from .arrays import Arrays
-from .changes import Changes, changes_of
+from .known import LIST, MISSING, TEXT, KnownObjects
 from .values import (
     BOOL,
     FLAG,
     FLOAT,
     INT,
     NONE,
-    OUTSIDE,
     WORD,
     Form,
-    Known,
     Memory,
     Value,
     bundle,
-    contiguous,
     items_of,
     known_object,
     scalar,
     whole,
 )
 
-MISSING = object()
-"""The value of a name that is not known when compiling."""
 MOST_TURNS = 256
 """A loop of up to so many turns may be written out, with those around it, and is not looked at for an interrupt."""
-LIST = Form(list)
-_NUMBERS = (bool, int, float, np.bool_, np.int64, np.float64)
-_PLAIN = (str, bytes, int, float, complex, list, dict, set, frozenset, tuple, np.ndarray, np.generic, type(None))
-"""Objects whose attributes are methods, which the language knows or does not."""
-_WITHOUT = (types.FunctionType, types.BuiltinFunctionType, types.MethodType, np.ufunc)
-_TEXT = object()
-"""A text that is not known when compiling, which only can be printed."""
 _OF_TEXTS = ("lower", "upper", "strip", "startswith", "endswith", "replace", "split", "title", "capitalize", "format")
 _OF_DICTS = ("get", "items", "keys", "values")
 
@@ -66,13 +52,8 @@ class Given(ast.expr):
         self.value = value
 
 
-class Forms(Arrays):
-    """What is known when compiling, and what is written out."""
-
-    constants: dict[str, Value]
-    assigned: set[str]
-    locals: set[str]
-    names: dict[str, Any]
+class Forms(KnownObjects):
+    """Texts, lists and dicts, comprehensions, comparisons and functions within functions."""
 
     def variable(self, name: str) -> Value:
         raise NotImplementedError  # statements have it
@@ -82,124 +63,6 @@ class Forms(Arrays):
 
     def deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
         raise NotImplementedError  # expressions have it
-
-    # what is known when compiling
-
-    @functools.cached_property
-    def changes(self) -> Changes:
-        """What the functions of this one's file change."""
-        return changes_of(self.function) if self.unit.checked else Changes()
-
-    def known(self, node: ast.expr) -> Any:
-        """What an expression stands for if it is no number, array or tuple: a function, a module, a text; of a global
-        name, anything. MISSING for what is not known when compiling."""
-        if isinstance(node, ast.Name):
-            if node.id in self.locals:
-                return self.object_of(self._present(node.id))
-            return self._global(node.id)
-        if isinstance(node, ast.Attribute):
-            owner = self.known(node.value)
-            return MISSING if owner is MISSING else self.attribute_of(owner, node)
-        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant | ast.Name | ast.Attribute):
-            owner = self.known(node.value)
-            if type(owner) is dict:
-                return self._entry(owner, node)
-        return MISSING
-
-    def _global(self, name: str) -> Any:
-        known = self.names.get(name, MISSING)
-        if known is MISSING:
-            known = self.function.__globals__.get(name, MISSING)
-        if known is MISSING:
-            self.mistake(f"{name} is not defined")
-        if (line := self.changes.names.get(name)) is not None and not isinstance(known, types.ModuleType):
-            self.lack(f"{name} changes in line {line}, while the run goes on; keep it in a state or a memory")
-        return known
-
-    def _present(self, name: str) -> Value:
-        """The value of a local name, without code for numbers and arrays."""
-        if name in self.constants and name in self.assigned:
-            return self.constants[name]
-        its = self.kind_of_name(name)
-        return Value(NONE if its is None or its.form is None else its, ())
-
-    def kind_of_name(self, name: str) -> Any:
-        raise NotImplementedError  # expressions have it
-
-    @staticmethod
-    def object_of(value: Value) -> Any:
-        """The object of a value that is known, otherwise MISSING."""
-        form = value.kind.form
-        return form.of if isinstance(form, Known) and value.kind.items is None and form.of is not _TEXT else MISSING
-
-    def attribute_of(self, owner: Any, node: ast.Attribute) -> Any:
-        """An attribute of an object that is known; MISSING for one that the language has a word of its own for."""
-        name = node.attr
-        if isinstance(owner, tuple) and name in getattr(owner, "_fields", ()):
-            return getattr(owner, name)
-        if isinstance(owner, _PLAIN) and not isinstance(owner, enum.Enum):
-            return MISSING
-        if isinstance(owner, _WITHOUT):
-            return getattr(owner, name, MISSING)
-        if line := self._changed(owner, name):
-            self.lack(f"{ast.unparse(node)} may change in line {line}, while the run goes on; keep it in a state")
-        if isinstance(inspect.getattr_static(type(owner), name, None), property):
-            return MISSING if isinstance(owner, enum.Enum) else self.lack("the language has no property of an object")
-        try:
-            return getattr(owner, name)
-        except AttributeError:
-            return self.mistake(f"{ast.unparse(node.value)} has no {name!r}")
-
-    def _changed(self, owner: Any, name: str) -> int:
-        """A line where an attribute of an object may be changed in the run, otherwise 0."""
-        parameters = getattr(type(owner), "__dataclass_params__", None)
-        if isinstance(owner, enum.Enum) or (parameters is not None and parameters.frozen):
-            return 0
-        if isinstance(owner, types.ModuleType) and self.is_foreign(owner):
-            return 0
-        return self.changes.attributes.get(name, 0)
-
-    def frozen(self, value: Any) -> Value:
-        """A global number, tuple, list or array as a constant; any other object as one that is known."""
-        if value is None:
-            return Value(NONE, ())
-        if type(value) in _NUMBERS:
-            return self.constant(value)
-        if isinstance(value, enum.IntEnum):
-            return whole(int(value))
-        if isinstance(value, np.ndarray):
-            return self._frozen_array(value)
-        if isinstance(value, np.void):
-            self.lack("a global record is not a constant; write its numbers")
-        if type(value) in (tuple, list) or (isinstance(value, tuple) and hasattr(value, "_fields")):
-            form = None if type(value) is tuple else Form(type(value), getattr(value, "_fields", ()))
-            return bundle([self.frozen(each) for each in value], form)
-        if isinstance(value, int | float | complex | np.generic) and not isinstance(value, enum.Enum):
-            return self.constant(value)
-        return known_object(value)
-
-    def _frozen_array(self, array: np.ndarray) -> Value:
-        if type(array) is not np.ndarray or array.dtype not in (np.dtype("f8"), INT, BOOL) or not array.dtype.isnative:
-            self.lack(f"a constant array has numbers of float64, int64 or bool, not {array.dtype}")
-        base = {"f": np.dtype("f8"), "i": INT, "b": BOOL}[array.dtype.kind]
-        memory = self.unit.constant_array(np.ascontiguousarray(array, base))
-        why = "it is a constant of the compiled code; keep what changes in a state or a memory"
-        return Value(contiguous(base, array.shape, f"lacks: {why}"), (memory,), roots=frozenset({OUTSIDE}))
-
-    def python(self, value: Value) -> Any:
-        """The object of Python that a value is known to be, otherwise MISSING."""
-        kind = value.kind
-        if kind.is_none:
-            return None
-        if kind.items is None:
-            known = self.object_of(value)
-            if known is MISSING and value.constant is not None:
-                known = {INT: int, BOOL: bool, FLOAT: float}[kind.base](value.constant)
-            return known
-        if kind.form not in (None, LIST):
-            return MISSING
-        items = [self.python(item) for item in items_of(value)]
-        return MISSING if MISSING in items else tuple(items) if kind.form is None else items
 
     # texts
 
@@ -222,7 +85,7 @@ class Forms(Arrays):
             plain = each.conversion == -1 and each.format_spec is None
             is_known = is_known and plain and type(known) in (str, int)
             found += str(known)
-        return known_object(found if is_known else _TEXT)
+        return known_object(found if is_known else TEXT)
 
     def reduced_operation(self, name: str, left: Value, right: Value) -> Value | None:
         """``+`` and ``*`` of tuples and lists, ``+`` and ``%`` with a text; None of anything else."""
@@ -242,7 +105,7 @@ class Forms(Arrays):
         if all(texts) and name == "Add":
             return known_object(self.object_of(left) + self.object_of(right))
         if texts[0] and name == "Mod":
-            return known_object(_TEXT)
+            return known_object(TEXT)
         return None
 
     @staticmethod
@@ -254,7 +117,7 @@ class Forms(Arrays):
         if name not in _OF_TEXTS:
             self.lack(f"the language has no method {name} of a text")
         if name == "format" or MISSING in known:
-            return known_object(_TEXT)
+            return known_object(TEXT)
         return self.frozen(getattr(text, name)(*known))
 
     # lists and dicts
@@ -691,15 +554,6 @@ class Forms(Arrays):
 
     def demand_lasting(self, name: str, node: ast.expr | ast.FunctionDef) -> None:
         raise NotImplementedError  # statements have it
-
-    # functions
-
-    @staticmethod
-    def is_foreign(known: Any) -> bool:
-        """Whether a module, or a function, belongs to a library, and is in the language by name only."""
-        name = known.__name__ if isinstance(known, types.ModuleType) else getattr(known, "__module__", None)
-        first = str(name).partition(".")[0]
-        return first in ("numpy", "scipy") or first in sys.stdlib_module_names
 
 
 def _free(node: ast.Lambda | ast.FunctionDef, around: Collection[str]) -> tuple[str, ...]:

@@ -1,22 +1,19 @@
-"""The statements of one function."""
+"""One function: its branches, loops and returns, around the assignments of :mod:`.assignments`."""
 
 import ast
 import copy
 import enum
-import functools
 import types
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
 
-from .cells import CELLS, ROOMS
+from .assignments import Assignments
 from .emission import Module
-from .forms import LIST, MOST_TURNS, Given
-from .lifetimes import Again, Lifetimes, Plan, bindings
+from .forms import MOST_TURNS, Given
+from .lifetimes import Again, Plan, bindings
 from .refusals import RAISED
-from .scalars import operator_name
 from .values import (
     INT,
     NONE,
@@ -26,16 +23,11 @@ from .values import (
     Memory,
     Value,
     bundle,
-    items_of,
-    leaves_of,
     parts_of,
     scalar,
-    shown,
     unbundled,
     whole,
 )
-
-_LACKS = "lacks: "
 
 
 @dataclass
@@ -64,44 +56,7 @@ class Iteration:
     apart: bool = False
 
 
-@dataclass(frozen=True)
-class _Said:
-    """Facts about a function that its tree tells, whatever its arguments are.
-
-    Attributes:
-        lists: names that stand for a list or a dict that it makes.
-        handed, leaving: identities of the arguments of calls at once, and of loops that are left before their end.
-        bound_once, unbound: names that one statement binds, and parameters that none does.
-        walrus: whether an expression binds a name.
-    """
-
-    lists: frozenset[str]
-    handed: frozenset[int]
-    leaving: frozenset[int]
-    bound_once: frozenset[str]
-    unbound: frozenset[str]
-    walrus: bool
-
-
-@functools.lru_cache(maxsize=4096)  # a tree that is kept keeps its identities
-def _said_by(tree: ast.FunctionDef) -> _Said:
-    """To go through the tree for each combination of kinds would take a fifth of the translation."""
-    nodes = list(ast.walk(tree))
-    lists, walrus = _lists_of(nodes), any(isinstance(each, ast.NamedExpr) for each in nodes)
-    stored = Counter(bindings(tree.body, lists, walrus))
-    parameters = {each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)}
-    calls = [each for each in nodes if isinstance(each, ast.Call) and _calls_at_once(each)]
-    return _Said(
-        lists,
-        frozenset(id(each) for call in calls for each in call.args),
-        frozenset(id(loop) for loop in nodes if _is_left(loop)),
-        frozenset(name for name, times in stored.items() if times == 1) - parameters,
-        frozenset(parameters) - stored.keys(),
-        walrus,
-    )
-
-
-class Function(Lifetimes):
+class Function(Assignments):
     """One function for one combination of its arguments' kinds."""
 
     def __init__(
@@ -113,17 +68,12 @@ class Function(Lifetimes):
         fused: bool,
         plan: Plan,
     ) -> None:
-        super().__init__(unit, function, source, fused)
-        self.tree = tree
+        super().__init__(unit, function, tree, source, fused)
         self.start(plan)
         self.loops: list[Loop] = []
-        self.held_lists: dict[str, str] = {}
         self.exits: dict[int, tuple[ast.AST, ir.Block, list[set[str]]]] = {}
         self.blocks, self.without_value = 0, set[str]()
         self.returns: list[tuple[ir.Block, Value]] = []
-        said = _said_by(tree)
-        self.lists, self.handed, self.leaving = said.lists, said.handed, set(said.leaving)
-        self.bound_once, self.unbound, self.walrus = said.bound_once, said.unbound, said.walrus
 
     def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
         """The names that statements bind; one that changes a list binds its name anew."""
@@ -233,186 +183,6 @@ class Function(Lifetimes):
             if array.kind.base.fields is not None or (loop.turns <= self.unit.unrolled and names & loop.names):
                 self.plan.written_out.add(loop.place)
                 raise Again
-
-    # assignments
-
-    def _Expr(self, node: ast.Expr) -> None:
-        if isinstance(node.value, ast.Call):
-            if not self._list_changes(node.value):
-                self.call(node.value)
-        elif not isinstance(node.value, ast.Constant):
-            self.lack("nothing uses this value")
-
-    def _Assign(self, node: ast.Assign) -> None:
-        value = self.value(node.value)
-        if len(node.targets) > 1 and value.fresh and self.turning is not None:
-            self.lack("one assignment at a time in a loop")
-        for target in node.targets:
-            self.assign(target, value)
-
-    def _list_changes(self, call: ast.Call) -> bool:
-        """Whether a call adds to a list; then the name is bound to a longer one."""
-        if not isinstance(call.func, ast.Attribute) or not isinstance(call.func.value, ast.Name):
-            return False
-        name, method = call.func.value.id, call.func.attr
-        if method not in ("append", "extend", "insert", "reverse") or name not in self.assigned:
-            return False
-        before = self._Name(call.func.value)
-        if before.kind.form != LIST:
-            return False
-        self.changed_list(name)
-        items, nodes = items_of(before), self.spread(call.args)
-        if call.keywords or len(nodes) != {"insert": 2, "reverse": 0}.get(method, 1):
-            self.mistake(f"{method} of a list takes other arguments")
-        if method == "append":
-            items.append(self.value(nodes[0]))
-        elif method == "extend":
-            items += self.listed(nodes[0])
-        elif method == "insert":
-            items.insert(self.constant_integer(nodes[0], "the place in a list"), self.value(nodes[1]))
-        else:
-            items.reverse()
-        if len(items) > MOST_TURNS:
-            self.lack(f"a list has at most {MOST_TURNS} items here; write np.zeros(n)")
-        self.bind(name, bundle(items, LIST))
-        return True
-
-    def _item_stored(self, target: ast.Subscript, value: Value) -> bool:
-        """Whether an item of a list is stored; then the name is bound to another list."""
-        if not isinstance(target.value, ast.Name) or target.value.id not in self.assigned:
-            return False
-        name = target.value.id
-        if self._present(name).kind.form is None:
-            return False
-        before = self._Name(target.value)
-        if before.kind.form == LIST and not isinstance(target.slice, ast.Slice):
-            self.changed_list(name)
-            items = items_of(before)
-            at = self.known_index(self.constant_integer(target.slice, "the place in a list"), len(items)).constant
-            self.bind(name, bundle([*items[:at], value, *items[at + 1 :]], LIST))
-            return True
-        if self.belongs(before, dict):
-            self.changed_list(name)
-            self.bind(name, self.dict_of(self.entries(before) | {self.key(self.value(target.slice)): value}))
-            return True
-        return False
-
-    def changed_list(self, name: str) -> None:
-        """Refuse to change a list or a dict that anything else may hold."""
-        if name not in self.lists:
-            self.lack(f"{name} is changed in place here, and is no list of this function; write np.array([...])")
-        if (held := self.held_lists.get(name)) is None:
-            held = self.held_lists[name] = _held_in(self.tree, name)
-        if held:
-            self.lack(f"{name} is changed here, and something else holds it, too, in {held!r}; write np.array([...])")
-
-    def _AnnAssign(self, node: ast.AnnAssign) -> None:
-        if node.value is not None:
-            self.assign(node.target, self.value(node.value))
-
-    def assign(self, target: ast.expr, value: Value) -> None:
-        if isinstance(target, ast.Name):
-            self.bind(target.id, value, once=target.id in self.bound_once)
-        elif isinstance(target, ast.Tuple | ast.List):
-            self._unpack(target.elts, value)
-        elif isinstance(target, ast.Subscript) and self._item_stored(target, value):
-            pass
-        elif isinstance(target, ast.Subscript) and (mask := self._mask(target)) is not None:
-            array = self.value(target.value)
-            self._refuse_readonly(array)
-            self.masked(array, mask, value)
-        else:
-            self.store_all(self.place(target), value)
-
-    def _unpack(self, targets: Sequence[ast.expr], value: Value) -> None:
-        stars = [k for k, each in enumerate(targets) if isinstance(each, ast.Starred)]
-        items = self.unpacked(value, None if stars else len(targets))
-        if stars:
-            first, last = stars[0], len(items) - (len(targets) - stars[0] - 1)
-            if last < first:
-                self.mistake(f"{len(items)} values can't be unpacked into {len(targets) - 1} names and a list")
-            items = [*items[:first], bundle(items[first:last], LIST), *items[last:]]
-            targets = [each.value if isinstance(each, ast.Starred) else each for each in targets]
-        if self.turning is not None and any(map(_may_be_a_names, items)):
-            items = [self.kept(item) for item in items]  # all of them before a name is bound to another array
-        for target, item in zip(targets, items, strict=True):
-            self.assign(target, item)
-
-    def _mask(self, target: ast.Subscript) -> Value | None:
-        """The index of ``x[mask]``, if it is a mask."""
-        index = target.slice
-        if not isinstance(index, ast.Compare | ast.BinOp | ast.UnaryOp | ast.Name):
-            return None
-        value = self.value(index)
-        if self.is_mask(value):
-            return value
-        self.evaluated[id(index)] = value  # it is read once more, as an index
-        return None
-
-    def place(self, node: ast.expr) -> Value:
-        """Where an assignment stores."""
-        if isinstance(node, ast.Subscript):
-            owner = self.value(node.value)
-            if owner.kind.form is not None:
-                self.lack(f"{owner.kind.described()} is not changed in place here; write np.array([...]) or a new one")
-            if owner.kind.items is not None:
-                self.mistake("a tuple can't be changed")
-            return self.part(owner, node.slice)
-        if not isinstance(node, ast.Attribute):
-            self.lack(f"nothing can be stored in {ast.unparse(node)}")
-        owner = self.value(node.value)
-        if owner.kind.base.fields is None:
-            self.lack(f"nothing can be stored in {ast.unparse(node)}")
-        return self.field(owner, node.attr, node.value)
-
-    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
-        """Store a number, or the numbers of an array, in a place; ``in_place``, as an operation does."""
-        self._refuse_readonly(place)
-        if in_place and len(value.kind.sizes) > len(place.kind.sizes):
-            self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(place.kind.sizes)}")
-        if place.kind.is_array:
-            value = self.as_array(value)
-            if not in_place:
-                self.demand_apart(place, value)
-            self.fill(place, self.apart(value))
-        elif place.kind.is_number:
-            self.store(self.converted(value, place.kind.base), place.llvm[0])
-        else:
-            self.lack("a record is stored field by field")
-
-    def _refuse_readonly(self, place: Value) -> None:
-        if place.kind.items is not None:
-            self.mistake("a tuple can't be changed")
-        if place.kind.readonly.startswith(CELLS):
-            self.unit.cells.writes_memory(place.kind.readonly)
-            return
-        if place.kind.readonly == ROOMS:
-            self.needs_constant("which number of a run changes")
-        if place.kind.readonly.startswith(_LACKS):
-            self.lack(place.kind.readonly.removeprefix(_LACKS))
-        if place.kind.readonly:
-            self.mistake(place.kind.readonly)
-
-    def _AugAssign(self, node: ast.AugAssign) -> None:
-        name = operator_name(node.op)
-        if isinstance(node.target, ast.Name):
-            before, value = self.value(node.target), self.value(node.value)
-            if before.kind.is_array:
-                self.store_all(before, self.binary(name, before, value), in_place=True)
-                return
-            if before.kind.form == LIST and value.kind.items is not None:
-                self.changed_list(node.target.id)
-            after = self.reduced_operation(name, before, value)
-            self.bind(node.target.id, self.binary(name, before, value) if after is None else after)
-            return
-        owner = node.target.value if isinstance(node.target, ast.Subscript) else None
-        if isinstance(owner, ast.Name) and owner.id in self.lists and self._present(owner.id).kind.form is not None:
-            assert isinstance(node.target, ast.Subscript)
-            before = self.value(ast.Subscript(owner, node.target.slice, ast.Load()))
-            self.assign(node.target, self.binary(name, before, self.value(node.value)))
-            return
-        place = self.place(node.target)
-        self.store_all(place, self.binary(name, self.read(place), self.value(node.value)), in_place=True)
 
     # branches
 
@@ -760,136 +530,3 @@ class Function(Lifetimes):
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
         return self.read(replace(array, kind=part, llvm=(place,)))
-
-
-_LISTS = ast.List | ast.ListComp | ast.Dict | ast.DictComp
-
-
-def _lists_of(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Names that stand for a list or a dict that a function with these nodes makes."""
-    found = set()
-    for node in nodes:
-        if not isinstance(node, ast.Assign | ast.AnnAssign):
-            continue
-        value = node.value
-        if isinstance(value, ast.BinOp):
-            value = value.left if isinstance(value.left, _LISTS) else value.right
-        is_call = isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id in ("list", "dict")
-        if isinstance(value, _LISTS) or is_call:
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            found |= {each.id for each in targets if isinstance(each, ast.Name)}
-    return frozenset(found)
-
-
-_READERS = (
-    "len",
-    "sum",
-    "min",
-    "max",
-    "any",
-    "all",
-    "sorted",
-    "tuple",
-    "list",
-    "enumerate",
-    "zip",
-    "float",
-    "print",
-    "dict",
-)
-
-
-def _held_in(tree: ast.AST, name: str) -> str:
-    """Where something else may come to hold the list that a name of a function stands for: words of the source."""
-    parents = {id(child): node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.arg) and node.arg == name:
-            return name
-        if not isinstance(node, ast.Name) or node.id != name:
-            continue
-        parent = parents[id(node)]
-        if isinstance(node.ctx, ast.Store):
-            made = ast.List | ast.ListComp | ast.Dict | ast.DictComp | ast.BinOp | ast.Call
-            if not isinstance(parent, ast.Assign | ast.AnnAssign | ast.AugAssign) or not isinstance(parent.value, made):
-                return ast.unparse(parent)[:60]
-            if (isinstance(parent, ast.Assign) and len(parent.targets) > 1) or _is_users(parent.value):
-                return ast.unparse(parent)[:60]
-            continue
-        reads = isinstance(parent, ast.Subscript | ast.Attribute) and parent.value is node
-        reads = reads or isinstance(parent, ast.Return | ast.BinOp | ast.Compare | ast.Starred | ast.If | ast.While)
-        reads = reads or (isinstance(parent, ast.Call) and node in parent.args and not _is_users(parent))
-        if isinstance(parent, ast.Assign) and parent.value is node:  # into a part of an array
-            reads = all(isinstance(each, ast.Subscript | ast.Tuple | ast.List) for each in parent.targets)
-            parts = (part for each in parent.targets for part in ast.walk(each))
-            reads = reads and not any(_is_name(part, name) for part in parts)
-        if isinstance(parent, ast.For) and parent.iter is node:
-            reads = not any(_is_name(part, name) for each in parent.body for part in ast.walk(each))
-        reads = reads and not any(_is_changed(loop.body, name) for loop in _loops_over(node, parents))
-        if isinstance(parent, ast.comprehension) and parent.iter is node:
-            reads = True
-        if not reads:
-            return ast.unparse(parent)[:60]
-    return ""
-
-
-def _loops_over(node: ast.AST, parents: Mapping[int, ast.AST]) -> Iterator[ast.For]:
-    """The loops that run over an expression with a node in it, such as ``for k, v in enumerate(x)``."""
-    while not isinstance(node, ast.stmt):
-        above = parents[id(node)]
-        if isinstance(above, ast.For) and above.iter is node:
-            yield above
-        node = above
-
-
-_READING = ("items", "keys", "values", "get", "index", "count", "copy")
-
-
-def _is_changed(statements: Sequence[ast.stmt], name: str) -> bool:
-    """Whether statements may change the list or the dict that a name stands for."""
-    for node in (part for each in statements for part in ast.walk(each)):
-        stores = isinstance(getattr(node, "ctx", None), ast.Store | ast.Del)
-        if stores and any(_is_name(part, name) for part in ast.walk(node)):
-            return True
-        method = node.func if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else None
-        if method is not None and _is_name(method.value, name) and method.attr not in _READING:
-            return True
-    return False
-
-
-def _calls_at_once(call: ast.Call) -> bool:
-    """Whether a call is of a function by its name, which calls a function that it is given, or none."""
-    keep = ("list", "tuple", "dict", "set", "zip", "enumerate", "partial")
-    return isinstance(call.func, ast.Name) and call.func.id not in keep
-
-
-def _is_name(node: ast.AST, name: str) -> bool:
-    return isinstance(node, ast.Name) and node.id == name
-
-
-def _is_users(node: ast.expr | None) -> bool:
-    """Whether a call may be of a user's function, which may keep or give back what it is given."""
-    if not isinstance(node, ast.Call):
-        return False
-    if isinstance(node.func, ast.Name):
-        return node.func.id not in _READERS
-    return not (isinstance(node.func, ast.Attribute) and ast.unparse(node.func).startswith(("np.", "numpy.", "math.")))
-
-
-def _is_left(loop: ast.AST) -> bool:
-    """Whether a loop has a break or a continue of its own, or a return in it."""
-    if not isinstance(loop, ast.For | ast.While):
-        return False
-    todo: list[tuple[ast.AST, bool]] = [(each, True) for each in loop.body]
-    while todo:
-        node, own = todo.pop()
-        if isinstance(node, ast.Return) or (own and isinstance(node, ast.Break | ast.Continue)):
-            return True
-        if not isinstance(node, ast.expr | ast.FunctionDef):
-            own = own and not isinstance(node, ast.For | ast.While)
-            todo += [(each, own) for each in ast.iter_child_nodes(node)]
-    return False
-
-
-def _may_be_a_names(value: Value) -> bool:
-    """Whether a part may be an array that a loop has made for a name."""
-    return any(leaf.kind.is_array and not leaf.fresh and not leaf.steady for leaf in leaves_of(value))

@@ -29,11 +29,11 @@ from ..physics.tree import (
     compose_links,
     damping_wrench,
     find_diagonals,
+    full_inertia,
     joint_column,
     measured_frames,
     move_links,
     multiply,
-    whole,
 )
 from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage
@@ -363,7 +363,7 @@ def estimate_inertia(model, frames):
     """Set M (N, N)."""
     links, M = model.links, model.M
     compose_links(links, frames)
-    whole(links[0].composite, model.M_BB)
+    full_inertia(links[0].composite, model.M_BB)
     M[:6, :6] = model.M_BB
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]

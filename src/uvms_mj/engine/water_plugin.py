@@ -15,9 +15,9 @@ import numpy as np
 from ..compiler.targets import X86_64
 from ..errors import InputError
 from ..files import atomic_write
+from ..physics.effects import counted
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
-from ..plant.water import counted
 from .native.attachment import immerse, products_alone
 from .native.other_targets import water_for
 from .native.record import alone_dtype

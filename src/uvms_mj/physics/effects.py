@@ -144,6 +144,11 @@ def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
     return np.dtype(fields, align=True)
 
 
+def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
+    """How many records (1,) of :func:`effects_dtype` there are of each effect that there is."""
+    return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
+
+
 def state_of(effect: str) -> str:
     """The name of the array of the states of an effect."""
     return f"{effect}_state"

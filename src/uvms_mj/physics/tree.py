@@ -335,7 +335,7 @@ def add_composite(link, parent):
 
 
 @kernel
-def whole(blocks, M):
+def full_inertia(blocks, M):
     """Set M (6, 6) to the inertia with the blocks (9, 3) of a composite inertia."""
     for i in range(3):
         M[i, :3], M[i, 3:], M[3:, i], M[3 + i, 3:] = blocks[i], blocks[3 + i], blocks[3 + i], blocks[6 + i]

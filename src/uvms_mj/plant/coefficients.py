@@ -116,7 +116,7 @@ def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.nd
     before = len(faults)
     M_A, names, sign = _matrix(model, prefix, "M_A", faults)
     faults += [
-        Fault(names[i, i], f"{sign * M_A[i, i]:g}: must not be {_wrong(sign)}, as added mass is positive")
+        Fault(names[i, i], f"{sign * M_A[i, i]:g}: must not be {_wrong_sign(sign)}, as added mass is positive")
         for i in np.flatnonzero(np.diag(M_A) < 0.0)
     ]
     if sign < 0.0:
@@ -163,13 +163,13 @@ def damping_matrix(model: mujoco.MjModel, prefix: str, name: str, faults: list[F
     ``faults``."""
     D, names, sign = _matrix(model, prefix, name, faults)
     faults += [
-        Fault(names[i, i], f"{sign * D[i, i]:g} is not dissipative: must not be {_wrong(sign)}")
+        Fault(names[i, i], f"{sign * D[i, i]:g} is not dissipative: must not be {_wrong_sign(sign)}")
         for i in np.flatnonzero(np.diag(D) < 0.0)
     ]
     return D
 
 
-def _wrong(sign: float) -> str:
+def _wrong_sign(sign: float) -> str:
     return "negative" if sign > 0.0 else "positive"
 
 

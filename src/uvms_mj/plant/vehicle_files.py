@@ -281,7 +281,7 @@ def check_specs(specs: Sequence[mujoco.MjSpec], trees: Mapping[str, Element], ma
     found: _Found = {}
     classes = {each.get("class", "") for tree in trees.values() for each in tree.iter("default")} - {""}
     for kind, each in itertools.chain.from_iterable(_objects(spec, classes) for spec in specs):
-        for attribute, value, message in _wrong(kind, each):
+        for attribute, value, message in _refused_attributes(kind, each):
             place = _written(trees, main, kind, getattr(each, "name", ""), attribute, value)
             found.setdefault((kind, attribute, message), [place])
     _refuse(found, main)
@@ -367,7 +367,7 @@ def _defaults(kind: str) -> Mapping[str, Any]:
     return {name: _plain(getattr(new[kind], name)) for name in names}
 
 
-def _wrong(kind: str, each: Any) -> Iterator[tuple[str, Any, str]]:
+def _refused_attributes(kind: str, each: Any) -> Iterator[tuple[str, Any, str]]:
     """The attributes of an object that are refused: name in XML, value and message."""
     for name, default in _defaults(kind).items():
         if (value := _plain(getattr(each, name))) == default:

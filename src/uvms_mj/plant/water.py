@@ -11,7 +11,7 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
 from ..errors import InputError
-from ..physics.effects import EFFECTS, RHO, effects_dtype
+from ..physics.effects import RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
@@ -303,11 +303,6 @@ def effect_records(tables: Mapping[str, Any], world: Callable[[], World]) -> np.
     for name, rows in found.items():
         records[name] = rows
     return records
-
-
-def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
-    """How many there are of each effect in :func:`effect_records` that there is."""
-    return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
 
 
 def advancing(tables: Mapping[str, Any]) -> list[str]:

@@ -24,7 +24,8 @@ from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import CHOICES, Scenario, table_at
-from ..stages.base import Stage, listed_files
+from ..stages.base import Stage
+from ..stages.contract import listed_files
 from ..stages.foreign import SHARED
 from ..stages.signals import OF_JOINTS, Signal, no_signal
 from ..stages.written import class_source

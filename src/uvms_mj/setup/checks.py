@@ -28,6 +28,7 @@ from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
+from ..physics.effects import counted
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
@@ -37,7 +38,7 @@ from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..plant.water import Current, Disturbance, counted
+from ..plant.water import Current, Disturbance
 from ..quantities import leaves, radians_notes
 from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped

@@ -19,7 +19,8 @@ from pydantic import Field, StrictBool, TypeAdapter, ValidationError
 from ..errors import Fault, InputError, faults_of, suggestion
 from ..files import parsed_toml, text_of
 from ..quantities import STRICT, Number, of_length, refusing, repeated, unit_of
-from .base import ForeignCode, Size, Stage, Start, no_numbers, setting
+from .base import ForeignCode, Stage, setting
+from .contract import Size, Start, no_numbers
 from .signals import OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal, record_dtype
 
 C_FILE, SHARED, UNIT = ".c", (".so", ".dylib"), ".fmu"

@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, error_text, suggestion
 from . import fmu, foreign
-from .base import Stage, check_contract, setting, take_checks
+from .base import Stage, setting
+from .contract import check_contract, take_checks
 from .foreign import BASES, SHARED, UNIT, parted, suffix_of
 from .namespace import Namespace, is_same_code, namespace_of, without_names
 from .signals import OWN_UNIT

@@ -20,7 +20,8 @@ from ..errors import Fault, InputError
 from ..files import shipped
 from ..plant.mjcf import Mjcf
 from ..records.header import versions
-from ..stages.base import Stage, listed_files, wrong_files
+from ..stages.base import Stage
+from ..stages.contract import listed_files, wrong_files
 from ..stages.foreign import SUFFIXES, parted
 from ..stages.loader import load_file
 from ..stages.namespace import source_files

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, error_text, shortened
-from ...stages.base import Stage, base_of, is_shipped
+from ...stages.base import Stage, is_shipped
+from ...stages.contract import base_of
 from ...stages.setup import SetupLike
 from ..base import Controller, NoClosedForm, SteadyState
 from .own_effects import NotKnownAtRest

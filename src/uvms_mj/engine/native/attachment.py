@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 
 from ...errors import Fault, InputError, suggestion
+from ...physics.effects import counted
 from ...physics.hydrodynamics import factor
 from ...plant.sea import World, sea_faults
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, counted, effect_records
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, effect_records
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control

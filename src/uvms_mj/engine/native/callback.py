@@ -22,7 +22,7 @@ from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import fused, kernel
-from ...physics.tree import along_joint, compose_links, deliverable, joint_column, place_links, whole
+from ...physics.tree import along_joint, compose_links, deliverable, full_inertia, joint_column, place_links
 from .compilation import native_function
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, clock, floats, frozen_clock, mj_factorM, mujoco_library, registered, triples
@@ -64,7 +64,7 @@ def add_inertia(plant, model, data):
     if same:
         return
     compose_links(links, frames)
-    whole(links[0].composite, plant.M_BB)
+    full_inertia(links[0].composite, plant.M_BB)
     add_inertias(plant.effects, plant.qpos[:3], R_WB, plant.M_BB)
     added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
@@ -180,7 +180,7 @@ def flow_at_evaluation(plant, numbers):
 
 
 @kernel
-def immerse(plant):
+def set_water_wrench(plant):
     """Set the wrench of the water, and with it ``passive_left``."""
     water_wrench(plant, plant.R_WB, plant.nu, plant.wrench)
     passive_with_water(plant)
@@ -192,7 +192,7 @@ def evaluate_alone(alone, model, data):
     add_mass(plant, model, data)
     body_velocity(plant.R_WB, plant.qvel, plant.nu)
     flow_at_evaluation(plant, alone.numbers)
-    immerse(plant)
+    set_water_wrench(plant)
     write_passive(plant)
 
 
@@ -211,7 +211,7 @@ def evaluate(run, model, data):
     body_velocity(plant.R_WB, plant.qvel, plant.nu)
     if not stepping:
         flow_at_evaluation(plant, run.numbers)
-    immerse(plant)
+    set_water_wrench(plant)
     if run.pairs.shape[0] != 0:
         add_contacts(run)
     write_passive(plant)

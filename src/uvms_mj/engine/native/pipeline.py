@@ -64,7 +64,8 @@ from .memory import OwnMemory, at_address, layout
 from .net import account
 from .plain_stage import PlainStage, StageFault, called
 from .record import Field, Image, Shape, run_dtype, with_numbers
-from .shared_library import Library, UnitInstance
+from .shared_library import Library
+from .unit_instance import UnitInstance
 from .user_stage import compile_user_stage, is_check
 
 LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), Library), UNIT: UnitInstance}

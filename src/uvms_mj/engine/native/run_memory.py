@@ -13,9 +13,9 @@ from ...control.base import Controller
 from ...control.model import estimate
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
+from ...physics.effects import counted
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
-from ...plant.water import counted
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...setup.reads import ANYTHING, Change

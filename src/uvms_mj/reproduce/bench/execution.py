@@ -51,7 +51,7 @@ from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .. import Progress
 from . import results
 from .results import broken
-from .task import LATEX, PAGE, RESULT, Entry, Task, identity, named
+from .task import LATEX, PAGE, RESULT, Entry, Task, identity, with_bare_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,7 +153,7 @@ def _law(mine: Sequence[Job], frames: "Mapping[tuple[str, str, bool], pd.DataFra
     found["tasks"] = {job.task.name: _cell(job, frames, knows) for job in mine if not job.tuned}
     if entry.tuned:
         found["tuned"] = {
-            job.task.name: {"settings": named(entry.tuned[job.task.name]), **_cell(job, frames, False)}
+            job.task.name: {"settings": with_bare_names(entry.tuned[job.task.name]), **_cell(job, frames, False)}
             for job in mine
             if job.tuned
         }
@@ -332,7 +332,7 @@ def page(
     tuned = overview(found, tasks, "tuned", "Draws passed with tuned gains")
     if tuned.rows:
         settings = [
-            (f"{law['label']}, {task}", text_of(cell["settings"]))
+            (f"{law['label']}, {task}", settings_text(cell["settings"]))
             for law in found["laws"]
             for task, cell in law.get("tuned", {}).items()
         ]
@@ -376,11 +376,11 @@ def colours_of(found: Mapping[str, Any]) -> list[str]:
 
 def about(law: Mapping[str, Any]) -> str:
     """A law's name, its settings and its digest."""
-    parts = [law["name"], text_of(law["settings"]), text_of(law["gains"]), f"digest {law['digest']}"]
+    parts = [law["name"], settings_text(law["settings"]), settings_text(law["gains"]), f"digest {law['digest']}"]
     return "; ".join(part for part in parts if part)
 
 
-def text_of(settings: Mapping[str, Any]) -> str:
+def settings_text(settings: Mapping[str, Any]) -> str:
     """Settings in a line. A long list has its first numbers."""
 
     def value(x: Any) -> str:

@@ -270,7 +270,7 @@ def _settings(table: Mapping[str, Any], folder: Path, place: str, faults: list[F
     return found
 
 
-def named(settings: Mapping[str, Any]) -> dict[str, Any]:
+def with_bare_names(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Settings with the names of files without their folders."""
     return {key: Path(value).name if key in PATHS else value for key, value in settings.items()}
 
@@ -291,7 +291,7 @@ def identity(plan: Plan) -> dict[str, Any]:
     found: dict[str, Any] = {
         "name": Path(law.source).name,
         "gains": gains,
-        "settings": named(others),
+        "settings": with_bare_names(others),
         "files": dict(sorted(digests.items())),
     }
     found["digest"] = hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:16]

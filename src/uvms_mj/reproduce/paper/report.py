@@ -88,7 +88,7 @@ def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[A
     ]
 
 
-def named(traces: Mapping[str, Trace]) -> str:
+def names_of(traces: Mapping[str, Trace]) -> str:
     """The names of a few runs; for many runs, their number and the names of their laws."""
     if len(traces) <= MOST_NAMES:
         return ", ".join(traces)
@@ -259,9 +259,9 @@ def compare(traces: Mapping[str, Trace], path: str | os.PathLike) -> None:
     if any(trace.header.geometry.links for trace in traces.values()):
         captions["joints"] = "Joints"
     pictures = [
-        Picture(what, f"{caption}: {named(traces)}.", figures.plot(traces, what))
+        Picture(what, f"{caption}: {names_of(traces)}.", figures.plot(traces, what))
         for what, caption in captions.items()
         if any(_NEEDED.get(what, "t") in trace.arrays for trace in traces.values())
     ]
     names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
-    pages.write(Path(path), page(f"{names}: {named(traces)}", traces, pictures))
+    pages.write(Path(path), page(f"{names}: {names_of(traces)}", traces, pictures))

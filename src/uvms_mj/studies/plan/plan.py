@@ -240,12 +240,12 @@ def points(
             raise InputError([Fault(f"{where}.distribution", hint) for where in no_grid])
         product = math.prod(len(entry.levels) for entry in each)
         if runs not in (None, product):
-            raise _wrong("design.runs", f"{runs} differs from the product of the grid, {product}; leave it out")
+            raise _error("design.runs", f"{runs} differs from the product of the grid, {product}; leave it out")
         if product > MOST_RUNS:
-            raise _wrong("design", f"the grid has {product} points; at most {MOST_RUNS} are allowed")
+            raise _error("design", f"the grid has {product} points; at most {MOST_RUNS} are allowed")
         return tuple(tuple(itertools.chain(*x)) for x in itertools.product(*(entry.levels for entry in each))), []
     if runs is None:
-        raise _wrong("design.runs", f"lacks this key: the number of draws of the design {kind}")
+        raise _error("design.runs", f"lacks this key: the number of draws of the design {kind}")
     notes = []
     if kind == "sobol" and runs & (runs - 1):
         below = 1 << (runs.bit_length() - 1)
@@ -253,17 +253,17 @@ def points(
     if kind == "sobol_indices":
         samples, rest = divmod(runs, d + 2)
         if d == 0:
-            raise _wrong("design.kind", "Sobol indices need a key that varies")
+            raise _error("design.kind", "Sobol indices need a key that varies")
         if rest or not samples or samples & (samples - 1):
             below = (d + 2) << max(0, samples.bit_length() - 1)
             nearest = f"{runs} is not {d + 2} times a power of two; the nearest are {below} and {2 * below}"
-            raise _wrong("design.runs", f"Sobol indices of {d} keys: {nearest}")
+            raise _error("design.runs", f"Sobol indices of {d} keys: {nearest}")
     u = unit_cube(kind, [" ".join(entry.places) for entry in each], runs, seed)
     columns = [column for entry, numbers in zip(each, u.T, strict=True) for column in entry.at(numbers)]
     return (tuple(zip(*columns, strict=True)) if columns else ((),) * runs), notes
 
 
-def _wrong(key: str, message: str) -> InputError:
+def _error(key: str, message: str) -> InputError:
     return InputError([Fault(key, message)])
 
 

@@ -209,7 +209,7 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
         "force": lambda: [whole("f_contact_W", panels.force)],
         "sliding": lambda: [halves("s")],
         "tau": thrust,
-        "thrusters": lambda: [panels.named(trace, name) for name in _OF_THRUSTERS if name in trace.arrays],
+        "thrusters": lambda: [panels.of_signal(trace, name) for name in _OF_THRUSTERS if name in trace.arrays],
         "integral": states,
         "joints": lambda: [panels.joint_panels(trace)],
     }
@@ -225,7 +225,7 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
         return [row for row in drawn if row] or _refuse([label], what)
     if what not in WHATS:
         one_each = what.partition(".")[0] in OF_JOINTS and "." not in what
-        return [[panel] for panel in (panels.of_joints if one_each else panels.named)(trace, what)]
+        return [[panel] for panel in (panels.of_joints if one_each else panels.of_signal)(trace, what)]
     drawn = [[panel] for row in rows[what]() for panel in row]
     return drawn or _refuse([label], what)
 

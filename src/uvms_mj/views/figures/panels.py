@@ -199,7 +199,7 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
     return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
 
 
-def named(trace: Trace, name: str) -> list[Panel]:
+def of_signal(trace: Trace, name: str) -> list[Panel]:
     """Panels of a recorded signal by its name, or of one of its components, ``tau.x``."""
     signal, i = trace.header.part(name)
     if i is not None:
