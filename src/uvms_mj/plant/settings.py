@@ -292,7 +292,7 @@ def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
     return min(masses)
 
 
-def contact_settings(wall: Wall | Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
+def contact_settings(wall: Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
     """Settings of the wall for a :data:`uvms_mj.physics.contacts.CONTACT` record, with the defaults of sticking
     friction.
 

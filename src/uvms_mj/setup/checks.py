@@ -35,7 +35,7 @@ from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
-from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
+from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..plant.water import Current, Disturbance, counted
 from ..quantities import leaves, radians_notes
@@ -55,7 +55,7 @@ class Direction(NamedTuple):
     press on the wall together; 0 for MuJoCo's pair."""
 
     table: str
-    wall: Wall | Surface
+    wall: Surface
     prefix: str
     k: float
     b: float
@@ -109,9 +109,7 @@ def wall_notes(setup: Setup) -> Iterator[str]:
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
     yield from without_effect(setup.scenario)
-    walls: list[tuple[str, Wall | Surface]] = [("wall", wall)] if wall.present else []
-    walls += [(f"walls[{i}]", other) for i, other in enumerate(setup.scenario.walls)]
-    for table, one in walls:
+    for table, one in setup.contacts.walls:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
@@ -129,8 +127,8 @@ def wall_notes(setup: Setup) -> Iterator[str]:
 
 
 def _starts_inside(setup: Setup) -> Iterator[str]:
-    """Warnings for contacts of the list that start deep inside their wall."""
-    pairs, springs = setup.contacts.pairs, ContactSprings(setup)
+    """Warnings for springs that start deep inside their wall."""
+    pairs, springs = setup.contacts.springs, ContactSprings(setup)
     if not pairs:
         return
     poses = setup.initial_poses()
@@ -146,23 +144,17 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
 
 def directions(setup: Setup) -> Iterator[Direction]:
     """Each direction in use, of all contacts of a wall together."""
-    wall = setup.scenario.wall
-    if setup.contacts.paper:
-        settings = contact_settings(wall, setup.mass_along_face)
-        yield Direction("wall", wall, "", settings["stiffness"], settings["damping"], setup.mass_along_normal())
-        if settings["friction"] > 0.0:
-            k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-            yield Direction("wall", wall, "tangential_", k_t, b_t, setup.mass_along_face())
-    for index, (table, each) in enumerate(setup.contacts.surfaces):
+    for index, (table, each) in enumerate(setup.contacts.walls):
         pairs = [pair for pair in setup.contacts.pairs if pair.surface == index]
         stiffest = max(each.stiffness, each.layer_stiffness or 0.0)
         fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
-        m, n = min(map(setup.lightest, pairs)), len(pairs)
+        solved = pairs[0].solved
+        m, n = (setup.mass_along_normal(), 0) if solved else (min(map(setup.lightest, pairs)), len(pairs))
         yield Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
         if each.friction > 0.0:
             along = [contact_settings(each, functools.partial(setup.lightest, pair)) for pair in pairs]
             k_t, b_t = (sum(one[f"tangential_{word}"] for one in along) for word in ("stiffness", "damping"))
-            yield Direction(table, each, "tangential_", k_t, b_t, m, n)
+            yield Direction(table, each, "tangential_", k_t, b_t, setup.mass_along_face() if solved else m, n)
 
 
 _FAR = 0.1
