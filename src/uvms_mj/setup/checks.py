@@ -37,7 +37,7 @@ from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
 from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..plant.water import Current, Disturbance, counted
+from ..plant.water import Current, Disturbance, counted, pad_faults
 from ..quantities import leaves, radians_notes
 from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped
@@ -277,13 +277,13 @@ def changed(base: Setup, change: Change, place: str) -> Setup:
                 made: dict[str, Any] = {"design": base.design, "contacts": base.contacts} | parts
                 setup = Setup(setup.scenario, base.plant, **made)
                 change.add(parts)
-            if change.concerns(_effects):
-                _refuse_more_effects(base, setup, place)
             if setup.contacts.kinds != base.contacts.kinds:
                 wrong = f"{place} can't change which contacts there are; make a new Simulation"
                 keys = ("wall.present", "bumper.stiffness")
                 raise InputError([Fault(key, wrong) for key in change.overrides if key in keys or key[:5] == "walls"])
             refuse(setup, change)
+            if change.concerns(_effects):
+                _refuse_more_effects(base, setup, place)
     except InputError as error:
         raise InputError(error.faults, place) from None
     return setup
@@ -378,7 +378,13 @@ def refuse(setup: Setup, change: Change = ANYTHING) -> None:
 
 def _stage_faults(table: str, setup: Setup) -> Iterable[Fault]:
     stage = setup.scenario.stage(table)
-    return stage.faults(setup) if stage.runs else ()
+    return [_fault_of(table, fault) for fault in stage.faults(setup)] if stage.runs else []
+
+
+def _fault_of(table: str, fault: Fault) -> Fault:
+    """The fault of a stage, with the place of the stage in its list: effects[0].at."""
+    name = table.partition("[")[0]
+    return Fault(table + fault.key.removeprefix(name), fault.message) if fault.key.startswith(f"{name}.") else fault
 
 
 def warnings_of(setup: Setup) -> list[str]:
@@ -467,14 +473,13 @@ def _afloat_notes(setup: Setup) -> Iterator[str]:
 def _timing_faults(setup: Setup) -> Iterator[Fault]:
     scenario = setup.scenario
     h = scenario.simulation.timestep
-    for stage in scenario.stages:
-        period = stage.period
+    task = {"task": scenario.task} if scenario.controller.uses_task else {}
+    for table, stage in (task | scenario.named_stages).items():
+        period = stage.period if stage.runs else None
         if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
             n = max(1, int(period / h))
             nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
-            yield Fault(
-                f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
-            )
+            yield Fault(f"{table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}")
     yield from delay_faults(scenario)
 
 
@@ -484,15 +489,9 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
     joints, start = len(setup.vehicle.arm.links), scenario.initial.position[2]
     return [
         *water_faults(scenario.current, scenario.disturbance, h),
-        *_pad_faults(setup),
+        *pad_faults(scenario.pads, scenario.wall.present),
         *sea_faults(scenario.sea, h, g, joints, scenario.wall.present, start),
     ]
-
-
-def _pad_faults(setup: Setup) -> Iterator[Fault]:
-    for k, pad in enumerate(setup.scenario.pads):
-        if pad.point is None and not setup.scenario.wall.present:
-            yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
 
 
 def _inertia_notes(setup: Setup) -> Iterator[str]:
