@@ -21,13 +21,14 @@ from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
-from ..control.theory.own_effects import OwnEffects
+from ..control.theory.own_effects import OwnEffects, longest_step, shipped_slopes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
+from ..physics.effects import FLOWS, INERTIAS
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
@@ -423,15 +424,20 @@ def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _effect_notes(setup: Setup) -> Iterator[str]:
-    """A warning if the time step does not resolve the effects of a user's own."""
+    """A warning if the time step does not resolve the effects of the water, shipped ones and a user's own."""
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
+    if setup.not_rigid:
+        return  # what is not known of a user's own is said of the loop
+    names = [name for name, _ in counted(setup.effects) if name not in (*FLOWS, *INERTIAS)]
+    slopes = shipped_slopes(setup) if names else np.zeros((6, 12))
     own = OwnEffects(effects, setup)
-    if not effects or setup.not_rigid or own.not_in_the_loop(setup):
-        return  # another note says so of the loop
-    if (longest := own.longest_step(setup)) < h:
+    if effects and not own.not_in_the_loop(setup):
+        slopes += own.slopes(setup)
+        names.append(own.names)
+    if slopes.any() and (longest := longest_step(setup, slopes)) < h:
         yield (
-            f"the time step of {h:g} s does not resolve {own.names}, by slopes at rest: a motion grows and changes its "
-            f"sign in each step; {longest:.3g} s do"
+            f"the time step of {h:g} s does not resolve {', '.join(names)}, by slopes at rest: a motion grows and "
+            f"changes its sign in each step; {longest:.3g} s do"
         )
 
 
