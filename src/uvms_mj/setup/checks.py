@@ -427,7 +427,7 @@ def _effect_notes(setup: Setup) -> Iterator[str]:
     """A warning if the time step does not resolve the effects of the water, shipped ones and a user's own."""
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
     if setup.not_rigid:
-        return  # what is not known of a user's own is said of the loop
+        return  # another note says so of a user's own
     names = [name for name, _ in counted(setup.effects) if name not in (*FLOWS, *INERTIAS)]
     slopes = shipped_slopes(setup) if names else np.zeros((6, 12))
     own = OwnEffects(effects, setup)
