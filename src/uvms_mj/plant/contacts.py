@@ -147,14 +147,17 @@ class Contacts:
                 row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
                 row["phase"] = math.radians(wall.phase_deg)
         for row, pair in zip(pairs, self.pairs, strict=True):
-            wall = pair.wall
+            wall, contact = pair.wall, row["contact"]
             for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():
-                row["contact"][name] = value
+                contact[name] = value
             row["surface"], row["carrier"], row["radius"] = pair.surface, pair.carrier, pair.radius
-            row["ends_C"], row["capsule"] = pair.ends_C, (pair.ends_C[0] != pair.ends_C[1]).any()
+            first, second = pair.ends_C.tolist()
+            row["ends_C"], row["capsule"] = pair.ends_C, first != second
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
-            row["bumper_stiffness"], row["bumper_damping"], row["solved"] = *pair.bumper, pair.solved
+            row["solved"] = pair.solved
+            if pair.bumper[0]:
+                row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs
 
     def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
@@ -190,8 +193,7 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
     solved, carriers = is_papers(scenario), [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
     if walls and not named:
-        sphere = ContactBody((0.0, 0.0, 0.0), probe.radius, None, bumper.stiffness, bumper.damping)
-        named = [("the probe", sphere, 0)]
+        named = [("the probe", _sphere(probe.radius, bumper.stiffness, bumper.damping), 0)]
     pairs = [
         Pair(
             index, wall, key, name, carrier, ends, body.radius, (body.stiffness or 0.0, body.damping),
@@ -202,6 +204,11 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
         for ends in _ends(body, wall)
     ]  # fmt: skip
     return Contacts(walls, tuple(pairs), tuple(carriers))
+
+
+@functools.lru_cache(maxsize=8)  # a reset asks for the same one
+def _sphere(radius: float, stiffness: float | None, damping: float) -> ContactBody:
+    return ContactBody((0.0, 0.0, 0.0), radius, None, stiffness, damping)
 
 
 def _carrier(body: ContactBody, vehicle: VehicleLike, carriers: list[Carrier]) -> int:
