@@ -107,3 +107,18 @@ def test_where_an_effect_is_not_in_the_loop_the_note_says_so(run_with):
     notes = warnings_of(checked(run_with("Push", -1.0, **{"vehicle.model": "bluerov2_alpha5"})))
     assert [note for note in notes if "leaves out Push" in note and "has joints" in note]
     assert not [note for note in warnings_of(checked(run_with("Push", -1.0))) if "Push" in note]
+
+
+@pytest.mark.filterwarnings("ignore:.*:uvms_mj.setup.checks.SamplingWarning")
+def test_a_time_step_that_does_not_resolve_a_shipped_effect_is_named_too():
+    """Drag in a current of 0.5 m/s, whose slope is 2 c |v|: h 2 c |v| / m = 2 is the limit."""
+    calm = {"simulation.timestep": 1e-3, "current.direction_deg": 0.0, "wall.present": False}
+    M = set_up(Scenario()).vehicle.M
+    for factor, notes in ((0.98, 0), (1.02, 1)):
+        c = factor * 2.0 / (1e-3 * 2.0 * 0.5 * np.linalg.inv(M)[0, 0])
+        scenario = Scenario.load("push_wall", calm | {"drag": [{"forward": [c, 0.0, 0.0]}]})
+        found = [note for note in warnings_of(checked(scenario)) if "does not resolve drag" in note]
+        assert len(found) == notes, factor
+    fin = {"area": 1e4, "position": [-0.5, 0.0, 0.0]}
+    found = warnings_of(checked(Scenario.load("push_wall", calm | {"fins": [fin]})))
+    assert any("does not resolve fins, by slopes at rest" in note for note in found)

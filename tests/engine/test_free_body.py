@@ -110,7 +110,7 @@ def test_the_depth_of_the_probe_in_the_wall_is_mujocos():
     mujoco.mj_kinematics(model, data)
     wall, probe = model.pair_geom1[0], model.pair_geom2[0]
     theirs = mujoco.mj_geomDistance(model, data, wall, probe, 1.0, None)
-    surfaces, pairs = (each.view(np.recarray) for each in setup.contacts.records(lambda _: 1.0, lambda: 1.0))
+    surfaces, pairs = (each.view(np.recarray) for each in setup.contacts.records(lambda _: 1.0))
     pair_force(pairs[0], surfaces[0], np.array([1.002, 0.3, -0.2]), np.eye(3), np.zeros(6), 1e-4)
     assert pairs[0].depth == pytest.approx(-theirs, abs=1e-15)
     assert pairs[0].contact.normal_W.tolist() == [-1.0, 0.0, 0.0]

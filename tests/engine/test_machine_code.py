@@ -60,6 +60,27 @@ def test_everything_runs_as_plain_python_on_demand(capsys):
     assert capsys.readouterr().out == done.stdout
 
 
+@pytest.mark.slow
+def test_closed_forms_are_the_same_as_plain_python_on_demand(capsys):
+    """The motion to the rest is machine code, and with UVMS_MJ_PLAIN the same functions in Python."""
+    code = """if True:
+        import sys
+        from uvms_mj import Scenario
+        from uvms_mj.control.theory.predictions import steady_state
+        from uvms_mj.setup.checks import checked
+        for law, keys in (("gsta", {}), ("impedance", {"wall.stiffness": 2e3}), ("pid", {"bumper.stiffness": 5e3})):
+            found = steady_state(checked(Scenario.load("push_wall", keys, law)))
+            print(law, f"{found.force:.10g}", *(f"{1.0 + x:.12f}" for x in found.position))
+        print("uvms_mj.compiler.unit" in sys.modules, file=sys.stderr)
+    """
+    environment = os.environ | {"UVMS_MJ_PLAIN": "1", "PYTHONWARNINGS": "ignore"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.strip() == "False"
+    exec(code, {})
+    assert capsys.readouterr().out == done.stdout
+
+
 SHORT = {"simulation.duration": 0.2}
 
 

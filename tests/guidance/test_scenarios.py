@@ -9,7 +9,7 @@ from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.physics.effects import add_effects
 from uvms_mj.physics.kernels import record_of
-from uvms_mj.plant.sea import World
+from uvms_mj.plant.settings import World
 from uvms_mj.plant.water import effect_records
 from uvms_mj.setup.base import set_up
 

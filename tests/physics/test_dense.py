@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import uvms_mj.engine.native.compilation  # noqa: F401  # machine code for called_on
 from uvms_mj.physics import linear_algebra
@@ -53,6 +54,28 @@ def test_the_inverse_is_that_of_numpy_and_exactly_symmetric(N):
     linear_algebra.inverse(L, A)
     assert np.abs(A - np.linalg.inv(M)).max() <= 1e-11 * np.abs(A).max()
     np.testing.assert_array_equal(A, A.T)
+
+
+@pytest.mark.parametrize("N", SIZES)
+def test_elimination_solves_a_system_without_symmetry_and_knows_its_smallest_pivot(N):
+    rng = np.random.default_rng(N)
+    A, b = rng.normal(size=(N, N)), rng.normal(size=N)
+    A[0, 0] = 0.0 if N > 1 else 2.0  # no pivot without an exchange of rows
+    before = A.copy(), b.copy()
+    x, pivots = linear_algebra.solved(A, b)
+    expected = np.linalg.solve(A, b)
+    assert np.abs(x - expected).max() <= 1e-13 * np.linalg.cond(A) * np.abs(expected).max()
+    pivoted = np.abs(np.diag(scipy.linalg.lu(A)[2]))
+    assert pivots == pytest.approx(pivoted.min() / pivoted.max(), rel=1e-9)
+    np.testing.assert_array_equal(A, before[0])
+    np.testing.assert_array_equal(b, before[1])
+
+
+def test_elimination_of_a_singular_matrix_has_no_finite_solution_and_no_pivot():
+    with np.errstate(all="ignore"):
+        x, pivots = linear_algebra.solved(np.ones((3, 3)), np.array([1.0, 2.0, 3.0]))
+    assert pivots == 0.0
+    assert not np.isfinite(x).all()
 
 
 def test_a_matrix_that_is_not_positive_definite_gives_nan():

@@ -118,7 +118,9 @@ def test_a_pad_without_a_wall_is_refused_and_a_reset_adds_none():
     with pytest.raises(InputError, match=r"pads\[0\].point: there is no \[wall\]"):
         simulate(Scenario.load("push_wall", {"pads": pad, "wall.present": False}))
     _, model, data = body(1e-3)
-    with pytest.raises(InputError, match="point"):
+    with pytest.raises(InputError, match=r"attach: pads\[0\].point: there is no \[wall\]"):
         attach(model, data, pads=Pad(radius=0.1, position=(0.0, 0.0, 0.0)))
+    with pytest.raises(InputError, match=r"pads\[1\].*normal must not be zero"):
+        Scenario.load("push_wall", {"pads": [*pad, pad[0] | {"normal": [0.0, 0.0, 0.0]}]})
     with Simulation(Scenario.load("push_wall"), engine="free_body") as sim, pytest.raises(InputError, match="pads"):
         sim.reset({"pads": pad})

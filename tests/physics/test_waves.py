@@ -10,7 +10,8 @@ from twin import TwinParameters
 from uvms_mj import InputError, Scenario, Sea, attach, simulate
 from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.waves import WAVE, add_wave
-from uvms_mj.plant.sea import World, spectral_density, wave_number
+from uvms_mj.plant.sea import spectral_density, wave_number
+from uvms_mj.plant.settings import World
 from vehicles import load
 
 G = 9.80665

@@ -84,7 +84,7 @@ def test_walls_store_and_return_the_energy_of_all_links(loose):
 def test_friction_on_a_link_is_that_of_coulomb(loose):
     """A contact that slips has F_t = mu F_n, and no contact has more."""
     trace = thrown(loose, 1e-4, walls=[TILTED | {"friction": 0.2}])
-    normal_W = set_up(trace.scenario).contacts.surfaces[0][1].R_WS @ [-1.0, 0.0, 0.0]
+    normal_W = set_up(trace.scenario).contacts.walls[0][1].R_WS @ [-1.0, 0.0, 0.0]
     f_n = trace.f_contacts_W @ normal_W
     f_t = np.linalg.norm(trace.f_contacts_W - f_n[..., None] * normal_W, axis=2)
     pressed = f_n > 1e-3

@@ -1,5 +1,7 @@
 """Effects of a user's own in the frame of a link or a site: they are what J^T makes of their wrench."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -137,13 +139,18 @@ def test_a_vehicle_rests_where_the_closed_form_with_the_effect_at_a_site_says(tm
 
 def test_a_frame_that_is_not_there_or_not_known_is_refused_by_name(tmp_path):
     hose = own(tmp_path, "Hose", HOSE)
-    with pytest.raises(InputError, match=r"effects\.at: 'tol' is neither a link nor a site.*did you mean 'tool'"):
-        Simulation(Scenario.load("push_wall", {"vehicle.model": "bluerov2_alpha5", "effects": [hose | {"at": "tol"}]}))
+    wrong = [hose, hose | {"at": "tol", "period": 1.5e-4}]
+    with pytest.raises(InputError) as refusal:
+        Simulation(Scenario.load("push_wall", {"vehicle.model": "bluerov2_alpha5", "effects": wrong}))
+    assert re.search(r"effects\[1\]\.at: 'tol' is neither a link nor a site.*did you mean 'tool'", str(refusal.value))
+    assert "effects[1].period: 0.00015 s is not a multiple" in str(refusal.value)
     arm = {"vehicle.model": "bluerov2_alpha5", "simulation.duration": 0.01, "effects": [hose | {"at": "forearm"}]}
     trace = simulate(Scenario.load("push_wall", arm))
     assert isinstance(trace.analytic, NoClosedForm)
     assert "the effect Hose acts on a link" in str(trace.analytic)
-    with pytest.raises(InputError, match=r"'forearm' is on a link, and the wrist sensor knows no effect there"):
+    with pytest.raises(
+        InputError, match=r"effects\[0\]\.at: 'forearm' is on a link, and the wrist sensor knows no effect there"
+    ):
         Simulation(Scenario.load("push_wall", arm | {"wrist.name": "sensor", "wrist.site": "wrist"}))
     scenario = Scenario.load("push_wall", {"vehicle.model": "bluerov2_heavy", "effects": [hose | {"at": SITE}]})
     with Simulation(scenario, engine="free_body") as sim:

@@ -308,6 +308,21 @@ def test_a_capsule_rests_like_the_two_spheres_at_its_ends():
     np.testing.assert_array_equal(one.p_WB, two.p_WB)
 
 
+@pytest.mark.parametrize("bumper", [{}, {"bumper.stiffness": 5e3}])
+def test_the_papers_wall_is_the_first_of_one_list(bumper):
+    """Its contact is the engine's unless a bumper is in front of it; the probe touches every other wall by springs."""
+    walls = [{"shape": "sphere", "position": [1.5, 0.2, -0.1], "radius": 0.3}]
+    contacts = set_up(Scenario.load("push_wall", bumper | {"walls": walls, "wall.position": 1.1})).contacts
+    assert [key for key, _ in contacts.walls] == ["wall", "walls[0]"]
+    assert [pair.wall_key for pair in contacts.pairs] == ["wall", "walls[0]"]
+    assert [pair.solved for pair in contacts.pairs] == [not bumper, False]
+    assert [pair.wall_key for pair in contacts.springs] == (["wall"] if bumper else []) + ["walls[0]"]
+    surfaces, pairs = (each.view(np.recarray) for each in contacts.records(lambda _: 1.0))
+    assert pairs.surface.tolist() == [0, 1]
+    assert pairs.solved.tolist() == [not bumper, 0]
+    assert surfaces.p_WS[:, 0] == pytest.approx([1.1 + REACH, 1.5])
+
+
 def test_reset_moves_walls_and_changes_bumpers_but_neither_number_nor_shape_of_contacts():
     base = {"walls": [{"shape": "plane", "position": [1.1 + REACH, 0, 0]}], "wall.present": False}
     start = {"initial.position": [1.1001, 0.0, 0.0], "reference.target": [1.2, 0, 0], "reference.step_time": 0.0}

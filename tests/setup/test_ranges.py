@@ -1,6 +1,5 @@
 """Extreme quantities are refused by name before a run, and a run's overflow names its keys."""
 
-import dataclasses
 import re
 
 import numpy as np
@@ -39,7 +38,7 @@ def test_an_error_names_the_number_of_the_wall_that_is_too_large_for_the_step():
 
     def found(k, b):
         wall = Scenario.load("push_wall", {"wall.stiffness": k, "wall.damping": b})
-        return list(wall_faults(dataclasses.replace(setup, scenario=wall)))
+        return list(wall_faults(set_up(wall)))
 
     for k, b in [(1.0, 1e9), (1e5, 2.6e5), (5.2e9, 0.0), (2e9, 1.7e5), (1e5, 2.5e5), (5.1e9, 0.0)]:
         assert (h * h * k + 2.0 * h * b >= 4.0 * m) == bool(found(k, b))

@@ -1,8 +1,8 @@
 """The contacts of a scenario: which contact body of the vehicle can touch which wall.
 
-Without contact bodies and without a bumper, MuJoCo's contact pair is the probe and ``[wall]``
-(:mod:`.build`), and the list has the probe in front of each of ``[[walls]]``. Otherwise the list has every contact. A
-capsule is a pair of spheres in front of a plane: its ends touch first.
+``[wall]`` is the first of ``[[walls]]``. Without contact bodies and without a bumper the engine solves the contact of
+the probe with it, MuJoCo's contact pair (:mod:`.build`). Every other pair is springs and dampers. A capsule is a pair
+of spheres in front of a plane: its ends touch first.
 """
 
 import functools
@@ -80,12 +80,13 @@ class Pair:
     """One contact body in front of one wall.
 
     Attributes:
-        surface: index of the wall in :attr:`Contacts.surfaces`.
+        surface: index of the wall in :attr:`Contacts.walls`.
         wall_key, body_key: their tables in the scenario.
         carrier: index of the body's frame C in :attr:`Contacts.carriers`.
         ends_C: (2, 3) ends of the body's axis in C, equal for a sphere [m].
         radius: of the body [m].
         bumper: stiffness, 0 without a bumper [N/m], and damping [N s/m].
+        solved: whether the normal force is the engine's, as of the probe that touches ``[wall]`` without a bumper.
     """
 
     surface: int
@@ -96,6 +97,7 @@ class Pair:
     ends_C: np.ndarray
     radius: float
     bumper: tuple[float, float]
+    solved: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,65 +113,60 @@ class ContactAtRest:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """The walls of the list with their keys, the pairs, and the frames that contact bodies are fixed to, that of the
-    probe first. ``paper`` is ``[wall]``, which the probe of a radius [m] touches beside them, or None. The normal force
-    of this pair is the engine's."""
+    """The walls with their keys, ``[wall]`` first, the pairs, and the frames that contact bodies are fixed to, that of
+    the probe first. A pair that the engine solves is the first."""
 
-    surfaces: tuple[tuple[str, Surface], ...]
+    walls: tuple[tuple[str, Surface], ...]
     pairs: tuple[Pair, ...]
     carriers: tuple[Carrier, ...]
-    paper: Surface | None
-    radius: float
 
     @property
-    def walls(self) -> list[tuple[str, Surface]]:
-        """All walls with their keys; ``paper`` is the first."""
-        return [*([("wall", self.paper)] if self.paper else []), *self.surfaces]
+    def paper(self) -> bool:
+        """Whether the engine solves the contact of the probe and ``[wall]``."""
+        return any(pair.solved for pair in self.pairs[:1])
+
+    @property
+    def springs(self) -> tuple[Pair, ...]:
+        """The pairs that are springs and dampers."""
+        return self.pairs[int(self.paper) :]
 
     @property
     def kinds(self) -> tuple[tuple[str, ...], int, bool]:
-        """The shapes of the walls, how many pairs there are, and whether ``paper`` is."""
-        return tuple(wall.shape for _, wall in self.surfaces), len(self.pairs), self.paper is not None
+        """The shapes of the walls, how many pairs there are, and whether the engine solves one."""
+        return tuple(wall.shape for _, wall in self.walls), len(self.pairs), self.paper
 
-    def records(
-        self, lightest: Callable[[Pair], float], along_face: Callable[[], float] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def records(self, lightest: Callable[[Pair], float]) -> tuple[np.ndarray, np.ndarray]:
         """SURFACE records without their tables of motion, and PAIR records. ``lightest`` gives the least mass at a
-        contact [kg], for the default damping of sticking friction. With ``along_face``, which gives this mass of the
-        probe at ``[wall]``, this wall and its pair are the first ones."""
-        paper = self.paper if along_face is not None else None
-        first = int(paper is not None)
-        surfaces, pairs = np.zeros(first + len(self.surfaces), SURFACE), np.zeros(first + len(self.pairs), PAIR)
-        walls = ([paper] if paper else []) + [wall for _, wall in self.surfaces]
-        for row, wall in zip(surfaces, walls, strict=True):
+        contact along the wall's face [kg], for the default damping of sticking friction."""
+        surfaces, pairs = np.zeros(len(self.walls), SURFACE), np.zeros(len(self.pairs), PAIR)
+        for row, (_, wall) in zip(surfaces, self.walls, strict=True):
             row["kind"], row["extent"], row["R_WS"] = list(SHAPES).index(wall.shape), wall.size, wall.R_WS
             row["p_WS"] = row["start_W"] = wall.position
             if wall.moves:
                 row["moves"], row["rows"] = True, len(wall.motion)
                 row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
                 row["phase"] = math.radians(wall.phase_deg)
-        if paper is not None and along_face is not None:
-            pairs[0]["radius"], pairs[0]["layer_depth"], pairs[0]["solved"] = self.radius, math.inf, True
-            for name, value in contact_settings(paper, along_face).items():
-                pairs[0]["contact"][name] = value
-        for row, pair in zip(pairs[first:], self.pairs, strict=True):
-            wall = pair.wall
+        for row, pair in zip(pairs, self.pairs, strict=True):
+            wall, contact = pair.wall, row["contact"]
             for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():
-                row["contact"][name] = value
-            row["surface"], row["carrier"], row["radius"] = first + pair.surface, pair.carrier, pair.radius
-            row["ends_C"], row["capsule"] = pair.ends_C, (pair.ends_C[0] != pair.ends_C[1]).any()
+                contact[name] = value
+            row["surface"], row["carrier"], row["radius"] = pair.surface, pair.carrier, pair.radius
+            first, second = pair.ends_C.tolist()
+            row["ends_C"], row["capsule"] = pair.ends_C, first != second
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
-            row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
+            row["solved"] = pair.solved
+            if pair.bumper[0]:
+                row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs
 
     def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
-        """The walls of the list at a pose of the probe's frame C: the contacts in each wall together, or the nearest
-        one. Contacts on other links are not in it."""
+        """The springs at a pose of the probe's frame C: the contacts in each wall together, or the nearest one; without
+        those of other links."""
         surfaces, records = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, ContactAtRest]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
-            if pair.carrier != 0:
+            if pair.carrier != 0 or pair.solved:
                 continue
             surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
             c, end = position + pair.ends_C @ R_WC.T
@@ -191,22 +188,27 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
     """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
     base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
-    paper = as_surface(scenario.wall, probe.radius) if is_papers(scenario) else None
-    walls = [(f"walls[{i}]", wall) for i, wall in enumerate(scenario.walls)]
-    if scenario.wall.present and paper is None:
-        walls.insert(0, ("wall", as_surface(scenario.wall, probe.radius)))
-    carriers = [probe.carrier]
+    keys = (*(("wall",) if scenario.wall.present else ()), *(f"walls[{i}]" for i in range(len(scenario.walls))))
+    walls = tuple(zip(keys, surfaces_of(scenario, probe.radius), strict=True))
+    solved, carriers = is_papers(scenario), [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
     if walls and not named:
-        sphere = ContactBody((0.0, 0.0, 0.0), probe.radius, None, bumper.stiffness, bumper.damping)
-        named = [("the probe", sphere, 0)]
+        named = [("the probe", _sphere(probe.radius, bumper.stiffness, bumper.damping), 0)]
     pairs = [
-        Pair(index, wall, key, name, carrier, ends, body.radius, (body.stiffness or 0.0, body.damping))
+        Pair(
+            index, wall, key, name, carrier, ends, body.radius, (body.stiffness or 0.0, body.damping),
+            solved and index == 0,
+        )
         for index, (key, wall) in enumerate(walls)
         for name, body, carrier in named
         for ends in _ends(body, wall)
-    ]
-    return Contacts(tuple(walls), tuple(pairs), tuple(carriers), paper, probe.radius)
+    ]  # fmt: skip
+    return Contacts(walls, tuple(pairs), tuple(carriers))
+
+
+@functools.lru_cache(maxsize=8)  # a reset asks for the same one
+def _sphere(radius: float, stiffness: float | None, damping: float) -> ContactBody:
+    return ContactBody((0.0, 0.0, 0.0), radius, None, stiffness, damping)
 
 
 def _carrier(body: ContactBody, vehicle: VehicleLike, carriers: list[Carrier]) -> int:

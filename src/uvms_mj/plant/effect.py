@@ -80,7 +80,7 @@ class Effect(Stage):
         if (site := vehicle.arm.sites.get(self.at)) is None:
             choices = suggestion(self.at, [BODY, *names, *vehicle.arm.sites])
             raise InputError(
-                [Fault("effects.at", f"{self.at!r} is neither a link nor a site of the vehicle; {choices}")]
+                [Fault(f"{self.room.table}.at", f"{self.at!r} is neither a link nor a site of the vehicle; {choices}")]
             )
         return Carrier(site.link, site.p, site.R)
 
@@ -91,7 +91,9 @@ class Effect(Stage):
             yield from error.faults
             return
         if carrier.link >= 0 and setup.scenario.wrist.runs:
-            yield Fault("effects.at", f"{self.at!r} is on a link, and the wrist sensor knows no effect there")
+            yield Fault(
+                f"{self.room.table}.at", f"{self.at!r} is on a link, and the wrist sensor knows no effect there"
+            )
 
 
 @kernel

@@ -19,7 +19,7 @@ Directions are those of the density :math:`\cos^n` about the mean one.
 import functools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -28,6 +28,7 @@ from ..errors import Fault
 from ..physics.effects import RHO
 from ..physics.random import key_of
 from ..quantities import STRICT, Angle, Number, doc, within
+from .settings import World
 
 BREAKING = 0.142
 """Largest steepness of a wave, height over length, in deep water (Michell 1893, Miche 1944)."""
@@ -39,14 +40,6 @@ STEPS = 20
 """Least number of time steps in the period of the shortest wave."""
 _LOW, _HIGH = 0.5, 4.0  # of the components, over the peak frequency
 _FINE = 64  # parts of a bin in its integral
-
-
-class World(NamedTuple):
-    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], and the x of the face of [wall] [m]."""
-
-    seed: int = 0
-    gravity: float = 9.81
-    face: float | None = None
 
 
 @dataclass(frozen=True, config=STRICT)

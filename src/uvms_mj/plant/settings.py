@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -32,6 +32,15 @@ from ..quantities import (
     within,
 )
 from ..stages.setup import ScenarioLike
+
+
+class World(NamedTuple):
+    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], and the x of the face of [wall] [m]."""
+
+    seed: int = 0
+    gravity: float = 9.81
+    face: float | None = None
+
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
 WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
@@ -292,7 +301,7 @@ def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
     return min(masses)
 
 
-def contact_settings(wall: Wall | Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
+def contact_settings(wall: Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
     """Settings of the wall for a :data:`uvms_mj.physics.contacts.CONTACT` record, with the defaults of sticking
     friction.
 

@@ -3,20 +3,21 @@
 import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
-from ..errors import InputError
+from ..errors import Fault
 from ..physics.effects import RHO, effects_dtype
 from ..physics.flow import FINEST
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
 from ..stages.setup import ScenarioLike
-from .sea import Sea, World
+from .sea import Sea
+from .settings import World
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -255,19 +256,25 @@ class Pad:
     viscosity: Annotated[Number, within(0.0, 1e3, "Pa s")] = doc("of the water [Pa s]", 1.0e-3)
     least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
 
+    def __post_init__(self) -> None:
+        if not any(self.normal):
+            raise ValueError("normal must not be zero")
+
     def records(self, world: World) -> list[tuple]:
-        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`. Raises InputError if there is no wall to face, or no
-        normal."""
+        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`, for a pad without :func:`pad_faults`."""
         length = math.hypot(*self.normal)
-        if length == 0.0:
-            raise InputError("pads: normal: must not be zero")
-        if self.point is None and world.face is None:
-            raise InputError("pads: point: there is no [wall] that a pad faces; give a point of a wall's face")
         point, normal = self.point, tuple(x / length for x in self.normal)
         if point is None:
             point, normal = (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
         numbers = self.density, self.viscosity, self.least_gap
         return [(self.radius, self.position, point, normal, *numbers)]
+
+
+def pad_faults(pads: Iterable[Pad], wall: bool) -> Iterator[Fault]:
+    """Errors of pads that face no wall; ``wall``: whether there is one that they face without a point."""
+    for k, pad in enumerate(pads):
+        if pad.point is None and not wall:
+            yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
 
 
 EFFECT_TABLES: dict[str, Any] = {"sea": Sea, "pads": Pad, "tether": Tether, "fins": Fin, "drag": Drag}

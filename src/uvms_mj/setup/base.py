@@ -40,8 +40,7 @@ _ALIGNED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario, the plant, and the design matrices of both; ``contacts`` are the contacts beside the probe's with
-    ``[wall]``."""
+    """A scenario, the plant, the design matrices of both, and the contacts."""
 
     scenario: Scenario
     plant: Plant
@@ -175,7 +174,10 @@ class Setup:
         return [(p_WB + R_WB @ p, R_WB @ R) for p, R in poses]
 
     def lightest(self, pair: Pair) -> float:
-        """Least effective mass at a contact of the list in any direction, in the initial posture [kg]."""
+        """Least effective mass at a contact in any direction, in the initial posture; at one that the engine solves,
+        along the wall's face [kg]."""
+        if pair.solved:
+            return self.mass_along_face()
         carrier = self.contacts.carriers[pair.carrier]
         rigid = carrier.is_B and not self.vehicle.arm.links
         M = self.design.M if rigid else np.linalg.inv(self.start.mobility(carrier))

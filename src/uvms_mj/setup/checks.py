@@ -21,14 +21,14 @@ from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
-from ..control.theory.own_effects import OwnEffects
+from ..control.theory.own_effects import OwnEffects, longest_step, shipped_slopes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
-from ..physics.effects import counted
+from ..physics.effects import FLOWS, INERTIAS, counted
 from ..physics.flow import FINEST
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
@@ -36,9 +36,9 @@ from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
 from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_faults, sea_notes
-from ..plant.settings import Surface, Wall, contact_settings, in_series_fast, without_effect
+from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..plant.water import Current, Disturbance
+from ..plant.water import Current, Disturbance, pad_faults
 from ..quantities import leaves, radians_notes
 from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped
@@ -57,7 +57,7 @@ class Direction(NamedTuple):
     press on the wall together; 0 for MuJoCo's pair."""
 
     table: str
-    wall: Wall | Surface
+    wall: Surface
     prefix: str
     k: float
     b: float
@@ -111,9 +111,7 @@ def wall_notes(setup: Setup) -> Iterator[str]:
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
     yield from without_effect(setup.scenario)
-    walls: list[tuple[str, Wall | Surface]] = [("wall", wall)] if wall.present else []
-    walls += [(f"walls[{i}]", other) for i, other in enumerate(setup.scenario.walls)]
-    for table, one in walls:
+    for table, one in setup.contacts.walls:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
@@ -131,8 +129,8 @@ def wall_notes(setup: Setup) -> Iterator[str]:
 
 
 def _starts_inside(setup: Setup) -> Iterator[str]:
-    """Warnings for contacts of the list that start deep inside their wall."""
-    pairs, springs = setup.contacts.pairs, ContactSprings(setup)
+    """Warnings for springs that start deep inside their wall."""
+    pairs, springs = setup.contacts.springs, ContactSprings(setup)
     if not pairs:
         return
     poses = setup.initial_poses()
@@ -148,23 +146,17 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
 
 def directions(setup: Setup) -> Iterator[Direction]:
     """Each direction in use, of all contacts of a wall together."""
-    wall = setup.scenario.wall
-    if setup.contacts.paper:
-        settings = contact_settings(wall, setup.mass_along_face)
-        yield Direction("wall", wall, "", settings["stiffness"], settings["damping"], setup.mass_along_normal())
-        if settings["friction"] > 0.0:
-            k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-            yield Direction("wall", wall, "tangential_", k_t, b_t, setup.mass_along_face())
-    for index, (table, each) in enumerate(setup.contacts.surfaces):
+    for index, (table, each) in enumerate(setup.contacts.walls):
         pairs = [pair for pair in setup.contacts.pairs if pair.surface == index]
         stiffest = max(each.stiffness, each.layer_stiffness or 0.0)
         fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
-        m, n = min(map(setup.lightest, pairs)), len(pairs)
+        solved = pairs[0].solved
+        m, n = (setup.mass_along_normal(), 0) if solved else (min(map(setup.lightest, pairs)), len(pairs))
         yield Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
         if each.friction > 0.0:
             along = [contact_settings(each, functools.partial(setup.lightest, pair)) for pair in pairs]
             k_t, b_t = (sum(one[f"tangential_{word}"] for one in along) for word in ("stiffness", "damping"))
-            yield Direction(table, each, "tangential_", k_t, b_t, m, n)
+            yield Direction(table, each, "tangential_", k_t, b_t, setup.mass_along_face() if solved else m, n)
 
 
 _FAR = 0.1
@@ -287,13 +279,13 @@ def changed(base: Setup, change: Change, place: str) -> Setup:
                 made: dict[str, Any] = {"design": base.design, "contacts": base.contacts} | parts
                 setup = Setup(setup.scenario, base.plant, **made)
                 change.add(parts)
-            if change.concerns(_effects):
-                _refuse_more_effects(base, setup, place)
             if setup.contacts.kinds != base.contacts.kinds:
                 wrong = f"{place} can't change which contacts there are; make a new Simulation"
                 keys = ("wall.present", "bumper.stiffness")
                 raise InputError([Fault(key, wrong) for key in change.overrides if key in keys or key[:5] == "walls"])
             refuse(setup, change)
+            if change.concerns(_effects):
+                _refuse_more_effects(base, setup, place)
     except InputError as error:
         raise InputError(error.faults, place) from None
     return setup
@@ -388,7 +380,13 @@ def refuse(setup: Setup, change: Change = ANYTHING) -> None:
 
 def _stage_faults(table: str, setup: Setup) -> Iterable[Fault]:
     stage = setup.scenario.stage(table)
-    return stage.faults(setup) if stage.runs else ()
+    return [_fault_of(table, fault) for fault in stage.faults(setup)] if stage.runs else []
+
+
+def _fault_of(table: str, fault: Fault) -> Fault:
+    """The fault of a stage, with the place of the stage in its list: effects[0].at."""
+    name = table.partition("[")[0]
+    return Fault(table + fault.key.removeprefix(name), fault.message) if fault.key.startswith(f"{name}.") else fault
 
 
 def warnings_of(setup: Setup) -> list[str]:
@@ -427,15 +425,20 @@ def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _effect_notes(setup: Setup) -> Iterator[str]:
-    """A warning if the time step does not resolve the effects of a user's own."""
+    """A warning if the time step does not resolve the effects of the water, shipped ones and a user's own."""
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
+    if setup.not_rigid:
+        return  # another note says so of a user's own
+    names = [name for name, _ in counted(setup.effects) if name not in (*FLOWS, *INERTIAS)]
+    slopes = shipped_slopes(setup) if names else np.zeros((6, 12))
     own = OwnEffects(effects, setup)
-    if not effects or setup.not_rigid or own.not_in_the_loop(setup):
-        return  # another note says so of the loop
-    if (longest := own.longest_step(setup)) < h:
+    if effects and not own.not_in_the_loop(setup):
+        slopes += own.slopes(setup)
+        names.append(own.names)
+    if slopes.any() and (longest := longest_step(setup, slopes)) < h:
         yield (
-            f"the time step of {h:g} s does not resolve {own.names}, by slopes at rest: a motion grows and changes its "
-            f"sign in each step; {longest:.3g} s do"
+            f"the time step of {h:g} s does not resolve {', '.join(names)}, by slopes at rest: a motion grows and "
+            f"changes its sign in each step; {longest:.3g} s do"
         )
 
 
@@ -477,14 +480,13 @@ def _afloat_notes(setup: Setup) -> Iterator[str]:
 def _timing_faults(setup: Setup) -> Iterator[Fault]:
     scenario = setup.scenario
     h = scenario.simulation.timestep
-    for stage in scenario.stages:
-        period = stage.period
+    task = {"task": scenario.task} if scenario.controller.uses_task else {}
+    for table, stage in (task | scenario.named_stages).items():
+        period = stage.period if stage.runs else None
         if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
             n = max(1, int(period / h))
             nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
-            yield Fault(
-                f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
-            )
+            yield Fault(f"{table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}")
     yield from delay_faults(scenario)
 
 
@@ -494,15 +496,9 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
     joints, start = len(setup.vehicle.arm.links), scenario.initial.position[2]
     return [
         *water_faults(scenario.current, scenario.disturbance, h),
-        *_pad_faults(setup),
+        *pad_faults(scenario.pads, scenario.wall.present),
         *sea_faults(scenario.sea, h, g, joints, scenario.wall.present, start),
     ]
-
-
-def _pad_faults(setup: Setup) -> Iterator[Fault]:
-    for k, pad in enumerate(setup.scenario.pads):
-        if pad.point is None and not setup.scenario.wall.present:
-            yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
 
 
 def _inertia_notes(setup: Setup) -> Iterator[str]:

@@ -267,7 +267,7 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
         return "the law is told the truth"
     if names := scenario.with_inertia:
         return f"the inertia of {', '.join(names)} is not in it"
-    if setup.contacts.pairs:
+    if setup.contacts.springs:
         return "it is known for the probe and [wall] alone"
     if getattr(scenario.navigation, "mass_behind", 0.0):
         return "the force sensor sees an acceleration: navigation.mass_behind"

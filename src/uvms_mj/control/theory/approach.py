@@ -507,11 +507,6 @@ class TaskMotion:
             self._schedule = SimpleNamespace(**Schedule().constants(self.balance.setup))
             self.ends = max(self.ends, impedance.schedule[-1].time + impedance.schedule[-1].ramp)
 
-    def stay(self) -> None:
-        """Keep the reference at its end."""
-        self._way, self.ends, self._schedule = None, 0.0, None
-        self.balance.p_d, self.balance.quat_d = self._end
-
     def velocity(self) -> np.ndarray:
         """The velocity (6,) at the start, relative to the reference."""
         setup = self.balance.setup

@@ -215,7 +215,7 @@ def _unknown(setup: SetupLike, K: float, own: bool) -> str:
         return "closed forms are known for the shipped navigation and actuation only"
     if scenario.observer.runs and not is_shipped(scenario.observer):
         return "closed forms are known for the shipped observers only"
-    return "a wall moves" if any(wall.moves for _, wall in setup.contacts.surfaces) else ""
+    return "a wall moves" if any(wall.moves for _, wall in setup.contacts.walls) else ""
 
 
 def _rubbed(balance: Balance, push: np.ndarray) -> str:
@@ -268,7 +268,7 @@ def _reached(
         passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
-        alone = len(balance.springs) + (setup.contacts.paper is not None) == 1
+        alone = len(balance.springs) + setup.contacts.paper == 1
         beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
         across = _across(way[1][-1] - start.position)
         others = [_followed(motion, start, beside * e, limits=clipped) for e in across]

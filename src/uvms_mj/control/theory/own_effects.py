@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import error_text
-from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix
+from ...physics.effects import add_effects
+from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix, to_body
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
 from ...stages.setup import SetupLike
@@ -50,6 +51,36 @@ def _at(frame: Any, at_B: dict[str, Any]) -> dict[str, Any]:
     found["quat_WB"] = np.array([1.0, 0.0, 0.0, 0.0])
     attitude(found["R_WB"], found["quat_WB"])
     return found
+
+
+def longest_step(setup: SetupLike, slopes: np.ndarray) -> float:
+    """The time step of the run, or the longest of its halves, that resolves effects with these slopes (6, 12) of
+    :meth:`OwnEffects.slopes` [s].
+
+    A semi-implicit Euler step of M nu_dot = K x + D nu has eigenvalues with a negative real part beyond the unit circle
+    where a motion changes its sign in each step and grows."""
+    K, D = np.hsplit(np.linalg.solve(setup.vehicle.M, slopes), 2)
+    h = setup.scenario.simulation.timestep
+    while True:
+        by_nu = np.eye(6) + h * D
+        values = np.linalg.eigvals(np.block([[np.eye(6) + h * h * K, h * by_nu], [h * K, by_nu]]))
+        if not ((np.abs(values) > 1.0 + _SMALL) & (values.real < 0.0)).any():
+            return h
+        h /= 2.0
+
+
+def shipped_slopes(setup: SetupLike) -> np.ndarray:
+    """The slopes (6, 12) of the wrench of the shipped effects, as :meth:`OwnEffects.slopes`: those by nu, at the
+    desired attitude at rest in the mean current."""
+    effects, nu_c, slopes = record_of(setup.effects), np.zeros(6), np.zeros((6, 12))
+    depth = -(setup.rest_pose[0] or setup.initial.position)[2]
+    to_body(rotation_matrix(setup.design.quat_d), setup.scenario.current.steady_at(depth), nu_c)
+    for k, step in enumerate(_SMALL * np.eye(6)):
+        for sign in (1.0, -1.0):
+            tau = np.zeros(6)
+            add_effects(effects, sign * step - nu_c, tau)
+            slopes[:, 6 + k] += sign * tau / (2.0 * _SMALL)
+    return slopes
 
 
 class OwnEffects:
@@ -97,18 +128,8 @@ class OwnEffects:
         return ", ".join(effect.label() for _, _, _, effect, _ in self._calls)
 
     def longest_step(self, setup: SetupLike) -> float:
-        """The time step of the run, or the longest of its halves, that resolves them by their slopes at rest [s].
-
-        A semi-implicit Euler step of M nu_dot = K x + D nu has eigenvalues with a negative real part beyond the unit
-        circle where a motion changes its sign in each step and grows."""
-        K, D = np.hsplit(np.linalg.solve(setup.vehicle.M, self.slopes(setup)), 2)
-        h = setup.scenario.simulation.timestep
-        while True:
-            by_nu = np.eye(6) + h * D
-            values = np.linalg.eigvals(np.block([[np.eye(6) + h * h * K, h * by_nu], [h * K, by_nu]]))
-            if not ((np.abs(values) > 1.0 + _SMALL) & (values.real < 0.0)).any():
-                return h
-            h /= 2.0
+        """:func:`longest_step` for them alone [s]."""
+        return longest_step(setup, self.slopes(setup))
 
     def feed(self, setup: SetupLike) -> bool:
         """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu."""

@@ -49,7 +49,7 @@ def steady_state(setup: SetupLike) -> SteadyState | NoClosedForm:
         if isinstance(found, str):
             return NoClosedForm(found)
         state = _checked(found, controller)
-        if setup.contacts.pairs and not getattr(found, "reached", False):
+        if setup.contacts.springs and not getattr(found, "reached", False):
             return found if isinstance(found, NoClosedForm) else NoClosedForm(_NOT_FOLLOWED)
         weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
         return NoClosedForm(weak) if weak else state

@@ -54,6 +54,7 @@ class ContactSprings:
 
     def __init__(self, setup: SetupLike) -> None:
         surfaces, pairs = setup.contacts.records(lambda _: 1.0)
+        pairs = pairs[pairs["solved"] == 0]
         contact, shapes = pairs["contact"], list(SHAPES.values())
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
         self.damping = np.where(pairs["bumper_stiffness"] > 0.0, 0.0, contact["damping"])

@@ -14,9 +14,10 @@ import numpy as np
 from ...errors import Fault, InputError, suggestion
 from ...physics.effects import counted
 from ...physics.hydrodynamics import factor
-from ...plant.sea import World, sea_faults
+from ...plant.sea import sea_faults
+from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, effect_records
+from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, effect_records, pad_faults
 from ...setup.checks import water_faults
 from .bodies import Water
 from .callback import evaluation, mjcb_control
@@ -377,6 +378,7 @@ class Motion:
         g, joints = float(np.linalg.norm(option.gravity)), len(vehicle.arm.links)
         for sea in effects.get("sea", ()):
             faults += sea_faults(sea, option.timestep, g, joints, False, np.nan)  # where it begins is not known
+        faults += pad_faults(effects.get("pads", ()), wall=False)
         if faults:
             raise InputError(faults, "attach")
         records = effect_records({**effects, "products": vehicle.products}, lambda: World(seed, g))

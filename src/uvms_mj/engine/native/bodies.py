@@ -110,7 +110,7 @@ def motion_room(k: int) -> str:
 def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
-    surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)
+    surfaces, pairs = contacts.records(setup.lightest)
     for k, (record, (_, wall)) in enumerate(zip(surfaces, contacts.walls, strict=True)):
         if wall.motion:
             record["table"], record["rows"] = image.put(motion_room(k), np.array(wall.motion, float))
@@ -129,8 +129,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
     contacts, u, true = setup.contacts, run["u"], run["true"]
     if not setup.scenario.constant_flow:
         yield from ((signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY)
-    if n := len(contacts.pairs):
-        first = int(contacts.paper is not None)
+    if n := len(contacts.springs):
+        first = int(contacts.paper)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
         yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
     yield thruster_signal(u.size), u

@@ -142,14 +142,14 @@ def shape_of(setup: Setup) -> Shape:
     """The shape of a run's record. A vehicle with joints has room for walls, a tool on any link and a wrist sensor also
     where it has none, so that one machine code serves more scenarios."""
     contacts, n = setup.contacts, len(setup.vehicle.arm.links)
-    paper, least = int(contacts.paper is not None), int(n > 0)
+    least = int(n > 0)
     return Shape(
         joints=n,
         thrusters=len(setup.vehicle.thrusters),
         carriers=len(contacts.carriers),
         carried=n > 0 or not all(carrier.is_B for carrier in contacts.carriers),
-        surfaces=room_for(max(len(contacts.surfaces) + paper, least)),
-        pairs=room_for(max(len(contacts.pairs) + paper, least)),
+        surfaces=room_for(max(len(contacts.walls), least)),
+        pairs=room_for(max(len(contacts.pairs), least)),
         resolves=setup.at_tool or n > 0,
         effects=counted(setup.effects),
         own_effects=len(effects := setup.scenario.effects),
