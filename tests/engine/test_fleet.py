@@ -134,11 +134,8 @@ def scenario(overrides: Mapping[str, Any], steps: int, folder: Any = None) -> Sc
     return Scenario.load("push_wall", AT_WALL | law | {"simulation.duration": steps * 1e-4})
 
 
-def fleet_of(base: Scenario, n: int, signals: Sequence[str] = (), library: str | None = "") -> Fleet:
-    fleet = Fleet(base, n, signals=signals, device="cpu")
-    if library is not None:
-        fleet.library = library
-    return fleet
+def fleet_of(base: Scenario, n: int, signals: Sequence[str] = ()) -> Fleet:
+    return Fleet(base, n, signals=signals, device="cpu")
 
 
 def every_signal(base: Scenario) -> list[str]:
