@@ -900,10 +900,12 @@ def tan(x):
     n, r, low = 0, x, 0.0
     if a >= QUARTER_PI:
         n, r, low = reduced(x)
-    s_low = sine(r, low)
+    _, rest = exact_product(r, r)  # what the square of r lacks
+    s_low = sine(r, low) + S_1 * r * rest
     s = r + s_low
     s_low = (r - s) + s_low
     w, w_low = cosine(r, low)
+    w_low -= 0.5 * rest
     c = w + w_low
     c_low = (w - c) + w_low
     if n & 1:
