@@ -32,7 +32,7 @@ import numpy as np
 import platformdirs
 
 from ...compiler.refusals import Untranslatable
-from ...compiler.targets import optimize
+from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
 from .memory import at_address
 
@@ -293,7 +293,8 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
         if kept is not None and (found := _stage(kept[1]["object"], kept[1]["files"])) is not None:
             return found
         module, files = _translated(function, records)
-        name = object_name([b"stage", module.encode()], sources=False)
+        # its text has all of its code, but for the functions of libm, which are added behind it
+        name = object_name([b"stage", module.encode()], sources=LIBM in module)
         if name not in _stages and (addresses := load(name) or _built(module, name)):
             _stages[name] = addresses
         if known:
