@@ -14,6 +14,7 @@ class Target:
         assembly: whether its code is text; otherwise it is an object file.
         library: prefix of its names for the functions of the C library.
         reloc: how addresses are found: "pic" for a shared library.
+        codemodel: how far apart code and data may be: "small" for an object that a linker takes.
     """
 
     triple: str
@@ -22,11 +23,13 @@ class Target:
     assembly: bool = False
     library: str = ""
     reloc: str = "default"
+    codemodel: str = "jitdefault"
 
     def machine(self) -> llvm.TargetMachine:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
-        return llvm.Target.from_triple(self.triple).create_target_machine(self.processor, self.features, 3, self.reloc)
+        target = llvm.Target.from_triple(self.triple)
+        return target.create_target_machine(self.processor, self.features, 3, self.reloc, self.codemodel)
 
     def code(self, module: llvm.ModuleRef, level: int = 1) -> bytes:
         """The code of a module, which it optimizes."""

@@ -1,0 +1,138 @@
+"""Recorded steps of a run, for the test of a law's library: in free motion, at the touch and pressing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import Fault, InputError
+from ...physics.frames import rotation_matrix
+from ..simulation import Simulation
+from .border import PRESENT, Border, Entry
+
+LENGTH = 400
+"""Recorded periods of each segment."""
+_PRESSING_S = 1.0
+"""Time from the touch to the last segment [s]."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Consecutive periods of a run: the words of their records, and the record before them as its differences from the
+    first one.
+
+    Attributes:
+        last, begun: time of the period before, and whether there is one.
+        changes: place and word of each difference.
+        rows: (n, words) measurements, reference and command.
+    """
+
+    name: str
+    last: float
+    begun: bool
+    changes: Sequence[tuple[int, int]]
+    rows: np.ndarray
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """The segments, and what they are of."""
+
+    about: str
+    segments: tuple[Segment, ...]
+
+    @property
+    def steps(self) -> int:
+        return sum(len(each.rows) for each in self.segments)
+
+
+def recorded(sim: Simulation, border: Border) -> Vectors:
+    """Record a run. Raises InputError if the measurements are not the chain's."""
+    every, total = border.chain.steps, sim.scenario.steps
+    last = max(1, total // every)
+    sim.run(every, np.inf)
+    touch = _first_touch(sim, every)
+    starts = {"free motion": 0}
+    length = LENGTH if touch is not None else 3 * LENGTH
+    if touch is not None:
+        starts["touch"] = max(LENGTH, touch - LENGTH // 2)
+        starts["pressing"] = max(starts["touch"] + LENGTH, touch + round(_PRESSING_S / border.chain.period))
+    sim.reset()
+    segments = []
+    for name, start in starts.items():
+        if start >= last and segments:
+            continue
+        ahead = start * every - sim.steps
+        if sim.run(ahead, np.inf) < ahead:
+            break
+        segments.append(_segment(sim, border, name, min(length, last - start)))
+    scenario = sim.scenario
+    return Vectors(f"{scenario.name}, law {scenario.controller.label()}", tuple(segments))
+
+
+def _first_touch(sim: Simulation, every: int) -> int | None:
+    """The period of the first contact; None without one."""
+    row = sim.memory.run["row"]
+    slices = max(1, round(0.5 / sim.scenario.simulation.timestep))
+    while row["first_contact"][0] < 0.0 and sim.steps < sim.scenario.steps:
+        if sim.run(slices, np.inf) == 0:
+            return None
+    first = float(row["first_contact"][0])
+    return None if first < 0.0 else round(first / sim.scenario.simulation.timestep) // every
+
+
+def _segment(sim: Simulation, border: Border, name: str, n: int) -> Segment:
+    chain, memory = border.chain, sim.memory
+    start = sim.steps // chain.steps
+    image = chain.image_of(memory).view("<u8")
+    first = chain.image.view("<u8")
+    changes = [(int(k), int(image[k])) for k in np.flatnonzero(image != first)]
+    reads = [*_sources(sim, border.measured), *_sources(sim, border.reference)]
+    writes = _sources(sim, border.command)
+    present = sum(1 << k for k, group in enumerate(PRESENT) if group in border.groups)
+    base = memory.run[chain.measured]
+    rows = []
+    for k in range(n):
+        sim.prepare()
+        if not np.array_equal(base["R_WB"][0], rotation_matrix(base["quat_WB"][0])):
+            wrong = "its R_WB is not exactly the rotation matrix of its quat_WB, of which the library computes it"
+            raise InputError([Fault("navigation.name", wrong)], "export law")
+        t = (start + k) * chain.steps * sim.scenario.simulation.timestep
+        row = [np.array([t]).view("<u8"), np.array([present], "<u8"), *(_words(each) for each in reads)]
+        if sim.run(chain.steps, np.inf) < chain.steps:
+            break
+        row += [*(_words(each) for each in writes), np.array([int(memory.run["saturated"][0])], "<u8")]
+        rows.append(np.concatenate(row))
+    last = (start - 1) * chain.steps * sim.scenario.simulation.timestep if start else 0.0
+    return Segment(name, last, start > 0, changes, np.array(rows))
+
+
+def _words(source: np.ndarray) -> np.ndarray:
+    return np.array(source, float).reshape(-1).view("<u8")
+
+
+def _sources(sim: Simulation, entries: Sequence[Entry]) -> list[np.ndarray]:
+    """The memory of the run that holds each field."""
+    run: Any = sim.memory.run
+    stages = sim.memory.stages
+    places = {
+        "tau_cmd": stages.command,
+        "u_cmd": stages.u_cmd,
+        "tau_hat": run["signals"]["tau_hat"],
+        "tau_q": run["tau_q_demand"],
+        "q_m": run["joints"]["q_m"],
+        "q_dot_m": run["joints"]["q_dot_m"],
+    }
+    if "thrusters" in stages.stages and "command" in (stages.stages["thrusters"].state.dtype.names or ()):
+        places |= dict.fromkeys(("pwm", "thruster_cmd"), stages.stages["thrusters"].state["command"])
+    if "wrist" in (run.dtype.names or ()):
+        places["wrench_m_S"] = run["wrist"]["reading"]
+    found = []
+    for each in entries:
+        known = places.get(each.name)
+        if known is None:
+            base = run[stages.base] if each.group else run["signals"]
+            known = base[each.name]
+        found.append(known)
+    return found
