@@ -42,6 +42,7 @@ class Made:
         code, constants: bytes of code, and of constants with the record as it begins.
         undefined: the symbols that it takes from the program.
         equal, stack: recorded steps that were equal where the test ran, and its stack [bytes]; None where it did not.
+        said: what the test said of the first step that differs.
     """
 
     target: str
@@ -51,6 +52,7 @@ class Made:
     undefined: tuple[str, ...]
     equal: int | None = None
     stack: int | None = None
+    said: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def write_library(
     with _simulation(scenario) as sim:
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
-        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border) else None
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, _HEADER_WORDS) else None
         text = chain.module(f"{name}_chain")
         steps = recorded(sim, border)
     title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
@@ -115,7 +117,7 @@ def write_library(
         library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, made)
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
-                wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}"
+                wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
                 raise InputError(f"export law: the library does not compute what the run computes: {wrong}")
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
@@ -144,7 +146,7 @@ def _made(
     machine: Machine, target: str, chain: Chain, text: str, name: str, place: Path, folder: Path, test: bool
 ) -> Made:
     """The library of one target, made in the folder ``place``."""
-    (place / "stages.o").write_bytes(linking.emitted(text, machine.target))
+    (place / "stages.o").write_bytes(linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target))
     objects = ["stages.o", linking.compiled_c(machine, "shell.c", place)]
     for link in chain.links:
         if link.in_c:
@@ -164,7 +166,8 @@ def _made(
     said = _STEPS.search(done.stdout)
     if said is None:
         raise InputError(f"export law: the test ends with status {done.returncode} on {target}: {done.stdout[-200:]!r}")
-    return replace(found, equal=int(said[1]), stack=int(said[3]))
+    first = next((line for line in done.stdout.decode(errors="replace").splitlines() if ", step " in line), "")
+    return replace(found, equal=int(said[1]), stack=int(said[3]), said=first)
 
 
 def _of_c(machine: Machine, link: Any, place: Path) -> str:

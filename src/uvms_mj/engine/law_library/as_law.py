@@ -53,9 +53,16 @@ class AsLaw:
         }
 
 
-def fits(border: Border) -> bool:
-    """Whether a law of a run is given all that the library measures: pose, velocity and force at B."""
-    return border.chain.measured == "signals" and not border.chain.joints
+MOST = 10_000
+"""Numbers that the memory of a stage may have."""
+
+
+def fits(border: Border, header_words: int) -> bool:
+    """Whether a law of a run is given all that the library measures, pose, velocity and force at B, and its memory has
+    room for an instance."""
+    chain = border.chain
+    small = 2 * (header_words + chain.kind.itemsize // 8) <= MOST
+    return chain.measured == "signals" and not chain.joints and small
 
 
 def _default(law: Controller, entry: Entry) -> Any:

@@ -4,6 +4,7 @@ links."""
 import importlib.util
 import os
 import platform
+import re
 import shutil
 import struct
 import subprocess
@@ -24,6 +25,7 @@ class Machine:
         target: as LLVM calls it.
         zig: the options of ziglang's C compiler.
         shared: whether it has shared libraries.
+        rounds: whether it has instructions that round a number to a whole one.
         what: in words.
         emulator: the processor as qemu-user calls it.
     """
@@ -33,6 +35,7 @@ class Machine:
     shared: bool
     what: str
     emulator: str
+    rounds: bool = True
 
 
 def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
@@ -61,6 +64,7 @@ MACHINES = {
         True,
         "Linux on ARM with 32 bits and hard floats: BlueOS on a Raspberry Pi",
         "arm",
+        rounds=False,
     ),
     "thumbv7em": Machine(
         _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static"),
@@ -70,7 +74,7 @@ MACHINES = {
         "arm",
     ),
 }
-_C = ("-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
+_C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
 _C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-pointer", "-w")
 
 
@@ -87,6 +91,53 @@ def run(command: Sequence[str], folder: Path) -> None:
     if done.returncode:
         said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[:6]
         raise InputError("\n".join([f"{' '.join(command[:4])}:", *said]))
+
+
+_ROUNDING = """
+define internal double @uvms_mj_rint(double %x) {
+  %size = call double @llvm.fabs.f64(double %x)
+  %small = fcmp olt double %size, 0x4330000000000000
+  %sum = fadd double %size, 0x4330000000000000
+  %whole = fsub double %sum, 0x4330000000000000
+  %signed = call double @llvm.copysign.f64(double %whole, double %x)
+  %result = select i1 %small, double %signed, double %x
+  ret double %result
+}
+define internal double @uvms_mj_floor(double %x) {
+  %near = call double @uvms_mj_rint(double %x)
+  %above = fcmp ogt double %near, %x
+  %below = fsub double %near, 1.0
+  %result = select i1 %above, double %below, double %near
+  ret double %result
+}
+define internal double @uvms_mj_ceil(double %x) {
+  %minus = fneg double %x
+  %floor = call double @uvms_mj_floor(double %minus)
+  %result = fneg double %floor
+  ret double %result
+}
+define internal double @uvms_mj_trunc(double %x) {
+  %size = call double @llvm.fabs.f64(double %x)
+  %floor = call double @uvms_mj_floor(double %size)
+  %result = call double @llvm.copysign.f64(double %floor, double %x)
+  ret double %result
+}
+"""
+"""The whole numbers beside a number, for a processor without an instruction for them: a sum with 2^52 is rounded to a
+whole number. Each result is exact."""
+_ROUNDED = re.compile(r"@llvm\.(floor|ceil|trunc|rint)\.f64")
+
+
+def without_rounding(text: str) -> str:
+    """LLVM's text with functions in place of the instructions that round to whole numbers."""
+    if not _ROUNDED.search(text):
+        return text
+    lines = [line for line in text.splitlines() if not (line.startswith("declare") and _ROUNDED.search(line))]
+    text = _ROUNDED.sub(r"@uvms_mj_\1", "\n".join(lines)) + _ROUNDING
+    for name in ("fabs.f64(double)", "copysign.f64(double, double)"):
+        if f"declare double @llvm.{name}" not in text:
+            text += f"declare double @llvm.{name}\n"
+    return text
 
 
 _EMIT = """

@@ -85,8 +85,8 @@ def _first_touch(sim: Simulation, every: int) -> int | None:
 def _segment(sim: Simulation, border: Border, name: str, n: int) -> Segment:
     chain, memory = border.chain, sim.memory
     start = sim.steps // chain.steps
-    image = chain.image_of(memory).view("<u8")
     first = chain.image.view("<u8")
+    image = chain.image_of(memory).view("<u8") if start else first  # a reset has begun the first instant
     changes = [(int(k), int(image[k])) for k in np.flatnonzero(image != first)]
     reads = [*_sources(sim, border.measured), *_sources(sim, border.reference)]
     writes = _sources(sim, border.command)
