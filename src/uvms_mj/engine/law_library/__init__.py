@@ -26,7 +26,7 @@ from . import as_law, linking, texts
 from .as_law import AsLaw
 from .border import Border
 from .linking import MACHINES, Machine
-from .vectors import recorded
+from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 4  # mark, last, begun and fault before the record
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
@@ -93,7 +93,7 @@ def write_library(
         border = Border.of(chain, scenario, guided)
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, _HEADER_WORDS) else None
         text = chain.module(f"{name}_chain")
-        steps = recorded(sim, border)
+        steps = recorded(sim, border, text, f"{name}_chain")
     title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
     files = {
         f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
@@ -122,7 +122,7 @@ def write_library(
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library)))
-        _write(new / "README.md", _readme(border, library, title, steps.about, [s.name for s in steps.segments]))
+        _write(new / "README.md", _readme(border, library, title, steps))
         shutil.copytree(new, folder, dirs_exist_ok=True)
     return library
 
@@ -238,7 +238,7 @@ def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, An
     }
 
 
-def _readme(border: Border, library: Library, title: str, of: str, segments: Sequence[str]) -> str:
+def _readme(border: Border, library: Library, title: str, steps: Vectors) -> str:
     rows = [
         (
             each.target,
@@ -254,6 +254,11 @@ def _readme(border: Border, library: Library, title: str, of: str, segments: Seq
     ran = f"When the library was made, it ran for {', '.join(where)}: all steps were equal." if where else (
         "It has not run yet: neither this machine nor an emulator on it was asked."
     )
-    made = [str(library.steps), f"{of}: {', '.join(segments)}", ran]
+    made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
     bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."
+    if (apart := steps.apart) > 0.0:
+        bits = (
+            "Its numbers are the same on every processor that keeps IEEE arithmetic. Those of the run differ by up to "
+            f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
+        )
     return texts.readme(border, library.name, title, rows, made, bits)

@@ -6,6 +6,7 @@ the record of a run that its stages see, by the same names, and the stages' own 
 and the sensors set in a run, its caller sets.
 """
 
+import ctypes
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import numpy as np
 
 from ...actuation.propeller import Propeller, commands_alone
 from ...compiler.scalars import OWN
-from ...compiler.targets import Target
+from ...compiler.targets import optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
 from ...physics.frames import rotation
@@ -24,6 +25,7 @@ from ...physics.kernels import kernel
 from ...stages.base import is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
+from .compilation import link, target_machine
 from .intrinsics import kernel_module, linked_stage_module
 from .loop import add_columns, begin_stage, check_command
 from .memory import call_code
@@ -243,6 +245,8 @@ class Chain:
         for name in ("stop_index", "stop_value", "t"):
             chain[name] = 0
         chain["turns"], chain["actuation"] = 1, -1
+        if self.joints:
+            chain["encoded"] = 1  # so that the frames are placed at the measured positions
         chain["tau_cmd"] = self.place(memory.image.place(memory.stages.command))
         first = order[memory.stages.actuation] if memory.stages.actuation < len(order) else ""
         for k, link in enumerate(self.links):
@@ -305,7 +309,8 @@ class Chain:
     # machine code
 
     def module(self, entry: str) -> str:
-        """LLVM's text of the stages and of :func:`take_period` by the name ``entry``."""
+        """LLVM's text of the stages and of :func:`take_period` by the name ``entry``. No product and sum is rounded
+        once, so that every processor has the same numbers."""
         symbols, users = [f"{entry}_{k}" for k in range(1, len(self.links) + 1)], list[str]()
         kernels: dict[str, Any] = {}
         whole, run = with_numbers(self.kind), with_numbers(self._memory.run.dtype)
@@ -332,9 +337,34 @@ class Chain:
                     function.linkage = "internal"
         return str(module)
 
-    def code(self, target: Target, entry: str) -> bytes:
-        """The object file for a target."""
-        return target.code(llvm.parse_assembly(self.module(entry)))
+    def here(self, text: str, entry: str) -> "Here":
+        """The chain on this processor, from its text."""
+        return Here(self, text, entry)
+
+
+class Here:
+    """A chain on this processor.
+
+    Attributes:
+        record: its record (1,).
+        numbers: the same memory as float64.
+    """
+
+    def __init__(self, chain: Chain, text: str, entry: str) -> None:
+        module = llvm.parse_assembly(text.replace(" hidden ", " "))
+        machine = target_machine()
+        optimize(module, machine, machine.triple)
+        found = link(machine.emit_object(module), [entry], ["memset", "memmove", "memcpy"])
+        assert found is not None
+        kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+        self._take, self._constants = kind(found[0]), np.frombuffer(chain.constants or bytes(8), np.uint8)
+        self.numbers = np.zeros(chain.kind.itemsize // _WORD)
+        self.record = self.numbers.view(np.uint8).view(chain.kind)
+
+    def take(self) -> int:
+        """Take a period, as :func:`take_period`."""
+        at = int(self.numbers.ctypes.data)
+        return int(self._take(at, at, int(self._constants.ctypes.data)))
 
 
 def refuse(stages: Any) -> None:
