@@ -275,8 +275,9 @@ def export_law(
         finally:
             remove_if_empty(made)
         for each in library.targets:
-            ran = "" if each.equal is None else f"; {each.equal} of {library.steps} steps equal, stack {each.stack} bytes"
-            click.echo(f"{folder / next(iter(each.files))}: code {each.code} bytes, constants {each.constants}, record {library.record} bytes{ran}")
+            sizes = f"code {each.code} bytes, constants {each.constants}, record {library.record}"
+            ran = f"; {each.equal} of {library.steps} steps equal, stack {each.stack}" if each.equal is not None else ""
+            click.echo(f"{folder / next(iter(each.files))}: {sizes}{ran}")
         click.echo(f"{folder / 'README.md'}: one step each {library.period:g} s")
 
 

@@ -146,11 +146,11 @@ def _made(
     machine: Machine, target: str, chain: Chain, text: str, name: str, place: Path, folder: Path, test: bool
 ) -> Made:
     """The library of one target, made in the folder ``place``."""
-    (place / "stages.o").write_bytes(linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target))
+    (place / "stages.o").write_bytes(
+        linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target)
+    )
     objects = ["stages.o", linking.compiled_c(machine, "shell.c", place)]
-    for link in chain.links:
-        if link.in_c:
-            objects.append(_of_c(machine, link, place))
+    objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
     libraries = linking.linked(machine, name, objects, place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
     codes = [(place / each).read_bytes() for each in objects]
@@ -251,8 +251,10 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors) -> str
         for each in library.targets
     ]
     where = [each.target for each in library.targets if each.equal is not None]
-    ran = f"When the library was made, it ran for {', '.join(where)}: all steps were equal." if where else (
-        "It has not run yet: neither this machine nor an emulator on it was asked."
+    ran = (
+        f"When the library was made, it ran for {', '.join(where)}: all steps were equal."
+        if where
+        else ("It has not run yet: neither this machine nor an emulator on it was asked.")
     )
     made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
     bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."

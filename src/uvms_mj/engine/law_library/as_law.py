@@ -68,5 +68,3 @@ def fits(border: Border, header_words: int) -> bool:
 def _default(law: Controller, entry: Entry) -> Any:
     value: Any = getattr(law, entry.name)
     return [float(each) for each in value] if entry.shape else float(np.float64(value))
-
-

@@ -132,7 +132,7 @@ def _commands(chain: Chain) -> Iterator[Entry]:
     yield _entry(chain, commanded_signal(m), "commands")
     if chain.pulses is not None:
         pwm = pulse_signal(m)
-        if not chain.pulses.compiled.stage.takes_pulses:
+        if not getattr(chain.pulses.compiled.stage, "takes_pulses", False):
             pwm = dataclasses.replace(pwm, name="thruster_cmd", unit="us or N", meaning="command of each thruster")
         yield Entry(pwm.name, (m,), pwm.unit, pwm.meaning, chain.place_of("outputs"))
     if n := chain.joints:

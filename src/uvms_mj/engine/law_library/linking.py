@@ -156,7 +156,10 @@ def emitted(text: str, target: Target) -> bytes:
     source = str(Path(__file__).parents[3])
     path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
-        [sys.executable, "-c", _EMIT, *words], input=text.encode(), capture_output=True, env={**os.environ, "PYTHONPATH": path}
+        [sys.executable, "-c", _EMIT, *words],
+        input=text.encode(),
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": path},
     )
     if done.returncode or not done.stdout:
         said = (done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"])[-1]

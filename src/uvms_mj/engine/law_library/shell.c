@@ -53,7 +53,8 @@ static void quiet(LAW *self)
 
 static void begin(LAW *self)
 {
-    int i, k, at = 0;
+    int k, at = 0;
+    unsigned i;
     union {
         uint64_t bits;
         double number;

@@ -4,7 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#define DEEP 16384
+#ifndef DEEP
+#define DEEP 65536 /* bytes of the stack that are looked at */
+#endif
 #define OUTPUTS ((int)(sizeof(law_command) / 8))
 
 static LAW instance;

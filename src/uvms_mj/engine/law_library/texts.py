@@ -41,19 +41,25 @@ def header(border: Border, name: str, about: str) -> str:
     groups = border.groups
     of_group = {group: ", ".join(e.name for e in border.measured if e.group == group) for group in groups}
     flags = "\n".join(f"#define LAW_{g.upper()} {bits[g]} /* {of_group[g]} */" for g in groups)
-    statuses = "\n".join(f"#define LAW_{word} {'(' if n < 0 else ''}{n}{')' if n < 0 else ''} /* {said} */" for word, (n, said) in STATUSES.items())
+    statuses = "\n".join(
+        f"#define LAW_{word} {'(' if n < 0 else ''}{n}{')' if n < 0 else ''} /* {said} */"
+        for word, (n, said) in STATUSES.items()
+    )
     guided = not border.reference
+    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after that of the last call */"
+    present = "    uint64_t present;".ljust(36) + " /* which of them are there: the sum of the constants above */"
+    saturated = "    uint64_t saturated;".ljust(36) + " /* 1 if a thrust is at its limit */"
     structs = [
-        _struct("law_measured", [
-            "    double t;".ljust(36) + " /* [s] time of the measurements, after that of the last call */",
-            "    uint64_t present;".ljust(36) + " /* which of them are there: the sum of the constants above */",
-            *_fields(border.measured),
-        ]),
+        _struct("law_measured", [time, present, *_fields(border.measured)]),
         *([] if guided else [_struct("law_reference", _fields(border.reference))]),
         _struct("law_settings", _fields(border.settings) if border.settings else ["    double unused;"]),
-        _struct("law_command", [*_fields(border.command), "    uint64_t saturated;".ljust(36) + " /* 1 if a thrust is at its limit */"]),
-    ]  # fmt: skip
-    neutral = [f"        command->{e.name}[k] = {border.neutral!r};" for e in border.command if e.name in ("pwm", "thruster_cmd")]
+        _struct("law_command", [*_fields(border.command), saturated]),
+    ]
+    neutral = [
+        f"        command->{e.name}[k] = {border.neutral!r};"
+        for e in border.command
+        if e.name in ("pwm", "thruster_cmd")
+    ]
     m = border.chain.thrusters
     text = _HEADER
     for word, value in {
@@ -199,7 +205,7 @@ def _runs(words: np.ndarray) -> Iterable[str]:
     lengths = np.diff(np.append(starts, len(words)))
     yield f"#define IMAGE_RUNS {len(starts)}\n"
     yield f"static const uint64_t image[IMAGE_RUNS] = {{\n{_words(words[starts])}}};\n"
-    yield f"static const unsigned short image_lengths[IMAGE_RUNS] = {{{', '.join(map(str, lengths.tolist()))}}};\n"
+    yield f"static const unsigned image_lengths[IMAGE_RUNS] = {{{', '.join(map(str, lengths.tolist()))}}};\n"
 
 
 def _of_law(border: Border, law: AsLaw | None) -> Iterable[str]:
@@ -239,7 +245,9 @@ def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
     segments, first, before = [], 0, 0
     for each in vectors.segments:
         last = repr(each.last)
-        segments.append(f'{{"{each.name}", {last}, {int(each.begun)}, {first}, {len(each.rows)}, {before}, {len(each.changes)}}}')
+        segments.append(
+            f'{{"{each.name}", {last}, {int(each.begun)}, {first}, {len(each.rows)}, {before}, {len(each.changes)}}}'
+        )
         first, before = first + len(each.rows), before + len(each.changes)
     places = ", ".join(str(place) for place, _ in changes) or "0"
     values = _words(np.array([value for _, value in changes] or [0], np.uint64))
@@ -270,23 +278,26 @@ def readme(border: Border, name: str, title: str, rows: Sequence[Sequence[str]],
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
     stages = ", ".join(link.name for link in chain.links)
-    guidance = "The reference is that of the scenario's guidance." if not border.reference else (
-        "You give the reference to each call, as `law_reference`."
+    guidance = (
+        "The reference is that of the scenario's guidance."
+        if not border.reference
+        else ("You give the reference to each call, as `law_reference`.")
     )
     reference = "" if not border.reference else "&reference, "
     linux = next((row[0] for row in rows), "x86_64")
-    return named(f"""# {name}: {title}
+    return named(
+        f"""# {name}: {title}
 
-One control system as a library in C99 and C++17, for the processor of a vehicle: from measurements to the thrust of each
-thruster{" and the pulse of its speed controller" if border.neutral is not None else ""}. Its stages are {stages}, the
-machine code of the run. {guidance} {bits}
+One control system as a library in C99 and C++17, for the processor of a vehicle: from measurements to the thrust of
+each thruster{" and the pulse of its speed controller" if border.neutral is not None else ""}. Its stages are {stages}:
+the machine code of the run. {guidance} {bits}
 
 | target | code | constants | record | stack | takes from the program |
 |---|---|---|---|---|---|
 {table}
 
-The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is that
-of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.
+The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is
+that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.
 
 ## Use
 
@@ -303,8 +314,8 @@ if (status < 0)                           /* the command is neutral: no thrust *
     report(law_text(status));
 ```
 
-Call it each {chain.period:g} s. A call that comes late says so (`LAW_LATE`); after {LONGEST_GAP} periods one call is refused.
-`law_reset` begins anew, `law_set` changes gains, and each function returns a status.
+Call it each {chain.period:g} s. A call that comes late says so (`LAW_LATE`); after {LONGEST_GAP} periods one call is
+refused. `law_reset` begins anew, `law_set` changes gains, and each function returns a status.
 
 ## Test
 
@@ -322,4 +333,6 @@ sensors and thrusters, is for you to show. There is no certification, no real-ti
 the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 
 Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests.
-""", name)
+""",
+        name,
+    )

@@ -1,5 +1,5 @@
-"""The control system of a run without its plant: the stages from the measurements to the commands of the thrusters, with
-a record of their own and one function that takes a period of them.
+"""The control system of a run without its plant: the stages from the measurements to the commands of the thrusters,
+with a record of their own and one function that takes a period of them.
 
 A stage is the function that the run calls, with records of the same layout. The record of the chain has those parts of
 the record of a run that its stages see, by the same names, and the stages' own records behind them. What the engine
@@ -25,7 +25,8 @@ from ...physics.kernels import kernel
 from ...stages.base import is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
-from .compilation import link, target_machine
+from .compilation import link as linked
+from .compilation import target_machine
 from .intrinsics import kernel_module, linked_stage_module
 from .loop import add_columns, begin_stage, check_command
 from .memory import call_code
@@ -271,8 +272,10 @@ class Chain:
         of_states = name in ("state", "state_dot")
         if of_states and ("state" not in (link.compiled.layout.names or ()) or not link.kinds[1].itemsize):
             return 0  # the whole record, or no state
-        return self.place_of("outputs") if link.function is commands_alone and name == "out" else self.place(
-            link.compiled.places[name]
+        return (
+            self.place_of("outputs")
+            if link.function is commands_alone and name == "out"
+            else self.place(link.compiled.places[name])
         )
 
     @property
@@ -354,7 +357,7 @@ class Here:
         module = llvm.parse_assembly(text.replace(" hidden ", " "))
         machine = target_machine()
         optimize(module, machine, machine.triple)
-        found = link(machine.emit_object(module), [entry], ["memset", "memmove", "memcpy"])
+        found = linked(machine.emit_object(module), [entry], ["memset", "memmove", "memcpy"])
         assert found is not None
         kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
         self._take, self._constants = kind(found[0]), np.frombuffer(chain.constants or bytes(8), np.uint8)
@@ -386,7 +389,9 @@ def refuse(stages: Any) -> None:
         key, stage = f"{compiled.stage.room.table}.name", compiled.stage
         suffix = suffix_of(type(stage))
         if suffix == ".fmu":
-            faults.append(Fault(key, f"{stage.label()} is an FMU, a library for this machine; export a law in Python or C"))
+            faults.append(
+                Fault(key, f"{stage.label()} is an FMU, a library for this machine; export a law in Python or C")
+            )
         elif suffix not in ("", ".c"):
             wrong = f"{stage.label()} is machine code for this machine alone; export it from its source, a file in C"
             faults.append(Fault(key, wrong))
@@ -395,4 +400,3 @@ def refuse(stages: Any) -> None:
             faults.append(Fault(key, wrong))
     if faults:
         raise InputError(faults, "export law")
-
