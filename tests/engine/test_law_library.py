@@ -92,7 +92,7 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
         f"__aeabi_mem{n}{k}" for n in ("cpy", "move", "clr", "set") for k in ("", 4, 8)
     }
     assert set(made.undefined) <= moves
-    assert made.code < 22_000
+    assert made.code < 16_000
     assert library.record < 12_000
 
 

@@ -274,6 +274,8 @@ def export_law(
             library = write_library(scenario, folder, chosen, name, guided, not no_test)
         finally:
             remove_if_empty(made)
+        if library.left:
+            warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
         for each in library.targets:
             sizes = f"code {each.code} bytes, constants {each.constants}, record {library.record}"
             ran = f"; {each.equal} of {library.steps} steps equal, stack {each.stack}" if each.equal is not None else ""

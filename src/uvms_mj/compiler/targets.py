@@ -14,6 +14,7 @@ class Target:
         assembly: whether its code is text; otherwise it is an object file.
         library: prefix of its names for the functions of the C library.
         reloc: how addresses are found: "pic" for a shared library.
+        compact: whether small code counts more than its speed.
         codemodel: how far apart code and data may be: "small" for an object that a linker takes.
     """
 
@@ -24,6 +25,7 @@ class Target:
     library: str = ""
     reloc: str = "default"
     codemodel: str = "jitdefault"
+    compact: bool = False
 
     def machine(self) -> llvm.TargetMachine:
         llvm.initialize_all_targets()
@@ -34,7 +36,7 @@ class Target:
     def code(self, module: llvm.ModuleRef, level: int = 1) -> bytes:
         """The code of a module, which it optimizes."""
         machine = self.machine()
-        optimize(module, machine, self.triple, level)
+        optimize(module, machine, self.triple, level, self.compact)
         return machine.emit_assembly(module).encode() if self.assembly else machine.emit_object(module)
 
 
@@ -45,7 +47,7 @@ X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
 """Of a shared library, for any processor of the last fifteen years."""
 
 
-def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1) -> None:
+def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1, compact: bool = False) -> None:
     """Optimize a module for a processor."""
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
@@ -55,6 +57,8 @@ def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, l
     # higher levels take twice as long and make no step faster
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
     tuning.inlining_threshold = 50
+    if compact:
+        tuning.size_level, tuning.loop_unrolling = 1, False
     passes = llvm.create_pass_builder(machine, tuning)
     first.run(module, passes)
     passes.getModulePassManager().run(module, passes)

@@ -19,7 +19,7 @@ from ...files import atomic_write
 from ...scenario import Scenario
 from ...stages.foreign import is_c_name
 from ..engines import refusals
-from ..native.chain import Chain
+from ..native.chain import Chain, refuse
 from ..native.net import FIRST
 from ..simulation import Simulation
 from . import as_law, linking, texts
@@ -58,12 +58,13 @@ class Made:
 @dataclass(frozen=True)
 class Library:
     """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
-    steps, and the library of each target."""
+    steps, the stages of the scenario that it leaves behind, and the library of each target."""
 
     name: str
     record: int
     period: float
     steps: int
+    left: list[str]
     targets: list[Made]
 
 
@@ -94,6 +95,7 @@ def write_library(
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, _HEADER_WORDS) else None
         text = chain.module(f"{name}_chain")
         steps = recorded(sim, border, text, f"{name}_chain")
+        refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
     title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
     files = {
         f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
@@ -114,7 +116,7 @@ def write_library(
         }.items():
             (place / file).write_text(content, encoding="utf-8")
         made = [_made(MACHINES[each], each, chain, text, name, place, new, test) for each in targets]
-        library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, made)
+        library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made)
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
@@ -218,6 +220,7 @@ def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, An
             "layout": f"{border.layout:#x}",
             "record_sha256": _digest(chain.image.tobytes()),
             "recorded_steps": library.steps,
+            "left_behind": library.left,
         },
         "sources": {
             link.name: {"source": Path(file).name, "sha256": _digest(Path(file).read_bytes())}

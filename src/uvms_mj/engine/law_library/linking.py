@@ -39,7 +39,7 @@ class Machine:
 
 
 def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
-    return Target(triple, processor, features, reloc=reloc, codemodel="small")
+    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True)
 
 
 _ARM = ("-target", "arm-linux-musleabihf")
@@ -144,7 +144,7 @@ _EMIT = """
 import sys
 import llvmlite.binding as llvm
 from uvms_mj.compiler.targets import Target
-target = Target(*sys.argv[1:4], reloc=sys.argv[4], codemodel=sys.argv[5])
+target = Target(*sys.argv[1:4], reloc=sys.argv[4], codemodel=sys.argv[5], compact=True)
 sys.stdout.buffer.write(target.code(llvm.parse_assembly(sys.stdin.read())))
 """
 

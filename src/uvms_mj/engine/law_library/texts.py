@@ -284,13 +284,14 @@ def readme(border: Border, name: str, title: str, rows: Sequence[Sequence[str]],
         else ("You give the reference to each call, as `law_reference`.")
     )
     reference = "" if not border.reference else "&reference, "
+    left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
     linux = next((row[0] for row in rows), "x86_64")
     return named(
         f"""# {name}: {title}
 
 One control system as a library in C99 and C++17, for the processor of a vehicle: from measurements to the thrust of
 each thruster{" and the pulse of its speed controller" if border.neutral is not None else ""}. Its stages are {stages}:
-the machine code of the run. {guidance} {bits}
+the machine code of the run. {left}{guidance} {bits}
 
 | target | code | constants | record | stack | takes from the program |
 |---|---|---|---|---|---|

@@ -300,6 +300,17 @@ class Chain:
         """Whether a stage is in the chain."""
         return any(link.name == name for link in self.links)
 
+    @property
+    def left(self) -> list[str]:
+        """The stages of the run, as a scenario names them, that stand for the vehicle and its sensors and are not in
+        the chain."""
+        there = {link.name for link in self.links if link.function is not commands_alone}
+        named, simple = self.stages.scenario.named_stages, ("perfect", "none", "ideal")
+        chosen = [table for table in self.stages.stages if table not in there and table.partition("[")[0] in named]
+        labels = [(table, self.stages.stages[table].stage.label()) for table in chosen]
+        words = {"thrusters": "lag and losses of thrusters"} if self.pulses else {}
+        return [f"{words.get(table, table)} {label}" for table, label in labels if label not in simple]
+
     def settings_place(self, link: Link) -> int:
         """The place of the settings of a stage."""
         return self._moved(link, "settings")
