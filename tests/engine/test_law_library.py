@@ -377,6 +377,17 @@ def test_a_law_in_c_is_compiled_for_the_target(tmp_path):
 
 
 @pytest.mark.slow
+def test_functions_of_the_targets_c_library_are_named(tmp_path):
+    """Their last digits may be others there, so that the test does not run here."""
+    (tmp_path / "my_law.c").write_text(MY_LAW.replace("tau_cmd[i] =", "tau_cmd[i] = exp(-signals->t) *"))
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    library = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", ["x86_64"])
+    assert library.targets[0].foreign == ["exp"]
+    assert library.targets[0].equal is None
+    assert "takes exp from the program's C library" in (tmp_path / "out" / "README.md").read_text()
+
+
+@pytest.mark.slow
 def test_the_caller_gives_the_reference(tmp_path):
     """The library has no guidance: its recorded steps have the reference of the run's."""
     library = write_library(scenario("gsta", SOFT), tmp_path, ["x86_64"], guided=False)

@@ -277,6 +277,9 @@ def export_law(
         if library.left:
             warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
         for each in library.targets:
+            if each.foreign:
+                of = f"{each.target}: the law's C takes {', '.join(each.foreign)} from the C library there"
+                warn(f"{of}; test.c says on the target whether its bits are those of the run")
             sizes = f"code {each.code} bytes, constants {each.constants}, record {library.record}"
             ran = f"; {each.equal} of {library.steps} steps equal, stack {each.stack}" if each.equal is not None else ""
             click.echo(f"{folder / next(iter(each.files))}: {sizes}{ran}")

@@ -47,7 +47,9 @@ X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
 """Of a shared library, for any processor of the last fifteen years."""
 
 
-def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1, compact: bool = False) -> None:
+def optimize(
+    module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1, compact: bool = False
+) -> None:
     """Optimize a module for a processor."""
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()

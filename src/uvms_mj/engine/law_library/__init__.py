@@ -54,6 +54,11 @@ class Made:
     stack: int | None = None
     said: str = ""
 
+    @property
+    def foreign(self) -> list[str]:
+        """The functions that it takes from a C library of the target, with which its bits may differ."""
+        return sorted(set(self.undefined) - linking.HELPERS)
+
 
 @dataclass(frozen=True)
 class Library:
@@ -92,7 +97,7 @@ def write_library(
     with _simulation(scenario) as sim:
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
-        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, _HEADER_WORDS) else None
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, scenario, _HEADER_WORDS) else None
         text = chain.module(f"{name}_chain")
         steps = recorded(sim, border, text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
@@ -124,7 +129,7 @@ def write_library(
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library)))
-        _write(new / "README.md", _readme(border, library, title, steps))
+        _write(new / "README.md", _readme(border, library, title, steps, law is not None))
         shutil.copytree(new, folder, dirs_exist_ok=True)
     return library
 
@@ -161,7 +166,7 @@ def _made(
     code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
     found = Made(target, files, code, constants, tuple(undefined))
     emulator = linking.emulator(machine) if test else None
-    if emulator is None:
+    if emulator is None or found.foreign:
         return found
     program = linking.program(machine, libraries[0], folder, place)
     done = subprocess.run([*emulator, str(program)], capture_output=True)
@@ -241,7 +246,7 @@ def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, An
     }
 
 
-def _readme(border: Border, library: Library, title: str, steps: Vectors) -> str:
+def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool) -> str:
     rows = [
         (
             each.target,
@@ -261,9 +266,13 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors) -> str
     )
     made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
     bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."
+    foreign = sorted({word for each in library.targets for word in each.foreign})
+    if foreign:
+        bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."
     if (apart := steps.apart) > 0.0:
         bits = (
             "Its numbers are the same on every processor that keeps IEEE arithmetic. Those of the run differ by up to "
             f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
         )
-    return texts.readme(border, library.name, title, rows, made, bits)
+    again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
+    return texts.readme(border, library.name, title, rows, made, bits, again)

@@ -57,12 +57,13 @@ MOST = 10_000
 """Numbers that the memory of a stage may have."""
 
 
-def fits(border: Border, header_words: int) -> bool:
-    """Whether a law of a run is given all that the library measures, pose, velocity and force at B, and its memory has
-    room for an instance."""
+def fits(border: Border, scenario: Scenario, header_words: int) -> bool:
+    """Whether a law of a run is called at the library's period and given all that it measures, pose, velocity and force
+    at B, and its memory has room for an instance."""
     chain = border.chain
     small = 2 * (header_words + chain.kind.itemsize // 8) <= MOST
-    return chain.measured == "signals" and not chain.joints and small
+    due = abs(chain.period - scenario.control_period) < 1e-9
+    return chain.measured == "signals" and not chain.joints and small and due
 
 
 def _default(law: Controller, entry: Entry) -> Any:

@@ -74,6 +74,10 @@ MACHINES = {
         "arm",
     ),
 }
+_FREESTANDING = Path(__file__).with_name("freestanding")
+HELPERS = {"memcpy", "memmove", "memset", "__aeabi_d2lz", "__aeabi_l2d", "__aeabi_ldivmod"}
+HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
+"""Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
 _C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
 _C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-pointer", "-w")
 
@@ -176,6 +180,8 @@ def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, ou
     made = [archive]
     if machine.shared:
         shared = out / f"lib{name}.so"
+        if machine.emulator == "arm":
+            objects = [*objects, compiled_c(machine, str(_FREESTANDING / "arm.c"), folder, ("-fvisibility=hidden",))]
         links = [*zig(), "ld.lld", "-shared", "--gc-sections", "--build-id=none", "-soname", shared.name]
         run([*links, "-z", "noexecstack", *objects, "-o", str(shared.resolve())], folder)
         made.append(shared)
@@ -239,12 +245,13 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
 def program(machine: Machine, archive: Path, sources: Path, folder: Path) -> Path:
     """A static program of the test in ``sources`` for qemu-user, or for this processor, with a C library of some
     functions: one that ziglang builds takes minutes the first time."""
-    here = Path(__file__).with_name("freestanding")
-    common = ("-fno-builtin", "-ffunction-sections", "-I", str(here))
+    common = ("-fno-builtin", "-ffunction-sections", "-I", str(_FREESTANDING))
     options = tuple(each for each in machine.zig if each != "-fPIC")
-    for source in (sources.resolve() / "test.c", here / "libc.c"):
+    files = [sources.resolve() / "test.c", _FREESTANDING / "libc.c"]
+    files += [_FREESTANDING / "arm.c"] if machine.emulator == "arm" else []
+    for source in files:
         run([*zig(), "cc", *options, *_C, *common, "-c", str(source), "-o", f"{source.stem}.o"], folder)
-    objects = ["test.o", "libc.o", str(archive.resolve())]
+    objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
     run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", "test"], folder)
     return folder / "test"
 

@@ -272,8 +272,17 @@ static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
     return named(text, name)
 
 
-def readme(border: Border, name: str, title: str, rows: Sequence[Sequence[str]], made: Sequence[str], bits: str) -> str:
-    """The page beside a library. ``rows`` are those of the table of targets."""
+def readme(
+    border: Border,
+    name: str,
+    title: str,
+    rows: Sequence[Sequence[str]],
+    made: Sequence[str],
+    bits: str,
+    again: Sequence[str],
+) -> str:
+    """The page beside a library. ``rows`` are those of the table of targets; ``again`` are the targets whose
+    library can be a law of a run."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
@@ -285,6 +294,14 @@ def readme(border: Border, name: str, title: str, rows: Sequence[Sequence[str]],
     )
     reference = "" if not border.reference else "&reference, "
     left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
+    law = ""
+    if again:
+        run = (
+            f"uvms-mj run --controller {again[0]}/lib{name}.so:{name}{SUFFIX} --set controller.period={chain.period:g}"
+        )
+        law = (
+            f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
+        )
     linux = next((row[0] for row in rows), "x86_64")
     return named(
         f"""# {name}: {title}
@@ -327,7 +344,7 @@ cc -std=c99 test.c {linux}/lib{name}.a -o test && ./test     # on the target; 0:
 It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the first number and the bit that differs.
 {made[2]}
 
-## What is not promised
+{law}## What is not promised
 
 The numbers are those of the simulation, for the same measurements. That the law is stable on your vehicle, with your
 sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
