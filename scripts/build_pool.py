@@ -40,8 +40,6 @@ from uvms_mj.views.colours import legible
 SOURCES = Path(__file__).parents[1] / "docs" / "pool"
 LAWS = ("gsta", "fosm", "impedance")
 DAMPING = "uvms_mj_damping"
-LIBRARY = ("exp", "log", "sin", "cos")
-"""The functions of the C library that JavaScript's Math gives to the module."""
 SAMPLE_S = 0.002
 """Time from one sample of a plot to the next [s]."""
 
@@ -228,8 +226,7 @@ def module(loops: Loops) -> bytes:
         for name, code in objects.items():
             Path(folder, name).write_bytes(code)
         exports = [f"--export={name}" for name in (STEPS, DAMPING, "__heap_base")]
-        (allowed := Path(folder, "library")).write_text("\n".join(LIBRARY), encoding="utf-8")
-        options = ["--no-entry", "--strip-all", f"--allow-undefined-file={allowed}", *exports]
+        options = ["--no-entry", "--strip-all", *exports]
         command = [sys.executable, "-m", "ziglang", "wasm-ld", *options, *objects, "-o", "pool.wasm"]
         subprocess.run(command, cwd=folder, check=True)
         return Path(folder, "pool.wasm").read_bytes()
@@ -263,7 +260,6 @@ def data() -> dict[str, Any]:
         "wasm": packed(module(loops)),
         "images": {law: packed(image.tobytes()) for law, image in loops.images.items()},
         "entries": {"steps": STEPS, "damping": DAMPING},
-        "library": list(LIBRARY),
         "fields": fields,
         "keys": keys,
         "lists": {name: list(_default(scenario, name)) for name in sorted(lists)},

@@ -14,6 +14,7 @@ from PIL import Image
 from chromium import Chromium, needs_chromium
 from symbols import undefined
 from uvms_mj import Scenario, simulate
+from uvms_mj.engine.native.other_targets import STEPS
 from uvms_mj.views.colours import LAWS as COLOURS
 from uvms_mj.views.colours import legible
 
@@ -88,8 +89,10 @@ def native(law, values, seconds):
     return samples(simulate(scenario, engine="free_body", log_rate=1.0 / build_pool.SAMPLE_S))
 
 
-def test_the_module_uses_four_functions_of_mathematics_and_nothing_else(loops):
-    assert undefined(build_pool.module(loops)) == set(build_pool.LIBRARY)
+def test_the_module_uses_nothing_of_the_browser(loops):
+    module = build_pool.module(loops)
+    assert undefined(module) == set()
+    assert STEPS.encode() in module
 
 
 @needs_chromium
@@ -116,28 +119,13 @@ def test_another_desired_stiffness_brings_its_damping(browser, loops):
     assert np.array_equal(start, expected)
 
 
-def has_the_mathematics_of_this_machine(browser) -> bool:
-    """Whether the browser's exp, sine and cosine have the last bits of the C library's, where the loop uses them."""
-    arguments = {
-        "exp": -np.linspace(0.0, 38.0, 20_000),
-        **dict.fromkeys(("sin", "cos"), np.linspace(0.0, 1e-4, 20_000)),
-    }
-    theirs = {name: browser.evaluate(f"{x.tolist()}.map(Math.{name})") for name, x in arguments.items()}
-    return all([getattr(math, name)(each) for each in x] == theirs[name] for name, x in arguments.items())
-
-
 @needs_chromium
 @pytest.mark.parametrize("law", LAWS)
 def test_the_default_run_is_that_of_free_body_bit_for_bit(browser, law):
-    """20 s. An older browser has an exp whose last bit differs for every tenth argument; the impacts magnify it."""
+    """20 s."""
     here, there = run_of_the_page(browser, law, {}, 20.0)[0], native(law, {}, 20.0)
     assert there[:, 1].max() > 10.0 or law == "impedance"
-    if has_the_mathematics_of_this_machine(browser):
-        assert np.array_equal(here, there)
-        return
-    assert np.abs(here[:, 2:9] - there[:, 2:9]).max() < 1e-8
-    assert np.abs(here[:, 1] - there[:, 1]).max() < 1e-3
-    assert np.abs(here[-1] - there[-1]).max() < 1e-9
+    assert np.array_equal(here, there)
 
 
 RESTS = [
@@ -187,8 +175,7 @@ def test_numbers_change_during_a_run_as_those_of_a_simulation(browser):
     run.run(round(2.0 / build_pool.SAMPLE_S * every), math.inf)
     there = [run._memory.run["true"][name][0] for name in ("p_WB", "quat_WB")]
     assert here[-1, 0] == run._memory.run["t"][0] == 9.0
-    exact = has_the_mathematics_of_this_machine(browser)
-    assert np.abs(here[-1, 2:9] - np.concatenate(there)).max() <= (0.0 if exact else 1e-8)
+    assert np.array_equal(here[-1, 2:9], np.concatenate(there))
 
 
 def colours_in(png: bytes) -> np.ndarray:

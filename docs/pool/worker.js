@@ -13,8 +13,7 @@ async function inflated(text) {
 
 async function load(given) {
   data = given;
-  const library = Object.fromEntries(data.library.map((name) => [name, Math[name]]));
-  const { instance } = await WebAssembly.instantiate(await inflated(data.wasm), { env: library });
+  const { instance } = await WebAssembly.instantiate(await inflated(data.wasm));
   for (const [name, packed] of Object.entries(data.images)) images[name] = await inflated(packed);
   const { memory, __heap_base: end } = instance.exports;
   const most = Math.max(...Object.values(images).map((image) => image.length));

@@ -140,7 +140,7 @@ def total(*values):
 
 
 def comprehensions(g, o):
-    o.x[:] = np.array([math.sin(a) * i for i, a in enumerate(g.x)])
+    o.x[:] = np.array([math.sqrt(abs(a)) * i for i, a in enumerate(g.x)])
     o.s[:6] = [a if a > 0.0 else 0.0 for a in g.y]
     o.s[6] = sum(a * b for a, b in zip(g.x, g.y, strict=True))
     o.s[7] = 1.0 + all(abs(a) < 2.0 for a in g.x) + any(a > 1.0 for a in g.x) + all([])

@@ -155,7 +155,7 @@ def test_a_simple_formula_does_not_hold_with_them(tmp_path):
 def test_a_run_of_a_fleet_is_one_of_free_body(tmp_path):
     base = Scenario.load("push_wall", {"vehicle.model": file_of(tmp_path, "Xuv -2 Yr|r| 0.6")})
     fleet = Fleet(base, 2, signals=("p_WB", "nu", "tau_dist"), device="cpu")
-    fleet.library, speeds = "", [0.2, 0.6]
+    speeds = [0.2, 0.6]
     fleet.reset({"current.speed": np.array(speeds)})
     fleet.step(100)
     for i, speed in enumerate(speeds):

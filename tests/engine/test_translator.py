@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from uvms_mj.compiler.libm import exp, sin
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.scenario import Scenario
@@ -45,7 +46,7 @@ def numbers(data, out):
     out.x[0], out.x[1], out.x[2] = x + y, x - y, x * y / 3.0
     out.x[3], out.x[4] = min(x, y), max(x, y)
     out.x[5], out.x[6] = abs(x), np.sign(y)
-    out.x[7] = math.sqrt(data.parts[1].v[2]) + math.exp(-data.parts[1].v[2]) * math.sin(0.5 * data.parts[1].v[3])
+    out.x[7] = math.sqrt(data.parts[1].v[2]) + exp(-data.parts[1].v[2]) * sin(0.5 * data.parts[1].v[3])
     chosen = data.parts[0]
     if x < y or x != x:
         chosen = data.parts[1]

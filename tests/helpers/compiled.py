@@ -12,6 +12,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from uvms_mj.compiler.refusals import place
+from uvms_mj.compiler.targets import inline_libm
 from uvms_mj.compiler.unit import Unit, translate
 from uvms_mj.engine.native.compilation import target_machine
 
@@ -31,6 +32,7 @@ class Compiled:
         module = llvm.parse_assembly(self.text)
         machine = target_machine()
         module.triple, module.data_layout = llvm.get_process_triple(), str(machine.target_data)
+        inline_libm(module)
         module.verify()
         passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
         passes.getModulePassManager().run(module, passes)

@@ -32,10 +32,8 @@ class Module:
             A function then returns 0, or a number that says why and where it ended early (:mod:`.refusals`).
         intrinsics: functions with code of their own, which get their arguments as integers, an array by its address.
         instead: functions that others replace.
-        own: functions of the project in place of those of the C library, by their names in C.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
-        library: prefix of the target's names for the functions of the C library.
         cells: the record whose numbers are known, or in cells (:mod:`.cells`); otherwise None.
         unrolled: up to so many elements are written out one by one; more are a loop.
         left_out: files and lines of statements that are not translated, in search of what else a function lacks.
@@ -48,15 +46,14 @@ class Module:
     intrinsics: Mapping[Any, Intrinsic] = field(default_factory=dict)
     fused: Collection[Any] = ()
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
-    library: str = ""
     cells: Any = None
     unrolled: int = UNROLLED
     instead: Mapping[Any, Any] = field(default_factory=dict)
-    own: Mapping[str, Any] = field(default_factory=dict)
     left_out: Collection[tuple[str, int]] = ()
 
     def __post_init__(self) -> None:
         self.module = ir.Module(self.name)
+        self.own: Mapping[str, Any] = {}  # the functions of libm, by their names in C
         self.frame, self.files = 0, list[str]()
         self._constants: dict[tuple, ir.Value] = {}
         self.within: dict[tuple, tuple[types.FunctionType, tuple[str, ...]]] = {}  # functions within functions

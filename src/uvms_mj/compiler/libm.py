@@ -17,7 +17,6 @@ import numpy as np
 
 from .arrays import Arrays
 from .builtin import entry
-from .scalars import OWN
 from .values import DOUBLE, FLOAT, INT, WORD, Value, scalar
 
 INF, NAN = math.inf, math.nan
@@ -376,6 +375,126 @@ def tanh(x):
     return -t if x < 0.0 else t
 
 
+# the error function
+
+_ROOT_PI = math.isqrt(_PI << _PLACES)
+SLOPE, SLOPE_LOW = _in_two(2 * _ONE * _ONE // _ROOT_PI)
+"""2 / sqrt(pi)."""
+PER_ROOT_PI, PER_ROOT_PI_LOW = _in_two(_ONE * _ONE // _ROOT_PI)
+_NODES = range(8, 33)
+
+
+def _error(k: int) -> int:
+    """The error function of k / 16, by its series."""
+    term, total, n = _ONE * k // 16, 0, 0
+    while term:
+        total += (-term if n % 2 else term) // (2 * n + 1)
+        n += 1
+        term = term * k * k // (256 * n)
+    return 2 * _ONE * total // _ROOT_PI
+
+
+def _slope(k: int) -> int:
+    """2 / sqrt(pi) exp(-x^2), the slope of the error function, at x = k / 16."""
+    term, total, n = 2 * _ONE * _ONE // _ROOT_PI, 0, 0
+    while term:
+        total += -term if n % 2 else term
+        n += 1
+        term = term * k * k // (256 * n)
+    return total
+
+
+_AT_NODES = [(_in_two(_ONE - _error(k)), _in_two(_slope(k))) for k in _NODES]
+ERFC, ERFC_LOW = (tuple(each[0][k] for each in _AT_NODES) for k in (0, 1))
+ERFC_SLOPE, ERFC_SLOPE_LOW = (tuple(each[1][k] for each in _AT_NODES) for k in (0, 1))
+"""1 - erf(x) and the slope of erf at x = 1/2, 9/16, ... 2, each in two parts."""
+
+
+def erf_in_parts(x):
+    """The error function of |x| < 0.54, in two parts."""
+    z = x * x
+    p = 1.0 / 685440.0 + z * (-1.0 / 6894720.0 + z * (1.0 / 76204800.0 - z / 918086400.0))
+    p = 1.0 / 216.0 + z * (-1.0 / 1320.0 + z * (1.0 / 9360.0 + z * (-1.0 / 75600.0 + z * p)))
+    q = z * (-1.0 / 3.0 + z * (0.1 + z * (-1.0 / 42.0 + z * p)))
+    y, rest = exact_product(x, SLOPE)
+    return y, rest + x * SLOPE_LOW + y * q
+
+
+def erfc_in_parts(x):
+    """1 - erf(x) of x between 0.5 and 2, in two parts: the nearest number of a table, and the area up to x. Its height
+    is exp(-2 c t - t^2) times that at c, and g has the parts of its series."""
+    s = x * 16.0 + MAGIC
+    j = whole_of(s) - 8
+    c = (s - MAGIC) * 0.0625
+    t = x - c
+    before, g, power, area = 0.0, 1.0, t, 0.0
+    for n in range(1, 13):
+        before, g = g, -2.0 * (c * g + before) / n
+        power *= t
+        area += g * power / (n + 1)
+    d, rest = exact_product(t, ERFC_SLOPE[j])
+    low = rest + t * ERFC_SLOPE_LOW[j] + area * ERFC_SLOPE[j]
+    y = ERFC[j] - d
+    return y, ((ERFC[j] - y) - d) + (ERFC_LOW[j] - low)
+
+
+def erfc_far(x):
+    """1 - erf(x) of x between 2 and 28: exp(-x^2) / sqrt(pi) / (x + 1/2 / (x + 1 / (x + 3/2 / (x + ...))))."""
+    f = x
+    for k in range(80, 1, -1):
+        f = x + 0.5 * k / f
+    q, q_low = ratio(0.5, 0.0, f, 0.0)
+    d = x + q
+    d_low = ((x - d) + q) + q_low
+    p, rest = exact_product(x, x)
+    y, y_low, e = exp_in_parts(-p, -rest)
+    top, top_low = exact_product(y, PER_ROOT_PI)
+    y, y_low = ratio(top, top_low + (y * PER_ROOT_PI_LOW + y_low * PER_ROOT_PI), d, d_low)
+    return y, y_low, e
+
+
+def erf(x):
+    """The error function."""
+    a = abs(x)
+    if a < 0.5:
+        y, y_low = erf_in_parts(x)
+        return y + y_low if a > 1e-290 else x * SLOPE
+    if a != a:
+        return x
+    if a > 6.0:
+        t = 1.0
+    elif a < 2.0:
+        y, y_low = erfc_in_parts(a)
+        h = 1.0 - y
+        t = h + (((1.0 - h) - y) - y_low)
+    else:
+        y, y_low, e = erfc_far(a)
+        t = 1.0 - scaled(y, y_low, e)
+    return -t if x < 0.0 else t
+
+
+def erfc(x):
+    """1 - erf(x)."""
+    a = abs(x)
+    if a != a:
+        return x
+    if a < 0.5:
+        y, y_low = erf_in_parts(x)
+        h = 1.0 - y
+        return h + (((1.0 - h) - y) - y_low)
+    if a > 27.5:
+        return 2.0 if x < 0.0 else 0.0
+    if a < 2.0:
+        y, y_low = erfc_in_parts(a)
+        if x > 0.0:
+            return y + y_low
+        h = 2.0 - y
+        return h + (((2.0 - h) - y) - y_low)
+    y, y_low, e = erfc_far(a)
+    t = scaled(y, y_low, e)
+    return 2.0 - t if x < 0.0 else t
+
+
 # logarithms
 
 
@@ -678,44 +797,36 @@ def rest_of(a, b):
 
 def reduced(x):
     """The quarter of a turn in which x is, and how far it is in it, up to pi / 4, in two parts."""
-    if abs(x) < 1e6:
-        s = x * PER_HALF_PI + MAGIC
-        k = s - MAGIC
-        w = x - k * PI_A
-        t = k * PI_B
-        hi = w - t
-        b = hi - w
-        lo = ((w - (hi - b)) - (t + b)) - k * PI_C
-        r = hi + lo
-        return whole_of(s), r, (hi - r) + lo
+    if not abs(x) < 1e6:
+        return reduced_far(x)
+    s = x * PER_HALF_PI + MAGIC
+    k = s - MAGIC
+    w = x - k * PI_A
+    t = k * PI_B
+    hi = w - t
+    b = hi - w
+    lo = ((w - (hi - b)) - (t + b)) - k * PI_C
+    r = hi + lo
+    return whole_of(s), r, (hi - r) + lo
+
+
+def reduced_far(x):
+    """As :func:`reduced`, of any finite number."""
     word = bits(x)
     m = (word & MANTISSA) | (1 << 52)
     m_0, m_1 = m & LIMB, m >> 32
     # the digits of 2 / pi that give whole turns are left out
     place = ((word >> 52) & 2047) - (1075 - 33)
     at, by = (place >> 5) & 31, 32 - (place & 31)
-    w_0 = (((TWO_PER_PI[at] << 32) | TWO_PER_PI[at + 1]) >> by) & LIMB
-    w_1 = (((TWO_PER_PI[at + 1] << 32) | TWO_PER_PI[at + 2]) >> by) & LIMB
-    w_2 = (((TWO_PER_PI[at + 2] << 32) | TWO_PER_PI[at + 3]) >> by) & LIMB
-    w_3 = (((TWO_PER_PI[at + 3] << 32) | TWO_PER_PI[at + 4]) >> by) & LIMB
-    w_4 = (((TWO_PER_PI[at + 4] << 32) | TWO_PER_PI[at + 5]) >> by) & LIMB
-    w_5 = (((TWO_PER_PI[at + 5] << 32) | TWO_PER_PI[at + 6]) >> by) & LIMB
-    c = w_5 * m_0
-    c = w_4 * m_0 + ((c >> 32) & LIMB)
-    d = w_5 * m_1 + (c & LIMB)
-    p_4 = d & LIMB
-    c = w_3 * m_0 + ((c >> 32) & LIMB)
-    d = w_4 * m_1 + (c & LIMB) + ((d >> 32) & LIMB)
-    p_3 = d & LIMB
-    c = w_2 * m_0 + ((c >> 32) & LIMB)
-    d = w_3 * m_1 + (c & LIMB) + ((d >> 32) & LIMB)
-    p_2 = d & LIMB
-    c = w_1 * m_0 + ((c >> 32) & LIMB)
-    d = w_2 * m_1 + (c & LIMB) + ((d >> 32) & LIMB)
-    p_1 = d & LIMB
-    c = w_0 * m_0 + ((c >> 32) & LIMB)
-    d = w_1 * m_1 + (c & LIMB) + ((d >> 32) & LIMB)
-    p_0 = d & LIMB
+    w = (((TWO_PER_PI[at + 5] << 32) | TWO_PER_PI[at + 6]) >> by) & LIMB
+    c, d = w * m_0, 0
+    p_0, p_1, p_2, p_3, p_4 = 0, 0, 0, 0, 0
+    for k in range(4, -1, -1):  # the product from its end, two of its parts a turn, of which one goes on
+        before = w
+        w = (((TWO_PER_PI[at + k] << 32) | TWO_PER_PI[at + k + 1]) >> by) & LIMB
+        c = w * m_0 + ((c >> 32) & LIMB)
+        d = before * m_1 + (c & LIMB) + ((d >> 32) & LIMB)
+        p_0, p_1, p_2, p_3, p_4 = d & LIMB, p_0, p_1, p_2, p_3
     quarter = p_0 >> 30
     f_0 = ((p_0 << 2) | (p_1 >> 30)) & LIMB
     f_1 = ((p_1 << 2) | (p_2 >> 30)) & LIMB
@@ -753,37 +864,30 @@ def cosine(r, low):
     return w, ((1.0 - w) - h) + (z * z * q - r * low)
 
 
+def sincos(x):
+    """The sine and the cosine."""
+    a = abs(x)
+    n, r, low = 0, x, 0.0
+    if not a < QUARTER_PI:
+        if not a < INF:
+            return NAN, NAN
+        n, r, low = reduced(x)
+    s = r + sine(r, low) if a > 2.0**-27 else x
+    c, c_low = cosine(r, low)
+    c += c_low
+    if n & 1:
+        s, c = c, s
+    return -s if n & 2 else s, -c if (n + 1) & 2 else c
+
+
 def sin(x):
     """The sine."""
-    a = abs(x)
-    if a < QUARTER_PI:
-        return x if a < 2.0**-27 else x + sine(x, 0.0)
-    if not a < INF:
-        return NAN
-    n, r, low = reduced(x)
-    if n & 1:
-        y, y_low = cosine(r, low)
-        y += y_low
-    else:
-        y = r + sine(r, low)
-    return -y if n & 2 else y
+    return sincos(x)[0]
 
 
 def cos(x):
     """The cosine."""
-    a = abs(x)
-    if a < QUARTER_PI:
-        y, y_low = cosine(x, 0.0)
-        return y + y_low
-    if not a < INF:
-        return NAN
-    n, r, low = reduced(x)
-    if n & 1:
-        y = r + sine(r, low)
-    else:
-        y, y_low = cosine(r, low)
-        y += y_low
-    return -y if (n + 1) & 2 else y
+    return sincos(x)[1]
 
 
 def tan(x):
@@ -796,10 +900,12 @@ def tan(x):
     n, r, low = 0, x, 0.0
     if a >= QUARTER_PI:
         n, r, low = reduced(x)
-    s_low = sine(r, low)
+    _, rest = exact_product(r, r)  # what the square of r lacks
+    s_low = sine(r, low) + S_1 * r * rest
     s = r + s_low
     s_low = (r - s) + s_low
     w, w_low = cosine(r, low)
+    w_low -= 0.5 * rest
     c = w + w_low
     c_low = (w - c) + w_low
     if n & 1:
@@ -931,9 +1037,10 @@ FUNCTIONS: dict[str, types.FunctionType] = {
     each.__name__: each
     for each in (
         *(exp, exp2, expm1, log, log2, log10, log1p, pow, cbrt, hypot, fmod),
+        *(erf, erfc),
         *(sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh),
     )
 }
 """The functions, by their names in C."""
-
-__all__ = ["FUNCTIONS", "OWN"]
+CODE = {"sincos": sincos} | {name: function for name, function in FUNCTIONS.items() if name not in ("sin", "cos")}
+"""The functions that machine code calls."""

@@ -11,6 +11,7 @@ from llvmlite import ir
 from . import library
 from .emission import Emission
 from .refusals import CONVERSION, DIVISION, OVERFLOW
+from .targets import LIBM
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
@@ -23,11 +24,21 @@ _COMPARED: dict[str, Callable[[Any, Any], bool]] = {
 }
 _INSTRUCTIONS = ("sqrt", "floor", "ceil", "trunc", "rint", "fabs")
 """Functions of the C library that processors have instructions for."""
-_INTRINSICS = (*_INSTRUCTIONS, "exp", "log", "sin", "cos")
-"""Functions that LLVM knows by itself; all others are called by their names in C."""
+_PARTS = {"sin": ("sincos", 0), "cos": ("sincos", 1)}
+"""Functions that are a part of the result of another one of :mod:`.libm`."""
 _LARGEST = 2.0**63
-OWN = "own"
-"""The ``library`` of a unit that calls no library: functions of :mod:`.libm` take the place of those in C."""
+
+
+def of_libm(module: ir.Module, symbol: str, n: int) -> ir.Function:
+    """A function of :mod:`.libm` of n floats, by its symbol. It depends on them alone, so that LLVM calls it once for
+    equal ones. What optimizes the module defines it (:func:`.targets.optimize`)."""
+    code = module.globals.get(symbol)
+    if code is None:
+        both = ir.LiteralStructType([DOUBLE, DOUBLE])
+        returned = both if any(symbol == LIBM + of for of, _ in _PARTS.values()) else DOUBLE
+        code = ir.Function(module, ir.FunctionType(returned, [DOUBLE] * n), symbol)
+        code.attributes.update(("nounwind", "readnone"))
+    return code
 
 
 class Scalars(Emission):
@@ -250,32 +261,19 @@ class Scalars(Emission):
         return self.chosen(keep, left, right)
 
     def c_function(self, name: str, values: Sequence[Value]) -> Value:
-        """A function of the C library, of floats."""
+        """A function of the C library, of floats: an instruction of the processor, or a function of :mod:`.libm`."""
         numbers = [self.float_of(value) for value in values]
         if name == "copysign":
             code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
-            return scalar(self.at.call(code, numbers), FLOAT)
-        if self.unit.library == OWN and name not in _INSTRUCTIONS:
-            return self._of_ours(name, numbers)
-        if name in (_INSTRUCTIONS if self.unit.library else _INTRINSICS):
+        elif name in _INSTRUCTIONS:
             code = self.at.module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
-        else:
-            name, kind = self.unit.library + name, ir.FunctionType(DOUBLE, [DOUBLE] * len(numbers))
-            code = self.at.module.globals.get(name)
-            if code is None:  # LLVM would put other functions in place of it, which round otherwise or lose a NaN
-                code = ir.Function(self.at.module, kind, name)
-                code.attributes.update(("nobuiltin", "nounwind", "readnone"))
-        return scalar(self.at.call(code, numbers), FLOAT)
-
-    def _of_ours(self, name: str, numbers: Sequence[ir.Value]) -> Value:
-        """As :meth:`c_function`, by :mod:`.libm`; no product and sum is rounded once in it."""
-        if name not in self.unit.own:
-            self.lack(f"{name} is not in the library of our own")
-        if all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python
+        elif all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python
             return self.constant(self.unit.own[name](*(number.constant for number in numbers)))
-        result = self.unit.call(self, self.unit.own[name], [scalar(number, FLOAT) for number in numbers], False)
-        assert result is not None
-        return result
+        else:
+            name, part = _PARTS.get(name, (name, None))
+            result = self.at.call(of_libm(self.at.module, LIBM + name, len(numbers)), numbers)
+            return scalar(result if part is None else self.at.extract_value(result, part), FLOAT)
+        return scalar(self.at.call(code, numbers), FLOAT)
 
     def sign(self, value: Value) -> Value:
         """-1, 0 or 1; of NaN, NaN."""

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import llvmlite.binding as llvm
 
+LIBM = "uvms_mj_libm_"
+"""What the symbols of functions of :mod:`.libm` begin with."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -12,7 +15,6 @@ class Target:
     Attributes:
         triple, processor, features: as LLVM calls them.
         assembly: whether its code is text; otherwise it is an object file.
-        library: prefix of its names for the functions of the C library.
         reloc: how addresses are found: "pic" for a shared library.
         compact: whether small code counts more than its speed.
         codemodel: how far apart code and data may be: "small" for an object that a linker takes.
@@ -22,7 +24,6 @@ class Target:
     processor: str = ""
     features: str = ""
     assembly: bool = False
-    library: str = ""
     reloc: str = "default"
     codemodel: str = "jitdefault"
     compact: bool = False
@@ -40,7 +41,7 @@ class Target:
         return machine.emit_assembly(module).encode() if self.assembly else machine.emit_object(module)
 
 
-PTX = Target("nvptx64-nvidia-cuda", "sm_90", "+ptx80", assembly=True, library="__nv_")
+PTX = Target("nvptx64-nvidia-cuda", "sm_90", "+ptx80", assembly=True)
 WASM = Target("wasm32-unknown-unknown")
 AARCH64 = Target("aarch64-unknown-linux-gnu")
 X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
@@ -50,7 +51,43 @@ X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
 def optimize(
     module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1, compact: bool = False
 ) -> None:
-    """Optimize a module for a processor."""
+    """Optimize a module for a processor, and add the functions of :mod:`.libm` to it that it still calls."""
+    _optimize(module, machine, triple, level, compact)
+    if (library := _libm_of(module)) is not None:
+        _optimize(library, machine, triple, level, compact)
+        _take_in(library, module)
+
+
+def inline_libm(module: llvm.ModuleRef) -> None:
+    """Add the functions of :mod:`.libm` to a module that it calls, as parts of their callers."""
+    if (library := _libm_of(module, inlined=True)) is not None:
+        _take_in(library, module)
+
+
+def add_libm(module: llvm.ModuleRef) -> None:
+    """Add the functions of :mod:`.libm` to a module that it calls, before it is optimized for a processor."""
+    if (library := _libm_of(module)) is not None:
+        _take_in(library, module)
+
+
+def _libm_of(module: llvm.ModuleRef, inlined: bool = False) -> llvm.ModuleRef | None:
+    """The functions of :mod:`.libm` that a module calls, if any."""
+    symbols = [each.name for each in module.functions if each.is_declaration and each.name.startswith(LIBM)]
+    if not symbols:
+        return None
+    from .unit import libm_module  # a warm start compiles nothing
+
+    return llvm.parse_assembly(str(libm_module(symbols, inlined)))
+
+
+def _take_in(library: llvm.ModuleRef, module: llvm.ModuleRef) -> None:
+    symbols = [each.name for each in library.functions if each.name.startswith(LIBM)]
+    module.link_in(library)
+    for symbol in symbols:
+        module.get_function(symbol).linkage = "internal"
+
+
+def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int, compact: bool) -> None:
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
     first = llvm.create_new_module_pass_manager()

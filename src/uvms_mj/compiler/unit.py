@@ -2,7 +2,7 @@
 
 import ast
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +14,8 @@ from .emission import Emission, Module
 from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking, Untranslatable
-from .scalars import OWN
+from .scalars import of_libm
+from .targets import LIBM
 from .values import (
     BOOL,
     DOUBLE,
@@ -31,6 +32,7 @@ from .values import (
     is_dense,
     kind_of,
     leaves_of,
+    scalar,
     words_of,
 )
 
@@ -40,8 +42,7 @@ class Unit(Module):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.library == OWN:
-            self.own = libm.FUNCTIONS
+        self.own = libm.FUNCTIONS
         self._done: dict[tuple, _Done] = {}
         self._underway: list[types.FunctionType] = []
 
@@ -260,6 +261,30 @@ def _leaves(body: Function, kind: Kind, values: Sequence[Value]) -> list[_Leaf]:
         if any(own[i] & own[k] for i in range(len(own)) for k in range(i)):
             body.lack("it returns two views of one array of its own; write .copy()")
     return [_Leaf.of(body, leaf, [parts[k] for parts in returned]) for k, leaf in enumerate(kind.leaves)]
+
+
+def libm_module(symbols: Iterable[str], inlined: bool = False) -> ir.Module:
+    """The module of functions of :mod:`.libm`, by their symbols (:func:`.scalars.of_libm`); ``inlined``, as parts of
+    their callers. No product and sum is rounded once in it, wherever it is called."""
+    unit = Unit("libm")
+    for symbol in symbols:
+        function = libm.CODE[symbol.removeprefix(LIBM)]
+        code = of_libm(unit.module, symbol, function.__code__.co_argcount)
+        at = Emission(unit, function, [""], fused=False)
+        at.at = at.entry = ir.IRBuilder(code.append_basic_block())
+        result = unit.call(at, function, [scalar(number, FLOAT) for number in code.args])
+        assert result is not None
+        numbers = [leaf.llvm[0] for leaf in leaves_of(result)]
+        returned = numbers[0]
+        if len(numbers) > 1:
+            returned = code.function_type.return_type(ir.Undefined)
+            for k, number in enumerate(numbers):
+                returned = at.at.insert_value(returned, number, k)
+        at.at.ret(returned)
+    if inlined:
+        for function in unit.module.functions:
+            function.attributes.add("alwaysinline")
+    return unit.module
 
 
 def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]]:

@@ -1,9 +1,7 @@
 """``Fleet``: many runs of one scenario at once, on a GPU or on this processor.
 
-A run of a fleet computes what the engine free_body computes, with functions of the C library of our own
-(:mod:`uvms_mj.compiler.libm`), whose bits are the same on every processor. So a run on a GPU has the bits of the same
-run on this processor. The engine free_body itself uses the C library of the machine, which rounds differently in the
-last digit.
+A run of a fleet computes what the engine free_body computes, bit for bit, on a GPU, too: its functions are those of
+:mod:`uvms_mj.compiler.libm`, whose bits are the same on every processor.
 """
 
 import math
@@ -15,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..compiler.refusals import Untranslatable
-from ..compiler.scalars import OWN
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
@@ -116,22 +113,17 @@ class Starts:
         return {name: arrays[name] for name, set_ in zip(arrays, self.external, strict=True) if set_}
 
 
-def code_for(
-    starts: Starts, device: Any, varying: Sequence[int], signals: Sequence[int], library: str = OWN
-) -> FleetCode:
-    """The code of a fleet, from disk or compiled, with functions of the C library of our own, or those of this machine
-    with an empty ``library``. Raises NotInFleet for a stage that it lacks something for."""
+def code_for(starts: Starts, device: Any, varying: Sequence[int], signals: Sequence[int]) -> FleetCode:
+    """The code of a fleet, from disk or compiled. Raises NotInFleet for a stage that it lacks something for."""
     memory, stages = starts.memory, starts.memory.stages
     place = memory.image.place
     given = [place(each) + k for each in starts.commands().values() for k in range(each.size)]
     source = FleetSource(
-        memory.shape, stages.running, starts.template.view(np.uint8), [*varying], [*signals], stages.control, given,
-        library,
+        memory.shape, stages.running, starts.template.view(np.uint8), [*varying], [*signals], stages.control, given
     )  # fmt: skip
     files = [path.read_bytes() for stage in stages.running if stage.users for path in _files(stage)]
     about = [
         device.target,
-        library,
         memory.shape,
         [stage.kinds for stage in stages.running],
         source.varying,
@@ -184,8 +176,6 @@ class Fleet:
     Raises:
         InputError: the input is invalid, there is no GPU, or the fleet can't run the scenario.
     """
-
-    library: str = OWN
 
     def __init__(
         self,
@@ -304,7 +294,7 @@ class Fleet:
         if self._code is None:
             begun = time.perf_counter()
             words = [first + k for name in self._names for first, size, _ in [self._place(name)] for k in range(size)]
-            self._code = code_for(self._starts, self._device, sorted(self._varying), words, self.library)
+            self._code = code_for(self._starts, self._device, sorted(self._varying), words)
             self._entries = self._device.load(self._code)
             self._table = self._device.array((len(self._code.kept), self.n))
             self._out = self._device.array((len(words), self.n))

@@ -16,8 +16,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from ...actuation.propeller import Propeller, commands_alone
-from ...compiler.scalars import OWN
-from ...compiler.targets import optimize
+from ...compiler.targets import add_libm, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
 from ...physics.frames import rotation
@@ -339,9 +338,10 @@ class Chain:
                 settings, state, given, out = kinds
                 kernels[symbol] = link.function, [settings, state, given, state, out]
         kernels[entry] = take_period, [whole, INT, INT]
-        module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols, library=OWN)))
+        module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols)))
         for text in users:
             module.link_in(llvm.parse_assembly(text))
+        add_libm(module)
         for function in module.functions:
             if not function.is_declaration:
                 function.add_function_attribute("nounwind")  # no tables for unwinding

@@ -21,8 +21,7 @@ from llvmlite import ir
 
 from ...compiler.cells import Cells, Region
 from ...compiler.emission import Emission
-from ...compiler.scalars import OWN
-from ...compiler.targets import Target, optimize
+from ...compiler.targets import Target, inline_libm, optimize
 from ...compiler.unit import Unit
 from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
 from . import memory
@@ -99,7 +98,6 @@ class FleetSource:
         signals: the words of the record to give.
         given: words that the caller sets between steps.
         control: index of the law among the stages.
-        library: functions of the C library, as in :class:`uvms_mj.compiler.emission.Module`.
     """
 
     shape: Shape
@@ -109,7 +107,6 @@ class FleetSource:
     signals: Sequence[int]
     control: int
     given: Sequence[int] = ()
-    library: str = OWN
     cells: Cells = field(init=False)
     _trees: dict = field(default_factory=dict, init=False)  # each function is translated some times
 
@@ -132,6 +129,7 @@ class FleetSource:
         module = llvm.parse_assembly(texts[0])
         for text in texts[1:]:
             module.link_in(llvm.parse_assembly(text))
+        inline_libm(module)
         for function in module.functions:
             if not function.is_declaration and function.name not in _ENTRIES:
                 function.linkage = "internal"
@@ -155,7 +153,7 @@ class FleetSource:
 
     def _unit(self, name: str, intrinsics: Mapping[Any, Any], checked: bool = False) -> Unit:
         unit = Unit(
-            name, checked, intrinsics, library=self.library, cells=self.cells, unrolled=_UNROLLED,
+            name, checked, intrinsics, cells=self.cells, unrolled=_UNROLLED,
             instead=_INSTEAD,
         )  # fmt: skip
         unit.trees = self._trees

@@ -9,7 +9,6 @@ import numpy as np
 from llvmlite import ir
 
 from ...compiler.emission import Emission, Intrinsic
-from ...compiler.scalars import OWN
 from ...compiler.unit import Unit, translate
 from ...compiler.values import FLOAT, INT, OUTSIDE, POINTER, WORD, Place, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels
@@ -156,13 +155,11 @@ def kernel_module(
     parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]],
     fused: bool = False,
     linked: Sequence[str] = (),
-    library: str = "",
 ) -> ir.Module:
     """The module of functions of the package, which are trusted, by their symbols, each with its parameters. Stages are
-    called by their addresses, or by their number among the symbols ``linked``. ``library`` as in
-    :class:`uvms_mj.compiler.unit.Unit`."""
+    called by their addresses, or by their number among the symbols ``linked``."""
     calls = {memory.call_code: call_linked(linked)} if linked else {}
-    unit = Unit("kernels", intrinsics=INTRINSICS | calls, fused=fused_kernels if fused else (), library=library)
+    unit = Unit("kernels", intrinsics=INTRINSICS | calls, fused=fused_kernels if fused else ())
     for symbol, (function, parameters) in parts.items():
         translate(unit, function, parameters, symbol)
     return unit.module
@@ -178,12 +175,11 @@ def stage_module(
     records: Mapping[Any, tuple[np.dtype, str]],
     name: str,
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = signalled,
-    library: str = "",
     left_out: Collection[tuple[str, int]] = (),
 ) -> tuple[str, list[str]]:
     """The module of a user's stage, which is checked, as LLVM's text, and its source files. ``interrupted`` and
     ``left_out`` as in :class:`uvms_mj.compiler.unit.Unit`."""
-    unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, library, left_out=left_out)
+    unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, left_out=left_out)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files
 
@@ -201,6 +197,6 @@ def linked_stage_module(
         return scalar(at.at.sext(at.at.call(_declared(at.at.module, kind, symbol), given), WORD), INT)
 
     instead = {memory.call_code: in_c, memory.settle_modes: lambda at, arguments: None} if symbol else {}
-    unit = Unit(name, True, INTRINSICS | instead | records_of(records), (), None, OWN)
+    unit = Unit(name, True, INTRINSICS | instead | records_of(records), (), None)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module)

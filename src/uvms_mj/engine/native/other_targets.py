@@ -45,14 +45,14 @@ def loop_for(
         function = type(stage.stage).function()
         if stage.users:
             parts = between_copies(function, stage.stage.room, stage.kinds)
-            users.append(stage_module(*parts, symbol, interrupted=None, library=target.library)[0])
+            users.append(stage_module(*parts, symbol, interrupted=None)[0])
         else:
             settings, state, given, out = stage.kinds
             kernels[symbol] = function, [settings, state, given, state, out]
     run = with_numbers(run_dtype(shape))
     kernels[STEPS] = free_steps, [run, INT, INT]  # after the stages that it calls
     kernels |= {symbol: (function, [run, INT]) for symbol, function in (entries or {}).items()}
-    module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols, library=target.library)))
+    module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols)))
     for text in users:
         module.link_in(llvm.parse_assembly(text))
     for function in module.functions:

@@ -1,9 +1,10 @@
 """A function as plain Python with the arithmetic of its machine code.
 
 Machine code and NumPy round some operations in other ways: a product of matrices is summed in another order, an
-exponential is that of the C library. Plain Python and machine code can then differ in the last digit, and a difference
-of two large numbers in all digits. In a twin, every call and every operator of this kind is a call of what computes as
-machine code does. All else is Python's. So a twin and machine code have equal bits, and any difference is a fault.
+exponential is a function of this project. Plain Python and machine code can then differ in the last digit, and a
+difference of two large numbers in all digits. In a twin, every call and every operator of this kind is a call of what
+computes as machine code does. All else is Python's. So a twin and machine code have equal bits, and any difference is a
+fault.
 
 What the compiler and a twin share is looked at here once more, so that a fault of it does not hide in both: that a text
 is the function's, and that a result is NumPy's but for rounding.
@@ -13,7 +14,6 @@ import ast
 import builtins
 import contextlib
 import copy
-import ctypes
 import dis
 import functools
 import math
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ...compiler.builtin import METHODS, OF_C
+from ...compiler.libm import FUNCTIONS
 from ...compiler.library import REPLACED
 from ...files import function_tree
 
@@ -223,12 +224,13 @@ def _replaced(function: Any) -> Callable | None:
 def _others() -> dict[Any, Callable]:
     found: dict[Any, Callable] = {print: _nothing}
     for function, (name, n) in OF_C.items():
-        if name not in _EXACT and (isinstance(function, np.ufunc) or function is math.hypot):
-            found[function] = functools.partial(_of_library, function, name, n)
+        if name not in _EXACT:
+            own = _of_library if isinstance(function, np.ufunc) else _of_python
+            found[function] = functools.partial(own, function, name, n)
     for function in (np.sum, np.mean, np.prod, np.std, np.var, np.average):
         found[function] = functools.partial(_in_order, function)
     found |= dict.fromkeys((np.matmul, np.dot), _product)
-    found |= {np.power: _Arithmetic.power, pow: _power, np.linalg.norm: _norm}
+    found |= {np.power: _Arithmetic.power, pow: _power, np.linalg.norm: _norm, math.log: _logarithm}
     return found | {function: functools.partial(_ours, function, ours) for function, ours in REPLACED.items()}
 
 
@@ -244,9 +246,21 @@ def _if_near(mine: Any, theirs: Any, share: float) -> Any:
 
 
 def _of_library(function: Callable, name: str, n: int, *arguments: Any, out: Any = None) -> Any:
-    """A function of the C library in place of NumPy's."""
+    """A function of :mod:`uvms_mj.compiler.libm` in place of NumPy's."""
     result = _if_near(_of_c(name, n)(*arguments), function(*arguments), _OF_C)
     return result if out is None else _put(result, out)
+
+
+def _of_python(function: Callable, name: str, n: int, *arguments: Any) -> Any:
+    """As :func:`_of_library`, of a function of Python's, which raises where that does not."""
+    exact = function(*arguments)
+    return float(_if_near(FUNCTIONS[name](*map(float, arguments)), exact, _OF_C))
+
+
+def _logarithm(x: Any, *base: Any) -> Any:
+    exact = math.log(x, *base)
+    parts = [FUNCTIONS["log"](float(each)) for each in (x, *base)]
+    return float(_if_near(parts[0] / parts[1] if base else parts[0], exact, _OF_C))
 
 
 def _nothing(*_: Any, **__: Any) -> None:
@@ -255,13 +269,12 @@ def _nothing(*_: Any, **__: Any) -> None:
 
 @functools.cache
 def _of_c(name: str, n: int) -> Callable:
-    """A function of the C library, of the entries of arrays."""
-    function = getattr(ctypes.CDLL(None), name)
-    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * n
-    of_entries = np.frompyfunc(function, n, 1)
+    """The compiler's function of this name in C, in plain Python, of the entries of arrays."""
+    of_entries = np.frompyfunc(FUNCTIONS[name], n, 1)
 
     def call(*arguments: Any) -> Any:
-        return np.asarray(of_entries(*arguments), float)[()]
+        floats = (np.asarray(each, float) for each in arguments)
+        return np.asarray(of_entries(*floats), float)[()]
 
     return call
 
