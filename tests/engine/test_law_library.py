@@ -431,6 +431,8 @@ def test_the_library_is_a_law_again(gsta):
     for name in usual:
         if name in again:
             assert np.array_equal(usual[name], again[name], equal_nan=True), name
+    with pytest.raises(InputError, match=r"names no function; give .*libgsta.so:gsta_law$"):
+        scenario(str(folder / "x86_64" / "libgsta.so"))
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
 
