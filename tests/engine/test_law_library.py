@@ -14,6 +14,7 @@ from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library.border import STATUSES
 
 pytest.importorskip("ziglang")
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -296,6 +297,20 @@ def test_a_command_out_of_bounds_stays_neutral_until_a_reset(instance):
     assert instance.step(instance.measured(0.0)) == OK
 
 
+@pytest.mark.parametrize("mode", [0x400, 0x800, 0xC00], ids=["down", "up", "to zero"])
+def test_a_processor_that_rounds_in_another_way_is_refused(instance, mode):
+    """The modes of fenv.h on x86-64; there are no other bits where a law has begun."""
+    c = ctypes.CDLL(None)
+    try:
+        assert c.fesetround(mode) == 0
+        status = instance.init()
+    finally:
+        c.fesetround(0)
+    assert status == STATUSES["OTHER_ARITHMETIC"][0]
+    assert instance.step(instance.measured(0.0)) == NOT_BEGUN
+    assert instance.init() == OK
+
+
 def test_null_pointers_are_named(instance):
     library, layout = instance.library, ctypes.c_uint64(instance.layout)
     assert library.gsta_init_of(layout, None) == NULL
@@ -437,6 +452,13 @@ def test_the_library_is_a_law_again(gsta):
         scenario(str(folder / "x86_64" / "libgsta.so"))
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
+
+
+def test_the_reference_has_all_statuses():
+    """With their numbers and words, which the header has, too."""
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "law_library.md").read_text()
+    for word, (number, said) in STATUSES.items():
+        assert f"| `{word}` | {number} | {said} |" in page
 
 
 # refusals

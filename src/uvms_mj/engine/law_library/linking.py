@@ -258,6 +258,8 @@ def program(machine: Machine, archive: Path, sources: Path, folder: Path) -> Pat
 
 def emulator(machine: Machine) -> list[str] | None:
     """How a program of a target runs here; None if it does not."""
+    if sys.platform != "linux":
+        return None  # qemu-user, and the start of the program, are for Linux
     if machine.emulator == platform.machine():
         return []
     found = shutil.which(f"qemu-{machine.emulator}")
