@@ -3,11 +3,13 @@ processor of a vehicle, with a test that compares it with recorded steps of the 
 
 import hashlib
 import importlib.metadata
+import os
 import re
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -91,10 +93,12 @@ def write_library(
     if not is_c_name(name) or name == "law":
         raise InputError(f"--name {name!r}: must be the name of a function in C, other than law")
     linking.zig()
-    with _simulation(scenario) as sim:
-        if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
+    sim = _simulation(scenario)
+    if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
+        with sim:
             sim.step(FIRST)
-    with _simulation(scenario) as sim:
+        sim = _simulation(scenario)
+    with sim:
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, scenario, _HEADER_WORDS) else None
@@ -114,13 +118,21 @@ def write_library(
             each.mkdir()
         for file, content in files.items():
             _write(new / file, content)
-        for file, content in {
+        sources = {
             f"{name}.h": files[f"{name}.h"],
             "image.h": texts.image(border, name, law),
             "shell.c": texts.shell(name),
-        }.items():
-            (place / file).write_text(content, encoding="utf-8")
-        made = [_made(MACHINES[each], each, chain, text, name, place, new, test) for each in targets]
+        }
+
+        def make(target: str) -> Made:
+            own = place / target
+            own.mkdir()
+            for file, content in sources.items():
+                (own / file).write_text(content, encoding="utf-8")
+            return _made(MACHINES[target], target, chain, text, name, own, new, test)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
+            made = list(pool.map(make, targets))
         library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made)
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
