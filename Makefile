@@ -1,7 +1,7 @@
 # make run    the paper's scenario
 # make test   lint, types, import contracts, tests; `.venv/bin/pytest -m bits -n 2 --dist loadfile` for each commit
 # make docs   the site, in docs/_build/html; warnings are errors. make docs-serve shows it at http://127.0.0.1:8000
-# make system-packages   (Debian, as root) a browser and software renderers; without them, tests of viewers and videos are skipped
+# make system-packages   (Debian, as root) a browser, software renderers and qemu; without them, tests of viewers, videos and other processors are skipped
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -32,8 +32,8 @@ docs-serve: docs
 
 system-packages:
 	-@if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then apt-get update -qq && \
-	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium mesa-vulkan-drivers libvulkan1 libegl1 libgl1-mesa-dri >/dev/null; \
-	  else echo "no apt-get, or not root: tests of viewers and videos may be skipped"; fi
+	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq qemu-user chromium mesa-vulkan-drivers libvulkan1 libegl1 libgl1-mesa-dri >/dev/null; \
+	  else echo "no apt-get, or not root: tests of viewers, videos and other processors may be skipped"; fi
 
 setup: $(VENV)/.installed
 

@@ -30,7 +30,7 @@ EXTRAS = {"learn": _LEARNING, "learn_by_hand": _LEARNING, "tune": ("optuna",), "
 FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")
 NOT_RUN = {
-    r"(make|pip|git|dask)\b": "sets up a computer or a cluster",
+    r"(make|pip|git|dask|apt-get)\b": "sets up a computer or a cluster",
     r"uvms-mj .*--(viewer|web|scheduler)\b": "opens a window, or needs a cluster",
     r"uvms-mj replay (?!.*--save)": "opens a window",
     r"uvms-mj (paper|practicality)\b": "takes minutes; tests/reproduce",

@@ -30,6 +30,7 @@ from uvms_mj.views.figures import style
 TESTS = Path(__file__).parent
 SHORT = {"simulation.timestep": 1e-3, "simulation.duration": 0.02}
 HERE, WALLS, SENSORS = "test_where_to_add.py", "plant/test_walls.py", "navigation/test_sensors.py"
+LIBRARY = "engine/test_law_library.py"
 SHIPS, NUMBER = "test_a_stage_that_ships_is_a_class_and_an_entry", "test_a_number_is_a_function_and_an_entry"
 SHOWN = {
     "law, sensor, thruster, reference, vehicle of a user": ("cli/test_new.py", "test_the_commands_in_a_file_work"),
@@ -62,6 +63,8 @@ SHOWN = {
         "engine/test_other_targets.py",
         "test_the_loop_is_emitted_for_another_processor",
     ),
+    "processor that a law leaves for": (LIBRARY, "test_the_recorded_steps_are_equal_on_each_processor"),
+    "stage that a law takes along, or leaves behind": (LIBRARY, "test_stages_beside_the_law_leave_with_it"),
     "device of a fleet": ("engine/test_fleet.py", "test_a_gpu_computes_what_this_processor_computes"),
     "view of a video, format of a video": ("views/test_video.py", "test_refusals_come_before_the_first_picture"),
     "what an object shows in a notebook": ("views/test_notebook.py", "test_a_study_shows_its_plan_and_its_results"),

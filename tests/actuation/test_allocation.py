@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.actuation import Constrained, Weighted
+from uvms_mj.actuation import Constrained, Scaled, Weighted
 from uvms_mj.actuation.allocation import quadratic
 from uvms_mj.physics.kernels import record_of
-from uvms_mj.physics.spanned_axes import spanning
+from uvms_mj.physics.spanned_axes import pseudoinverse, spanning
 
 FREE = {"engine": "free_body"}
 HEAVY = [  # place and direction of the thrusters of the BlueROV2 Heavy, x forward, y left, z up
@@ -130,3 +130,34 @@ def test_the_loss_is_recorded_only_where_it_may_be_asked_for():
     for own, there in (({}, False), ({"actuation.name": "weighted"}, True), ({"thrusters.name": "t200"}, True)):
         with Simulation(Scenario.load("push_wall", own), **FREE) as sim:
             assert ("tau_lost" in [signal.name for signal in sim.recorded]) == there
+
+
+def test_the_scaled_allocation_keeps_the_direction_of_the_wrench(rng):
+    """500 commands for the BlueROV2 Heavy: where a limit binds, one thrust is at its limit and the wrench is a part of
+    the command; where none binds, the thrusts are those of the pseudoinverse."""
+    given, bound = Given(), 0
+    given.B_pinv = pseudoinverse(HEAVY_B)
+    for _ in range(500):
+        given.u_min, given.u_max = -rng.uniform(5.0, 40.0, 8), rng.uniform(5.0, 50.0, 8)
+        given.tau_cmd, u = HEAVY_B @ (rng.uniform(1.0, 60.0) * rng.uniform(-1.0, 1.0, 8)), np.zeros(8)
+        Scaled.step(None, None, given, None, u)
+        free = given.B_pinv @ given.tau_cmd
+        assert ((u >= given.u_min) & (u <= given.u_max)).all()
+        tau, wanted = HEAVY_B @ u, given.tau_cmd / np.linalg.norm(given.tau_cmd)
+        assert np.linalg.norm(tau / np.linalg.norm(tau) - wanted) < 1e-9
+        if ((free >= given.u_min) & (free <= given.u_max)).all():
+            assert np.array_equal(u, free)
+        else:
+            bound += 1
+            assert np.minimum(u - given.u_min, given.u_max - u).min() < 1e-12
+    assert 100 < bound < 490
+
+
+def test_a_run_with_the_scaled_allocation_records_what_it_lacks():
+    """A push of 3 kN on a Heavy: the forces of the thrusters are those of the command, times a factor."""
+    strong = {"vehicle.model": "bluerov2_heavy", "actuation.name": "scaled", "impedance.F_d": [-3000.0, 0, 0, 0, 0, 0]}
+    trace = simulate(Scenario.load("push_wall", strong | {"simulation.duration": 0.2}, "impedance"), **FREE)
+    tau, wanted = trace.tau[-1], trace.tau_cmd[-1]
+    assert np.linalg.norm(wanted) > 1.5 * np.linalg.norm(tau) > 50.0
+    assert tau @ wanted == pytest.approx(np.linalg.norm(tau) * np.linalg.norm(wanted), rel=1e-12)
+    np.testing.assert_allclose(trace.tau_lost[-1], wanted - tau, atol=1e-9)

@@ -6,6 +6,9 @@ r"""Allocations that know costs, weights and limits of the thrusters.
 
 .. math:: u = W^{-1} B^\top (B W^{-1} B^\top)^{-1} \tau_{cmd}
 
+**Scaled.** The pseudoinverse gives the thrusts. Where a limit binds, one factor scales all of them: the wrench is
+shorter, and has the direction of the command. A thruster that is limited alone turns it.
+
 **Constrained.** The thrusters are given the nearest wrench that they reach within their limits:
 
 .. math:: \min_u \; |W (B u - \tau_{cmd})|^2 + \epsilon |u|^2, \qquad u_{min} \le u \le u_{max}
@@ -67,6 +70,25 @@ class Weighted(Actuation):
     @staticmethod
     def step(settings, state, given, state_dot, u):
         allocate(settings.inverse, given.tau_cmd, given.u_min, given.u_max, u)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scaled(Actuation):
+    """The pseudoinverse, all thrusts scaled by one factor where a limit binds, so that the wrench keeps its
+    direction."""
+
+    name = "scaled"
+    records_loss: ClassVar[bool] = True
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        free, u_min, u_max = given.B_pinv @ given.tau_cmd, given.u_min, given.u_max
+        part = 1.0
+        for k in range(len(u)):
+            limit = u_max[k] if free[k] > 0.0 else u_min[k]
+            if abs(free[k]) > abs(limit):
+                part = min(part, limit / free[k])
+        u[:] = np.clip(part * free, u_min, u_max)  # whose last digit may be beyond a limit
 
 
 MOST_THRUSTERS = 16

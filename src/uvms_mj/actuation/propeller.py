@@ -118,6 +118,18 @@ def lagged(settings, state, k, thrust) -> float:
     return C[0] * x_1 + C[1] * x_2 + C[2] * x_3
 
 
+def commands_alone(settings, state, given, state_dot, out):
+    """The part of :meth:`Propeller.step` that a vehicle's own control system has: the command (n,) of each speed
+    controller, which is recomputed where the commanded thrust changes. A failure is the thruster's."""
+    for k in range(out.shape[0]):
+        if given.instant == 0:
+            state.command[k] = settings.neutral
+        if given.instant == 0 or given.u_cmd[k] != state.asked[k]:
+            state.asked[k] = given.u_cmd[k]
+            state.command[k] = command_of(settings, state, k, given.u_cmd[k])
+        out[k] = state.command[k]
+
+
 @dataclasses.dataclass(frozen=True)
 class Propeller(Thrusters):
     """Base class of the shipped thruster models. A derived class gives the static curves."""

@@ -63,6 +63,7 @@ def main() -> None:
     uvms-mj info runs/.../run.mcap        contents of a log
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
     uvms-mj export fmu push_wall          the plant as an FMU, for Simulink, OSP and others
+    uvms-mj export law gsta push_wall     a law as a library in C, for the processor of a vehicle
     uvms-mj converge                      error bars from runs at h, h/2 and h/4
     uvms-mj certify                       allowed and actual rate of change of the disturbance
     uvms-mj controllers                   the laws, their gains, units and defaults

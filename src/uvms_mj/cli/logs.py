@@ -96,12 +96,13 @@ _LOG = "log"
 
 @click.group(cls=_Exports)
 def export() -> None:
-    """Write a log in another format, or the plant for another program.
+    """Write a log in another format, the plant for another program, or a law for a vehicle.
 
     \b
     uvms-mj export results/run.mcap --to csv            the samples of a log; export log --help
     uvms-mj export fmu push_wall --out plant.fmu        the plant as an FMU; export fmu --help
     uvms-mj export plugin bluerov2_heavy --out plugin   the water as a plugin of MuJoCo; export plugin --help
+    uvms-mj export law gsta push_wall --target armv7    a law for the processor of a vehicle; export law --help
     """
 
 
@@ -211,7 +212,91 @@ def export_plugin(vehicle: str, out: str | None) -> None:
             remove_if_empty(made)
 
 
-for _each in (export_log, export_fmu, export_plugin):
+@command("law")
+@click.argument("law")
+@scenario_argument
+@set_option
+@click.option(
+    "-t", "--target", "targets", multiple=True, metavar="T",
+    help="Processor: x86_64, aarch64, armv7 or thumbv7em; may be repeated [default: x86_64].",
+)  # fmt: skip
+@path_option("-o", "--out", metavar="DIR", help="Folder of the files [default: NAME of the library].")
+@click.option("--name", metavar="NAME", help="Name of the library and its functions [default: the law's].")
+@click.option(
+    "--reference", type=click.Choice(["guidance", "caller"]), default="guidance", show_default=True,
+    help="Whose reference: that of the scenario's guidance, inside, or one that you give to each call.",
+)  # fmt: skip
+@click.option("--no-test", is_flag=True, help="Do not run the test here, natively or in qemu-user.")
+@force_option
+def export_law(
+    law: str,
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    targets: tuple[str, ...],
+    out: str | None,
+    name: str | None,
+    reference: str,
+    no_test: bool,
+    force: bool,
+) -> None:
+    """Write a law with its control system as a library in C, for the processor of a vehicle.
+
+    LAW is one that ships, or a file of yours, law.py:Law or law.c. The library takes measurements and gives thrusts,
+    and pulse widths with thrusters.name=t200: tracking, model, task, law, delay and allocation, each the machine code
+    of the run. DIR gets for each target libNAME.a and, for Linux, libNAME.so; NAME.h for C99 and C++17; test.c, which
+    compares 1,200 recorded steps bit for bit; NAME.toml with scenario, gains and digests; a README.
+
+    \b
+    uvms-mj export law gsta push_wall controller.period=0.01 --target aarch64 --target armv7 --out gsta
+    uvms-mj export law my_law.py:MyLaw vehicle.model=bluerov2_heavy thrusters.name=t200 --target armv7
+    uvms-mj run -c gsta/x86_64/libgsta.so:gsta_law        the library as a law again
+
+    \b
+    x86_64      Linux on x86-64
+    aarch64     Linux on ARM with 64 bits: Raspberry Pi 3 to 5, Jetson
+    armv7       Linux on ARM with 32 bits: BlueOS on a Raspberry Pi
+    thumbv7em   Cortex-M7 with a double-precision unit, without an operating system
+
+    It needs the extra c: pip install 'uvms-mj[c]'.
+    """
+    with bad_input():
+        from ..engine.law_library import MACHINES, name_of, write_library
+        from ..errors import Fault, InputError, suggestion
+        from ..scenario import Scenario
+
+        if "=" in law:
+            raise InputError(f"{law}: name the law first, as in uvms-mj export law gsta {law}")
+        for target in targets:
+            if target not in MACHINES:
+                raise InputError(f"--target {target}: is not known; {suggestion(target, MACHINES)}")
+        scenario_name, overrides = asked_for(arguments, settings)
+        if "controller.name" in overrides:
+            raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
+        scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
+        name = name or name_of(scenario)
+        folder = Path(out or name)
+        if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not force)):
+            raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
+        made = [] if folder.exists() else [folder]
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            guided, chosen = reference == "guidance", list(dict.fromkeys(targets)) or ["x86_64"]
+            library = write_library(scenario, folder, chosen, name, guided, not no_test)
+        finally:
+            remove_if_empty(made)
+        if library.left:
+            warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
+        for each in library.targets:
+            if each.foreign:
+                of = f"{each.target}: the law's C takes {', '.join(each.foreign)} from the C library there"
+                warn(f"{of}; test.c says on the target whether its bits are those of the run")
+            sizes = f"code {each.code} bytes, constants {each.constants}, record {library.record}"
+            ran = f"; {each.equal} of {library.steps} steps equal, stack {each.stack}" if each.equal is not None else ""
+            click.echo(f"{folder / next(iter(each.files))}: {sizes}{ran}")
+        click.echo(f"{folder / 'README.md'}: one step each {library.period:g} s")
+
+
+for _each in (export_log, export_fmu, export_plugin, export_law):
     export.add_command(_each)
 
 

@@ -16,6 +16,8 @@ class Target:
         triple, processor, features: as LLVM calls them.
         assembly: whether its code is text; otherwise it is an object file.
         reloc: how addresses are found: "pic" for a shared library.
+        compact: whether small code counts more than its speed.
+        codemodel: how far apart code and data may be: "small" for an object that a linker takes.
     """
 
     triple: str
@@ -23,16 +25,19 @@ class Target:
     features: str = ""
     assembly: bool = False
     reloc: str = "default"
+    codemodel: str = "jitdefault"
+    compact: bool = False
 
     def machine(self) -> llvm.TargetMachine:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
-        return llvm.Target.from_triple(self.triple).create_target_machine(self.processor, self.features, 3, self.reloc)
+        target = llvm.Target.from_triple(self.triple)
+        return target.create_target_machine(self.processor, self.features, 3, self.reloc, self.codemodel)
 
     def code(self, module: llvm.ModuleRef, level: int = 1) -> bytes:
         """The code of a module, which it optimizes."""
         machine = self.machine()
-        optimize(module, machine, self.triple, level)
+        optimize(module, machine, self.triple, level, self.compact)
         return machine.emit_assembly(module).encode() if self.assembly else machine.emit_object(module)
 
 
@@ -43,17 +48,25 @@ X86_64 = Target("x86_64-unknown-linux-gnu", "x86-64-v2", reloc="pic")
 """Of a shared library, for any processor of the last fifteen years."""
 
 
-def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1) -> None:
+def optimize(
+    module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int = 1, compact: bool = False
+) -> None:
     """Optimize a module for a processor, and add the functions of :mod:`.libm` to it that it still calls."""
-    _optimize(module, machine, triple, level)
+    _optimize(module, machine, triple, level, compact)
     if (library := _libm_of(module)) is not None:
-        _optimize(library, machine, triple, level)
+        _optimize(library, machine, triple, level, compact)
         _take_in(library, module)
 
 
 def inline_libm(module: llvm.ModuleRef) -> None:
     """Add the functions of :mod:`.libm` to a module that it calls, as parts of their callers."""
     if (library := _libm_of(module, inlined=True)) is not None:
+        _take_in(library, module)
+
+
+def add_libm(module: llvm.ModuleRef) -> None:
+    """Add the functions of :mod:`.libm` to a module that it calls, before it is optimized for a processor."""
+    if (library := _libm_of(module)) is not None:
         _take_in(library, module)
 
 
@@ -74,7 +87,7 @@ def _take_in(library: llvm.ModuleRef, module: llvm.ModuleRef) -> None:
         module.get_function(symbol).linkage = "internal"
 
 
-def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int) -> None:
+def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, level: int, compact: bool) -> None:
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
     first = llvm.create_new_module_pass_manager()
@@ -83,6 +96,8 @@ def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, 
     # higher levels take twice as long and make no step faster
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
     tuning.inlining_threshold = 50
+    if compact:
+        tuning.size_level, tuning.loop_unrolling = 1, False
     passes = llvm.create_pass_builder(machine, tuning)
     first.run(module, passes)
     passes.getModulePassManager().run(module, passes)

@@ -5,6 +5,7 @@ A file ``my_law.c`` has the stage's function and ``my_law.toml`` its description
 states, what it is given, and its output. The engine loads the machine code.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import os
@@ -204,6 +205,15 @@ def stage_class(path: Path, name: str, module: str) -> type[Stage]:
     beside = c_sources(path)[1:] if path.suffix == C_FILE else _beside(path)
     files = [f"{name}.toml", *(each.relative_to(path.parent).as_posix() for each in beside), *found.files]
     return found.stage_class(name, module, list(dict.fromkeys(files)))
+
+
+def described_beside(file: str, stage: str) -> list[str]:
+    """The names of the stages for a table of a scenario that descriptions beside a library have."""
+    names = []
+    for path in sorted(Path(file).parent.glob("*.toml")):
+        with contextlib.suppress(OSError, ValueError):
+            names += [path.stem] if parsed_toml(text_of(path)).get("stage") == stage else []
+    return names
 
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)

@@ -13,7 +13,7 @@ from ..errors import Fault, InputError, error_text, suggestion
 from . import fmu, foreign
 from .base import Stage, setting
 from .contract import check_contract, take_checks
-from .foreign import BASES, SHARED, UNIT, parted, suffix_of
+from .foreign import BASES, SHARED, UNIT, described_beside, parted, suffix_of
 from .namespace import Namespace, is_same_code, namespace_of, without_names
 from .signals import OWN_UNIT
 
@@ -81,7 +81,8 @@ class Choice(Generic[_Stage]):
             hint = suggestion(source, self.shipped)
             own = f"for your own {noun} give {USERS}"
             if file.endswith(SHARED):
-                raise InputError([Fault(key, f"{source!r} names no function; give {source}:NAME")])
+                names = described_beside(file, self.base.room.table) or ["NAME"]
+                raise InputError([Fault(key, f"{source!r} names no function; give {source}:{' or :'.join(names)}")])
             if file:
                 names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]
                 raise InputError([Fault(key, f"{source!r} names no class; {give_one(source, names)}")])

@@ -182,3 +182,21 @@ def stage_module(
     unit = Unit(name, True, INTRINSICS | records_of(records), (), interrupted, left_out=left_out)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files
+
+
+def linked_stage_module(
+    function: types.FunctionType, records: Mapping[Any, tuple[np.dtype, str]], name: str, symbol: str = ""
+) -> str:
+    """As :func:`stage_module`, for another processor: without interrupts and without functions of a C library of its
+    own. A stage in C is called by its ``symbol``, and keeps the floating-point modes."""
+
+    def in_c(at: Emission, arguments: Sequence[ir.Value]) -> Value:
+        words = arguments[1:]
+        kind = ir.FunctionType(_FLAG, [POINTER] * len(words))
+        given = [at.at.inttoptr(word, POINTER) for word in words]
+        return scalar(at.at.sext(at.at.call(_declared(at.at.module, kind, symbol), given), WORD), INT)
+
+    instead = {memory.call_code: in_c, memory.settle_modes: lambda at, arguments: None} if symbol else {}
+    unit = Unit(name, True, INTRINSICS | instead | records_of(records), (), None)
+    translate(unit, function, [INT] * 5, name)
+    return str(unit.module)

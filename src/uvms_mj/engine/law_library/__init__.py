@@ -1,0 +1,290 @@
+"""A law's library: the control system of a scenario, from measurements to thrusts and pulses, as a library in C for the
+processor of a vehicle, with a test that compares it with recorded steps of the run."""
+
+import hashlib
+import importlib.metadata
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from ...errors import Fault, InputError
+from ...files import atomic_write
+from ...scenario import Scenario
+from ...stages.foreign import is_c_name
+from ..engines import refusals
+from ..native.chain import Chain, refuse
+from ..native.net import FIRST
+from ..simulation import Simulation
+from . import as_law, linking, texts
+from .as_law import AsLaw
+from .border import Border
+from .linking import MACHINES, Machine
+from .vectors import Vectors, recorded
+
+_HEADER_WORDS = 4  # mark, last, begun and fault before the record
+_STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
+
+
+@dataclass(frozen=True)
+class Made:
+    """A library of one target.
+
+    Attributes:
+        target: its name.
+        files: the libraries by their names below the folder, each with its SHA-256.
+        code, constants: bytes of code, and of constants with the record as it begins.
+        undefined: the symbols that it takes from the program.
+        equal, stack: recorded steps that were equal where the test ran, and its stack [bytes]; None where it did not.
+        said: what the test said of the first step that differs.
+    """
+
+    target: str
+    files: dict[str, str]
+    code: int
+    constants: int
+    undefined: tuple[str, ...]
+    equal: int | None = None
+    stack: int | None = None
+    said: str = ""
+
+    @property
+    def foreign(self) -> list[str]:
+        """The functions that it takes from a C library of the target, with which its bits may differ."""
+        return sorted(set(self.undefined) - linking.HELPERS)
+
+
+@dataclass(frozen=True)
+class Library:
+    """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
+    steps, the stages of the scenario that it leaves behind, and the library of each target."""
+
+    name: str
+    record: int
+    period: float
+    steps: int
+    left: list[str]
+    targets: list[Made]
+
+
+def write_library(
+    scenario: Scenario, folder: Path, targets: Sequence[str], name: str = "", guided: bool = True, test: bool = True
+) -> Library:
+    """Write the control system of a scenario into a folder as libraries for the targets, keys of :data:`.MACHINES`.
+
+    Args:
+        name: of the library and of its functions; default: that of the law.
+        guided: whether the scenario's guidance is in the library; otherwise each call is given the reference.
+        test: whether the test runs where this machine, or qemu-user, can run it.
+
+    Raises:
+        InputError: a stage can't leave this machine, ziglang is not installed, or a test shows that a library does not
+            compute what the run computes.
+    """
+    name = name or name_of(scenario)
+    if not is_c_name(name) or name == "law":
+        raise InputError(f"--name {name!r}: must be the name of a function in C, other than law")
+    linking.zig()
+    sim = _simulation(scenario)
+    if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
+        with sim:
+            sim.step(FIRST)
+        sim = _simulation(scenario)
+    with sim:
+        chain = Chain(sim.memory, guided)
+        border = Border.of(chain, scenario, guided)
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, scenario, _HEADER_WORDS) else None
+        text = chain.module(f"{name}_chain")
+        steps = recorded(sim, border, text, f"{name}_chain")
+        refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
+    title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
+    files = {
+        f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
+        "vectors.h": texts.vectors_text(border, steps, name),
+        "test.c": texts.test(name),
+        "LICENSE": _license(),
+    }
+    with tempfile.TemporaryDirectory() as where:
+        place, new = Path(where, "work"), Path(where, "new")
+        for each in (place, new):
+            each.mkdir()
+        for file, content in files.items():
+            _write(new / file, content)
+        sources = {
+            f"{name}.h": files[f"{name}.h"],
+            "image.h": texts.image(border, name, law),
+            "shell.c": texts.shell(name),
+        }
+
+        def make(target: str) -> Made:
+            own = place / target
+            own.mkdir()
+            for file, content in sources.items():
+                (own / file).write_text(content, encoding="utf-8")
+            return _made(MACHINES[target], target, chain, text, name, own, new, test)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
+            made = list(pool.map(make, targets))
+        library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made)
+        for each in made:
+            if each.equal is not None and each.equal != steps.steps:
+                wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
+                raise InputError(f"export law: the library does not compute what the run computes: {wrong}")
+            if law is not None and MACHINES[each.target].shared:
+                _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
+        _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library)))
+        _write(new / "README.md", _readme(border, library, title, steps, law is not None))
+        shutil.copytree(new, folder, dirs_exist_ok=True)
+    return library
+
+
+def _simulation(scenario: Scenario) -> Simulation:
+    """A run in the faster engine that takes the scenario."""
+    from ...setup.base import set_up
+
+    engine = "mujoco" if refusals(set_up(scenario)) else "free_body"
+    return Simulation(scenario, engine=engine, looks=False)
+
+
+def name_of(scenario: Scenario) -> str:
+    """The name of a scenario's law as a name in C."""
+    label = scenario.controller.label()
+    word = re.sub(r"\W+", "_", re.split(r"[:/]", label)[-1].removesuffix(".c")).strip("_").lower()
+    return word or "controller"
+
+
+def _made(
+    machine: Machine, target: str, chain: Chain, text: str, name: str, place: Path, folder: Path, test: bool
+) -> Made:
+    """The library of one target, made in the folder ``place``."""
+    (place / "stages.o").write_bytes(
+        linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target)
+    )
+    objects = ["stages.o", linking.compiled_c(machine, "shell.c", place)]
+    objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
+    libraries = linking.linked(machine, name, objects, place, folder / target)
+    files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
+    codes = [(place / each).read_bytes() for each in objects]
+    defined = {each for code in codes for each in linking.defined(code)}
+    undefined = sorted({each for code in codes for each in linking.undefined(code)} - defined)
+    code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
+    found = Made(target, files, code, constants, tuple(undefined))
+    emulator = linking.emulator(machine) if test else None
+    if emulator is None or found.foreign:
+        return found
+    program = linking.program(machine, libraries[0], folder, place)
+    done = subprocess.run([*emulator, str(program)], capture_output=True)
+    said = _STEPS.search(done.stdout)
+    if said is None:
+        raise InputError(f"export law: the test ends with status {done.returncode} on {target}: {done.stdout[-200:]!r}")
+    first = next((line for line in done.stdout.decode(errors="replace").splitlines() if ", step " in line), "")
+    return replace(found, equal=int(said[1]), stack=int(said[3]), said=first)
+
+
+def _of_c(machine: Machine, link: Any, place: Path) -> str:
+    """Compile a stage in C; the name of its object."""
+    from ...stages.foreign import HEADER, Records, header
+
+    stage = link.compiled.stage
+    path = Path(stage.source().rpartition(":")[0])
+    own = place / link.name
+    own.mkdir(exist_ok=True)
+    (own / HEADER).write_text(header(type(stage), Records(*link.kinds)), encoding="utf-8")
+    out = f"{link.name}.o"
+    options = ("-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own))
+    try:
+        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted"), out)
+    except InputError as error:
+        raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
+    return out
+
+
+def _write(path: Path, content: str) -> None:
+    with atomic_write(path) as part:
+        part.write_text(content, encoding="utf-8")
+
+
+def _license() -> str:
+    """The licence of this package, which is that of its libraries."""
+    beside = Path(__file__).parents[4] / "LICENSE"
+    found = importlib.metadata.distribution("uvms-mj").read_text("licenses/LICENSE")
+    return found or beside.read_text(encoding="utf-8")
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, Any]:
+    """The tables of NAME.toml."""
+    chain = border.chain
+    return {
+        "library": {
+            "name": library.name,
+            "uvms_mj": importlib.metadata.version("uvms-mj"),
+            "law": scenario.controller.label(),
+            "stages": [link.name for link in chain.links],
+            "period_s": library.period,
+            "record_bytes": library.record,
+            "layout": f"{border.layout:#x}",
+            "record_sha256": _digest(chain.image.tobytes()),
+            "recorded_steps": library.steps,
+            "left_behind": library.left,
+        },
+        "sources": {
+            link.name: {"source": Path(file).name, "sha256": _digest(Path(file).read_bytes())}
+            for link in chain.links
+            if link.compiled.users and Path(file := link.compiled.stage.source().rpartition(":")[0]).is_file()
+        },
+        "targets": {
+            each.target: {
+                "processor": MACHINES[each.target].target.processor,
+                "code_bytes": each.code,
+                "constants_bytes": each.constants,
+                "undefined": list(each.undefined),
+                "sha256": each.files,
+            }
+            for each in library.targets
+        },
+        "scenario": scenario.to_dict(),
+    }
+
+
+def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool) -> str:
+    rows = [
+        (
+            each.target,
+            f"{each.code} bytes",
+            f"{each.constants} bytes",
+            f"{library.record} bytes",
+            "`test.c` prints it" if each.stack is None else f"{each.stack} bytes",
+            ", ".join(f"`{name}`" for name in each.undefined) or "nothing",
+        )
+        for each in library.targets
+    ]
+    where = [each.target for each in library.targets if each.equal is not None]
+    ran = (
+        f"When the library was made, it ran for {', '.join(where)}: all steps were equal."
+        if where
+        else ("It has not run yet: neither this machine nor an emulator on it was asked.")
+    )
+    made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
+    bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."
+    foreign = sorted({word for each in library.targets for word in each.foreign})
+    if foreign:
+        bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."
+    if (apart := steps.apart) > 0.0:
+        bits = (
+            "Its numbers are the same on every processor that keeps IEEE arithmetic. Those of the run differ by up to "
+            f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
+        )
+    again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
+    return texts.readme(border, library.name, title, rows, made, bits, again)

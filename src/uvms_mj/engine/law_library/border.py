@@ -1,0 +1,158 @@
+"""What a law's library exchanges with its caller: the fields of its structs, with their units, frames and places in the
+record of the chain."""
+
+import dataclasses
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...actuation.propeller import Propeller
+from ...quantities import unit_of
+from ...scenario import Scenario
+from ...stages.signals import (
+    APPLIED,
+    MEASURED,
+    REFERENCE,
+    SCHEDULED,
+    WRENCH_COMMAND,
+    WRIST_READING,
+    commanded_signal,
+    encoder_signals,
+    joint_command_signal,
+    pulse_signal,
+)
+from ..native.chain import Chain
+
+POSE, VELOCITY, FORCE, JOINTS, WRIST = "pose", "velocity", "force", "joints", "wrist"
+PRESENT = (POSE, VELOCITY, FORCE, JOINTS, WRIST)
+"""Groups of measurements, each with a bit of ``present``."""
+STATUSES = {
+    "OK": (0, "the command is that of the law"),
+    "LATE": (1, "the command is that of the law, but the time since the last one is not a period within half of it"),
+    "NULL": (-1, "a pointer is null"),
+    "OTHER_HEADER": (-2, "the program was compiled with the header of another library"),
+    "NOT_BEGUN": (-3, "init was not called, or refused"),
+    "NOT_FINITE": (-4, "a number that was given is not finite"),
+    "MISSING": (-5, "a measurement is missing that the law needs"),
+    "NO_ATTITUDE": (-6, "the quaternion has not the length 1"),
+    "TIME_BACK": (-7, "the time is not after that of the last call; reset begins anew"),
+    "GAP": (-8, "the last call was too long ago; the next one goes on"),
+    "FAULT": (-9, "a stage ended early, or a command was out of bounds; only reset goes on"),
+    "OTHER_ARITHMETIC": (-10, "the processor does not round to the nearest, or flushes small numbers to zero"),
+}
+"""What the functions return: below zero the command is neutral."""
+LONGEST_GAP = 10
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A field of a struct: doubles, with the place of the first one in the record of the chain."""
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    meaning: str
+    place: int
+    group: str = ""
+
+    @property
+    def n(self) -> int:
+        return int(np.prod(self.shape)) if self.shape else 1
+
+
+@dataclass(frozen=True)
+class Border:
+    """The structs of a library: measurements, reference if the caller sets it, settings and command."""
+
+    chain: Chain
+    measured: tuple[Entry, ...]
+    reference: tuple[Entry, ...]
+    settings: tuple[Entry, ...]
+    command: tuple[Entry, ...]
+    neutral: float | None
+
+    @classmethod
+    def of(cls, chain: Chain, scenario: Scenario, guided: bool) -> "Border":
+        outputs = list(_commands(chain))
+        reference = tuple(_entry(chain, each, "signals") for each in REFERENCE) if not guided else ()
+        curves = scenario.thrusters.curves() if isinstance(scenario.thrusters, Propeller) else (None, None)
+        neutral = curves[1].neutral if chain.pulses and curves[1] is not None else None
+        return cls(
+            chain, tuple(_measurements(chain)), reference, tuple(_settings(chain, scenario)), tuple(outputs), neutral
+        )
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of measurements that the law needs."""
+        return tuple(each for each in PRESENT if any(entry.group == each for entry in self.measured))
+
+    @property
+    def layout(self) -> int:
+        """A number that decides structs and record; a program compiled with another header is refused by it."""
+        text = [repr(self.chain.kind), repr(self.chain.period), repr(self.groups)]
+        for part in (self.measured, self.reference, self.settings, self.command):
+            text += [f"{each.name} {each.shape} {each.place}" for each in part]
+        return int.from_bytes(hashlib.sha256("\n".join(text).encode()).digest()[:8], "little") >> 1
+
+    @property
+    def mark(self) -> int:
+        """A number that an instance has when its record was begun."""
+        text = f"{self.layout}".encode() + self.chain.image.tobytes() + self.chain.constants
+        return int.from_bytes(hashlib.sha256(text).digest()[:8], "little") | 1
+
+
+def _entry(chain: Chain, signal: Any, *record: str, group: str = "", name: str = "") -> Entry:
+    meaning = signal.meaning if signal.frame == "-" else f"{signal.meaning}, in {signal.frame}"
+    place = chain.place_of(*record, name or signal.name)
+    return Entry(signal.name, signal.shape, signal.unit, meaning, place, group)
+
+
+def _measurements(chain: Chain) -> Iterator[Entry]:
+    p_WB, quat_WB, _, nu, force, moment = MEASURED
+    yield _entry(chain, p_WB, "measured", group=POSE)
+    yield _entry(chain, quat_WB, "measured", group=POSE)
+    yield _entry(chain, nu, "measured", group=VELOCITY)
+    if chain.has("derived"):
+        yield _entry(chain, WRIST_READING, "wrist", group=WRIST, name="reading")
+    elif not chain.has("observer"):
+        force = dataclasses.replace(force, meaning="measured force of the wall on the vehicle")
+        yield _entry(chain, force, "measured", group=FORCE)
+        yield _entry(chain, moment, "measured", group=FORCE)
+    if n := chain.joints:
+        for each in encoder_signals(n):
+            yield _entry(chain, each, "joints", group=JOINTS)
+
+
+def _commands(chain: Chain) -> Iterator[Entry]:
+    m = chain.thrusters
+    yield _entry(chain, dataclasses.replace(WRENCH_COMMAND, frame="T" if chain.stages.at_tool else "B"), chain.law)
+    yield _entry(chain, commanded_signal(m), "commands")
+    if chain.pulses is not None:
+        pwm = pulse_signal(m)
+        if not getattr(chain.pulses.compiled.stage, "takes_pulses", False):
+            pwm = dataclasses.replace(pwm, name="thruster_cmd", unit="us or N", meaning="command of each thruster")
+        yield Entry(pwm.name, (m,), pwm.unit, pwm.meaning, chain.place_of("outputs"))
+    if n := chain.joints:
+        torque = joint_command_signal(n)
+        yield Entry("tau_q", (n,), torque.unit, "torque demanded of each joint", chain.place_of("tau_q_demand"))
+    hat = dataclasses.replace(APPLIED[0], meaning="wrench that these thrusts are believed to give")
+    yield _entry(chain, hat, "signals")
+
+
+def _settings(chain: Chain, scenario: Scenario) -> Iterator[Entry]:
+    law, link = scenario.controller, next(each for each in chain.links if each.name == "controller")
+    kind: Any = link.kinds[0].fields
+    first = chain.settings_place(link)
+    given = {field.name: field for field in law.setting_fields()}
+    for name, field in given.items():
+        if name not in kind or kind[name][0].base != np.float64:
+            continue
+        part, offset = kind[name][:2]
+        meaning = str(field.metadata.get("meaning", ""))
+        yield Entry(name, part.shape, unit_of(field), meaning, first + offset // 8)
+    if not chain.has("schedule"):
+        for signal in SCHEDULED:
+            yield _entry(chain, signal, "signals")

@@ -1,0 +1,266 @@
+"""The targets of a law's library, and the tools that make it: LLVM for the stages, ziglang for C, archives and
+links."""
+
+import importlib.util
+import os
+import platform
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...compiler.targets import Target
+from ...errors import InputError
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A processor that a library is made for.
+
+    Attributes:
+        target: as LLVM calls it.
+        zig: the options of ziglang's C compiler.
+        shared: whether it has shared libraries.
+        rounds: whether it has instructions that round a number to a whole one.
+        what: in words.
+        emulator: the processor as qemu-user calls it.
+    """
+
+    target: Target
+    zig: tuple[str, ...]
+    shared: bool
+    what: str
+    emulator: str
+    rounds: bool = True
+
+
+def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
+    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True)
+
+
+_ARM = ("-target", "arm-linux-musleabihf")
+MACHINES = {
+    "x86_64": Machine(
+        _small("x86_64-unknown-linux-gnu", "x86-64-v2"),
+        ("-target", "x86_64-linux-musl", "-fPIC"),
+        True,
+        "Linux on x86-64, any processor of the last fifteen years",
+        "x86_64",
+    ),
+    "aarch64": Machine(
+        _small("aarch64-unknown-linux-gnu", "cortex-a53"),
+        ("-target", "aarch64-linux-musl", "-fPIC"),
+        True,
+        "Linux on ARM with 64 bits: Raspberry Pi 3 to 5, Jetson",
+        "aarch64",
+    ),
+    "armv7": Machine(
+        _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon"),
+        (*_ARM, "-mcpu=cortex_a7", "-fPIC"),
+        True,
+        "Linux on ARM with 32 bits and hard floats: BlueOS on a Raspberry Pi",
+        "arm",
+        rounds=False,
+    ),
+    "thumbv7em": Machine(
+        _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static"),
+        ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16"),
+        False,
+        "Cortex-M7 with a double-precision unit, bare metal: STM32F7 and H7, i.MX RT",
+        "arm",
+    ),
+}
+_FREESTANDING = Path(__file__).with_name("freestanding")
+HELPERS = {"memcpy", "memmove", "memset", "__aeabi_d2lz", "__aeabi_l2d", "__aeabi_ldivmod"}
+HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
+"""Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
+_C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
+_C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-pointer", "-w")
+
+
+def zig() -> list[str]:
+    """The command of ziglang. Raises InputError if it is not installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
+    return [sys.executable, "-m", "ziglang"]
+
+
+def run(command: Sequence[str], folder: Path) -> None:
+    """Run a tool in a folder. Raises InputError with its last line."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[:6]
+        raise InputError("\n".join([f"{' '.join(command[:4])}:", *said]))
+
+
+_ROUNDING = """
+define internal double @uvms_mj_rint(double %x) {
+  %size = call double @llvm.fabs.f64(double %x)
+  %small = fcmp olt double %size, 0x4330000000000000
+  %sum = fadd double %size, 0x4330000000000000
+  %whole = fsub double %sum, 0x4330000000000000
+  %signed = call double @llvm.copysign.f64(double %whole, double %x)
+  %result = select i1 %small, double %signed, double %x
+  ret double %result
+}
+define internal double @uvms_mj_floor(double %x) {
+  %near = call double @uvms_mj_rint(double %x)
+  %above = fcmp ogt double %near, %x
+  %below = fsub double %near, 1.0
+  %result = select i1 %above, double %below, double %near
+  ret double %result
+}
+define internal double @uvms_mj_ceil(double %x) {
+  %minus = fneg double %x
+  %floor = call double @uvms_mj_floor(double %minus)
+  %result = fneg double %floor
+  ret double %result
+}
+define internal double @uvms_mj_trunc(double %x) {
+  %size = call double @llvm.fabs.f64(double %x)
+  %floor = call double @uvms_mj_floor(double %size)
+  %result = call double @llvm.copysign.f64(double %floor, double %x)
+  ret double %result
+}
+"""
+"""The whole numbers beside a number, for a processor without an instruction for them: a sum with 2^52 is rounded to a
+whole number. Each result is exact."""
+_ROUNDED = re.compile(r"@llvm\.(floor|ceil|trunc|rint)\.f64")
+
+
+def without_rounding(text: str) -> str:
+    """LLVM's text with functions in place of the instructions that round to whole numbers."""
+    if not _ROUNDED.search(text):
+        return text
+    lines = [line for line in text.splitlines() if not (line.startswith("declare") and _ROUNDED.search(line))]
+    text = _ROUNDED.sub(r"@uvms_mj_\1", "\n".join(lines)) + _ROUNDING
+    for name in ("fabs.f64(double)", "copysign.f64(double, double)"):
+        if f"declare double @llvm.{name}" not in text:
+            text += f"declare double @llvm.{name}\n"
+    return text
+
+
+_EMIT = """
+import sys
+import llvmlite.binding as llvm
+from uvms_mj.compiler.targets import Target
+target = Target(*sys.argv[1:4], reloc=sys.argv[4], codemodel=sys.argv[5], compact=True)
+sys.stdout.buffer.write(target.code(llvm.parse_assembly(sys.stdin.read())))
+"""
+
+
+def emitted(text: str, target: Target) -> bytes:
+    """The object of LLVM's text for a target. It is emitted in a process of its own, which LLVM ends where it does not
+    know what to do."""
+    words = [target.triple, target.processor, target.features, target.reloc, target.codemodel]
+    source = str(Path(__file__).parents[3])
+    path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-c", _EMIT, *words],
+        input=text.encode(),
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    if done.returncode or not done.stdout:
+        said = (done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"])[-1]
+        raise InputError(f"LLVM emits no code for {target.triple}: {said}")
+    return done.stdout
+
+
+def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, out: Path) -> list[Path]:
+    """Make the libraries of a target of objects in a folder, in a new folder ``out``."""
+    out.mkdir(parents=True, exist_ok=True)
+    archive = out / f"lib{name}.a"
+    archive.unlink(missing_ok=True)
+    run([*zig(), "ar", "rcsD", str(archive.resolve()), *objects], folder)
+    made = [archive]
+    if machine.shared:
+        shared = out / f"lib{name}.so"
+        if machine.emulator == "arm":
+            objects = [*objects, compiled_c(machine, str(_FREESTANDING / "arm.c"), folder, ("-fvisibility=hidden",))]
+        links = [*zig(), "ld.lld", "-shared", "--gc-sections", "--build-id=none", "-soname", shared.name]
+        run([*links, "-z", "noexecstack", *objects, "-o", str(shared.resolve())], folder)
+        made.append(shared)
+    return made
+
+
+def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[str] = (), out: str = "") -> str:
+    """Compile a file of C in a folder; the name of its object."""
+    out = out or f"{Path(source).stem}.o"
+    run([*zig(), "cc", *machine.zig, *_C, *options, "-c", source, "-o", out], folder)
+    return out
+
+
+def undefined(code: bytes) -> tuple[str, ...]:
+    """The symbols that an object uses and does not define."""
+    return tuple(sorted({name for section, name in _symbols(code) if section == 0 and name}))
+
+
+def defined(code: bytes) -> tuple[str, ...]:
+    """The symbols that an object defines."""
+    return tuple(sorted({name for section, name in _symbols(code) if section and name}))
+
+
+def sizes(code: bytes) -> tuple[int, int, int]:
+    """The bytes of an object's code, of its constants and of what it could change in the memory of a program."""
+    held = [(flags, size) for _, flags, size, *_ in _sections(code) if flags & 2]
+    runs, changes = sum(n for flags, n in held if flags & 4), sum(n for flags, n in held if flags & 1)
+    return runs, sum(n for _, n in held) - runs - changes, changes
+
+
+def _sections(code: bytes) -> list[tuple[int, int, int, int, int]]:
+    """Type, flags, size, offset and link of the sections of an ELF object in little endian."""
+    wide = code[4] == 2
+    at, step, count = (
+        (*struct.unpack_from("<Q", code, 40), *struct.unpack_from("<HH", code, 58))
+        if wide
+        else (*struct.unpack_from("<I", code, 32), *struct.unpack_from("<HH", code, 46))
+    )
+    found = []
+    for k in range(count):
+        each = struct.unpack_from("<IIQQQQI" if wide else "<IIIIIII", code, at + k * step)
+        _, kind, flags, _, offset, size, link = each
+        found.append((kind, flags, size, offset, link))
+    return found
+
+
+def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
+    """Section and name of the symbols; section 0 is none."""
+    wide, sections = code[4] == 2, _sections(code)
+    for kind, _, size, offset, link in sections:
+        if kind != 2:
+            continue
+        names = sections[link][3]
+        for at in range(offset, offset + size, 24 if wide else 16):
+            name = struct.unpack_from("<I", code, at)[0]
+            (section,) = struct.unpack_from("<H", code, at + (6 if wide else 14))
+            end = code.index(b"\0", names + name)
+            yield section, code[names + name : end].decode()
+
+
+def program(machine: Machine, archive: Path, sources: Path, folder: Path) -> Path:
+    """A static program of the test in ``sources`` for qemu-user, or for this processor, with a C library of some
+    functions: one that ziglang builds takes minutes the first time."""
+    common = ("-fno-builtin", "-ffunction-sections", "-I", str(_FREESTANDING))
+    options = tuple(each for each in machine.zig if each != "-fPIC")
+    files = [sources.resolve() / "test.c", _FREESTANDING / "libc.c"]
+    files += [_FREESTANDING / "arm.c"] if machine.emulator == "arm" else []
+    for source in files:
+        run([*zig(), "cc", *options, *_C, *common, "-c", str(source), "-o", f"{source.stem}.o"], folder)
+    objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
+    run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", "test"], folder)
+    return folder / "test"
+
+
+def emulator(machine: Machine) -> list[str] | None:
+    """How a program of a target runs here; None if it does not."""
+    if sys.platform != "linux":
+        return None  # qemu-user, and the start of the program, are for Linux
+    if machine.emulator == platform.machine():
+        return []
+    found = shutil.which(f"qemu-{machine.emulator}")
+    return [found] if found else None

@@ -1,0 +1,356 @@
+"""The texts of a law's library: its header, the shell of C with its numbers, and the test with its vectors."""
+
+import dataclasses
+import functools
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .as_law import SUFFIX, AsLaw
+from .border import LONGEST_GAP, PRESENT, STATUSES, Border, Entry
+from .vectors import Vectors
+
+_HERE = Path(__file__).parent
+
+
+def named(text: str, name: str) -> str:
+    """A text of C with the name of a library in place of law_ and LAW_, and of LAW, the type."""
+    text = re.sub(r"\bLAW\b", name, text.replace('"law.h"', f'"{name}.h"'))
+    text = re.sub(r"\bLAW_", f"{name.upper()}_", re.sub(r"\blaw_", f"{name}_", text))
+    return text.replace("ADAPTER", f"{name}{SUFFIX}")
+
+
+def _fields(entries: Iterable[Entry]) -> Iterable[str]:
+    for each in entries:
+        shape = "".join(f"[{n}]" for n in each.shape)
+        unit = f"[{each.unit}] " if each.unit and each.unit != "-" else ""
+        note = f"{unit}{each.meaning}".replace("*/", "* /")
+        yield f"    double {each.name}{shape};".ljust(36) + f" /* {note} */"
+
+
+def _struct(name: str, lines: Iterable[str]) -> str:
+    body = "\n".join(lines)
+    return f"typedef struct {name} {{\n{body}\n}} {name};\n"
+
+
+def header(border: Border, name: str, about: str) -> str:
+    """The header of a library in C99 and C++: ``about`` is a sentence on its law and scenario."""
+    bits = {group: 1 << k for k, group in enumerate(PRESENT)}
+    groups = border.groups
+    of_group = {group: ", ".join(e.name for e in border.measured if e.group == group) for group in groups}
+    flags = "\n".join(f"#define LAW_{g.upper()} {bits[g]} /* {of_group[g]} */" for g in groups)
+    statuses = "\n".join(
+        f"#define LAW_{word} {'(' if n < 0 else ''}{n}{')' if n < 0 else ''} /* {said} */"
+        for word, (n, said) in STATUSES.items()
+    )
+    guided = not border.reference
+    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after that of the last call */"
+    present = "    uint64_t present;".ljust(36) + " /* which of them are there: the sum of the constants above */"
+    saturated = "    uint64_t saturated;".ljust(36) + " /* 1 if a thrust is at its limit */"
+    structs = [
+        _struct("law_measured", [time, present, *_fields(border.measured)]),
+        *([] if guided else [_struct("law_reference", _fields(border.reference))]),
+        _struct("law_settings", _fields(border.settings) if border.settings else ["    double unused;"]),
+        _struct("law_command", [*_fields(border.command), saturated]),
+    ]
+    neutral = [
+        f"        command->{e.name}[k] = {border.neutral!r};"
+        for e in border.command
+        if e.name in ("pwm", "thruster_cmd")
+    ]
+    m = border.chain.thrusters
+    text = _HEADER
+    for word, value in {
+        "ABOUT": about,
+        "LAYOUT_NUMBER": f"UINT64_C({border.layout})",
+        "RECORD_NUMBERS": str(border.chain.kind.itemsize // 8),
+        "PERIOD_S": repr(border.chain.period),
+        "GAP_PERIODS": str(LONGEST_GAP),
+        "THRUSTER_COUNT": str(m),
+        "IS_GUIDED": str(int(guided)),
+        "FLAGS": flags,
+        "NEEDED_FLAGS": " | ".join(f"LAW_{g.upper()}" for g in groups),
+        "STATUSES": statuses,
+        "STRUCTS": "\n".join(structs),
+        "NEUTRAL_PULSES": "".join(f"\n    for (k = 0; k < LAW_THRUSTERS; k++)\n{line}" for line in neutral),
+        "REFERENCE_PARAMETER": "" if guided else "const law_reference *reference, ",
+        "REFERENCE_GIVEN": "" if guided else "reference, ",
+    }.items():
+        text = text.replace(f"@{word}@", value)
+    return named(text, name)
+
+
+_HEADER = """/* @ABOUT@
+
+   Lengths in m, forces in N, angles in rad, times in s. W is the world with z up, B the body: forward, left, up.
+   C99 and C++. No memory is allocated, and nothing is kept beside the instance: several may run in several threads. */
+#ifndef LAW_H
+#define LAW_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define LAW_LAYOUT @LAYOUT_NUMBER@ /* of these structs: another library has another number */
+#define LAW_PERIOD @PERIOD_S@ /* [s] from one call of law_step to the next */
+#define LAW_LONGEST_GAP @GAP_PERIODS@ /* periods after which a call is refused once */
+#define LAW_THRUSTERS @THRUSTER_COUNT@
+#define LAW_GUIDED @IS_GUIDED@ /* 1: the reference is in the library; 0: it is given to law_step */
+#define LAW_NUMBERS @RECORD_NUMBERS@
+
+/* what is measured, bits of law_measured.present */
+@FLAGS@
+#define LAW_NEEDED (@NEEDED_FLAGS@)
+
+/* what the functions return; below zero the command is neutral: no thrust */
+@STATUSES@
+
+/* One controller. Its fields are not yours. */
+typedef struct LAW {
+    uint64_t mark;
+    double last;
+    uint64_t begun, fault;
+    double record[LAW_NUMBERS];
+} LAW;
+
+@STRUCTS@
+int law_init_of(uint64_t layout, LAW *self);
+int law_set_of(uint64_t layout, LAW *self, const law_settings *settings);
+int law_step_of(uint64_t layout, LAW *self, const law_measured *measured, @REFERENCE_PARAMETER@law_command *command);
+
+/* Begin again, with the settings in hand. */
+int law_reset(LAW *self);
+/* The settings in hand. */
+int law_get(const LAW *self, law_settings *settings);
+/* A status in words. */
+const char *law_text(int status);
+double law_period(void);
+uint64_t law_bytes(void);
+
+/* Make a command neutral: no thrust. */
+static inline void law_neutral(law_command *command)
+{
+    unsigned k;
+    double *numbers = (double *)command;
+    for (k = 0; k < sizeof *command / sizeof *numbers; k++)
+        numbers[k] = 0.0;@NEUTRAL_PULSES@
+    command->saturated = 0;
+}
+
+/* Begin, with the settings of the scenario. Call it first, once. */
+static inline int law_init(LAW *self)
+{
+    return law_init_of(LAW_LAYOUT, self);
+}
+
+/* Change settings, at any time after init. They keep their values at a reset. */
+static inline int law_set(LAW *self, const law_settings *settings)
+{
+    return law_set_of(LAW_LAYOUT, self, settings);
+}
+
+/* Take one period: the command for measurements. Call it each LAW_PERIOD. */
+static inline int law_step(LAW *self, const law_measured *measured, @REFERENCE_PARAMETER@law_command *command)
+{
+    if (command)
+        law_neutral(command);
+    return law_step_of(LAW_LAYOUT, self, measured, @REFERENCE_GIVEN@command);
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+
+def _table(name: str, entries: Sequence[Entry]) -> str:
+    rows = ", ".join(f"{{{e.place}, {e.n}}}" for e in entries) or "{0, 0}"
+    return f"static const struct {{\n    int place, n;\n}} {name}[] = {{{rows}}};\n"
+
+
+def _words(values: np.ndarray) -> str:
+    """64-bit words, eight a line."""
+    words = [f"0x{word:x}u" for word in values.tolist()]
+    return ",\n".join(",".join(words[k : k + 8]) for k in range(0, len(words), 8))
+
+
+def image(border: Border, name: str, law: AsLaw | None) -> str:
+    """The numbers of the shell: places of what is exchanged, and the record before the first period."""
+    chain = border.chain
+    parts = [
+        f"#define MARK UINT64_C(0x{border.mark:x})\n",
+        f"#define MEASURED_WORDS {sum(e.n for e in border.measured)}\n",
+        f"#define TIME {chain.place_of('t')}\n#define SATURATED {chain.place_of('saturated')}\n",
+        f"#define TAU_HAT {chain.place_of('signals', 'tau_hat')}\n",
+        _table("measured_at", border.measured),
+        _table("reference_at", border.reference) if border.reference else "",
+        _table("settings_at", border.settings),
+        _table("command_at", border.command),
+        *_of_law(border, law),
+        f"static const uint64_t constants[] = {{{_words(np.frombuffer(chain.constants or bytes(8), '<u8'))}}};\n",
+        *_runs(chain.image.view("<u8")),
+    ]
+    return named("".join(parts), name)
+
+
+def _runs(words: np.ndarray) -> Iterable[str]:
+    """The record before the first period as runs of equal words."""
+    starts = np.flatnonzero(np.concatenate([[True], words[1:] != words[:-1]]))
+    lengths = np.diff(np.append(starts, len(words)))
+    yield f"#define IMAGE_RUNS {len(starts)}\n"
+    yield f"static const uint64_t image[IMAGE_RUNS] = {{\n{_words(words[starts])}}};\n"
+    yield f"static const unsigned image_lengths[IMAGE_RUNS] = {{{', '.join(map(str, lengths.tolist()))}}};\n"
+
+
+def _of_law(border: Border, law: AsLaw | None) -> Iterable[str]:
+    """The numbers of the library as a law of a run."""
+    yield f"#define AS_LAW {int(law is not None)}\n"
+    if law is not None:
+        numbers = ", ".join(f"UINT64_C({each})" for each in law.numbers)
+        yield f"#define RECORDS {numbers}\n#define GAINS {sum(e.n for e in law.gains)}\n"
+        for table, entries in (
+            ("measured_in", border.measured),
+            ("reference_in", border.reference),
+            ("impedance_in", law.impedance),
+        ):
+            moved = [dataclasses.replace(each, place=law.place(each)) for each in entries]
+            yield _table(table, moved) if moved or table == "impedance_in" else ""
+
+
+@functools.cache
+def _read(file: str) -> str:
+    return (_HERE / file).read_text(encoding="utf-8")
+
+
+def shell(name: str) -> str:
+    """The functions of a library."""
+    texts = "".join(f'    case LAW_{word}:\n        return "{said}";\n' for word, (_, said) in STATUSES.items())
+    return named(_read("shell.c").replace("TEXTS", texts), name)
+
+
+def test(name: str) -> str:
+    """The program that compares a library with the recorded steps."""
+    return named(_read("test.c"), name)
+
+
+def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
+    """The recorded steps, for the test."""
+    changes = [change for each in vectors.segments for change in each.changes]
+    segments, first, before = [], 0, 0
+    for each in vectors.segments:
+        last = repr(each.last)
+        segments.append(
+            f'{{"{each.name}", {last}, {int(each.begun)}, {first}, {len(each.rows)}, {before}, {len(each.changes)}}}'
+        )
+        first, before = first + len(each.rows), before + len(each.changes)
+    places = ", ".join(str(place) for place, _ in changes) or "0"
+    values = _words(np.array([value for _, value in changes] or [0], np.uint64))
+    names = [f"{e.name}[{i}]" if e.shape else e.name for e in border.command for i in range(e.n)] + ["saturated"]
+    rows = np.concatenate([each.rows for each in vectors.segments])
+    text = f"""/* Recorded steps of {vectors.about}. */
+#define SEGMENTS {len(segments)}
+#define STEPS {len(rows)}
+#define CHANGES {max(1, len(changes))}
+static const struct {{
+    const char *name;
+    double last;
+    int begun, first, steps, change, changes;
+}} segments[SEGMENTS] = {{{", ".join(segments)}}};
+static const int change_at[CHANGES] = {{{places}}};
+static const uint64_t change_to[CHANGES] = {{{values}}};
+static const char *const command_names[] = {{{", ".join(f'"{each}"' for each in names)}}};
+/* time and measurements, {"reference, " if border.reference else ""}command */
+static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
+{",".join(f"{{{_words(row)}}}" for row in rows)}}};
+"""
+    return named(text, name)
+
+
+def readme(
+    border: Border,
+    name: str,
+    title: str,
+    rows: Sequence[Sequence[str]],
+    made: Sequence[str],
+    bits: str,
+    again: Sequence[str],
+) -> str:
+    """The page beside a library. ``rows`` are those of the table of targets; ``again`` are the targets whose
+    library can be a law of a run."""
+    chain = border.chain
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    given = ", ".join(f"`{each.name}`" for each in border.measured)
+    stages = ", ".join(link.name for link in chain.links)
+    guidance = (
+        "The reference is that of the scenario's guidance."
+        if not border.reference
+        else ("You give the reference to each call, as `law_reference`.")
+    )
+    reference = "" if not border.reference else "&reference, "
+    left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
+    law = ""
+    if again:
+        run = (
+            f"uvms-mj run --controller {again[0]}/lib{name}.so:{name}{SUFFIX} --set controller.period={chain.period:g}"
+        )
+        law = (
+            f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
+        )
+    linux = next((row[0] for row in rows), "x86_64")
+    return named(
+        f"""# {name}: {title}
+
+One control system as a library in C99 and C++17, for the processor of a vehicle: from measurements to the thrust of
+each thruster{" and the pulse of its speed controller" if border.neutral is not None else ""}. Its stages are {stages}:
+the machine code of the run. {left}{guidance} {bits}
+
+| target | code | constants | record | stack | takes from the program |
+|---|---|---|---|---|---|
+{table}
+
+The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is
+that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.
+
+## Use
+
+```c
+#include "{name}.h"
+static LAW controller;                    /* {name}_init(&controller) before the first step */
+law_measured measured = {{0}};
+law_command command;
+measured.t = now;                         /* [s] */
+measured.present = LAW_NEEDED;            /* leave a bit out where a sensor has no new sample */
+/* fill {given} */
+int status = law_step(&controller, &measured, {reference}&command);
+if (status < 0)                           /* the command is neutral: no thrust */
+    report(law_text(status));
+```
+
+Call it each {chain.period:g} s. A call that comes late says so (`LAW_LATE`); after {LONGEST_GAP} periods one call is
+refused. `law_reset` begins anew, `law_set` changes gains, and each function returns a status.
+
+## Test
+
+```sh
+cc -std=c99 test.c {linux}/lib{name}.a -o test && ./test     # on the target; 0: all steps are equal
+```
+
+It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the first number and the bit that differs.
+{made[2]}
+
+{law}## What is not promised
+
+The numbers are those of the simulation, for the same measurements. That the law is stable on your vehicle, with your
+sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
+the program stops, so must the thrusters: give each pulse a time after which it is neutral.
+
+Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests.
+""",
+        name,
+    )

@@ -1,0 +1,413 @@
+"""The control system of a run without its plant: the stages from the measurements to the commands of the thrusters,
+with a record of their own and one function that takes a period of them.
+
+A stage is the function that the run calls, with records of the same layout. The record of the chain has those parts of
+the record of a run that its stages see, by the same names, and the stages' own records behind them. What the engine
+and the sensors set in a run, its caller sets.
+"""
+
+import ctypes
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+
+from ...actuation.propeller import Propeller, commands_alone
+from ...compiler.targets import add_libm, optimize
+from ...compiler.values import INT
+from ...errors import Fault, InputError
+from ...physics.frames import rotation
+from ...physics.kernels import kernel
+from ...stages.base import is_shipped
+from ...stages.foreign import suffix_of
+from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
+from .compilation import link as linked
+from .compilation import target_machine
+from .intrinsics import kernel_module, linked_stage_module
+from .loop import add_columns, begin_stage, check_command
+from .memory import call_code
+from .pipeline import CompiledStage
+from .record import STAGE, STOP_NONE, with_numbers
+from .run_memory import RunMemory
+from .user_stage import between_copies
+
+OF_THE_PLANT = ("tool", "navigation", "sensed", "encoder", "felt", "wrist", "truth", "inflow", "surroundings")
+"""The stages that stand for the vehicle and its sensors: they are given the truth, which a real vehicle has not."""
+_ALWAYS = ("address", "tau_bound", "next", "tau_cmd", "step", "t", "stop", "stop_index", "stop_value")
+_BLOCKS = ("command", "delayed", "allocation", "commands", "columns", "columns_hat", "low", "high", "believed")
+_OF_MODEL = ("model", "joints", "encoded", "frames_m", "tau_q_demand", "wrist")
+_WORD = 8
+
+
+@kernel
+def take_period(chain, address, constants) -> int:
+    """Take one period of a chain at the time ``chain.t`` [s] with the measurements in its record, which is at an
+    address. The settings that nobody changes are at the address ``constants``. Returns 0, or the number of the stage
+    that ended early, or -1 for a command out of bounds."""
+    chain.address = address
+    if chain.turns != 0:
+        rotation(chain.measured.quat_WB, chain.measured.R_WB)
+    for i in range(chain.stages.shape[0]):
+        stage = chain.stages[i]
+        if chain.waits[i] > 0:
+            chain.waits[i] -= 1
+        else:
+            chain.waits[i] = stage.period_steps - 1
+            if i == chain.actuation:
+                check_command(chain)
+                if chain.stop != STOP_NONE:
+                    return -1
+            begin_stage(chain, stage)
+            settings = (constants if chain.fixed[i] != 0 else address) + 8 * stage.settings
+            wrong = call_code(
+                stage.code_at, settings, address + 8 * stage.state, address + 8 * stage.given,
+                address + 8 * stage.state_dot, address + 8 * stage.out,
+            )  # fmt: skip
+            if wrong != 0:
+                return i + 1
+    u_cmd, u_min, u_max = chain.commands.u_cmd, chain.allocation.u_min, chain.allocation.u_max
+    tau_hat = chain.signals.tau_hat
+    if chain.believed == 0:
+        add_columns(chain.columns, u_cmd, chain.low, chain.high, tau_hat)
+    else:
+        add_columns(chain.columns_hat, u_cmd, u_min, u_max, tau_hat)
+    chain.saturated = 0
+    for k in range(u_cmd.shape[0]):
+        if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
+            chain.saturated = 1
+    chain.step += 1
+    return 0
+
+
+@dataclass(frozen=True)
+class Link:
+    """A stage of a chain: its name, what the run has of it, the function that the chain calls, and the dtypes of that
+    function's records."""
+
+    name: str
+    compiled: CompiledStage
+    function: Callable
+    kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+    period_steps: int
+
+    @property
+    def fixed(self) -> bool:
+        """Whether its settings are constants of the library: those of the law and of users' stages are in the
+        record."""
+        return not self.compiled.users and self.name != "controller"
+
+    @property
+    def in_c(self) -> bool:
+        return suffix_of(type(self.compiled.stage)) == ".c"
+
+
+class Chain:
+    """The control system of a run.
+
+    Args:
+        memory: the memory of a run that has not begun.
+        guided: whether the reference is that of the run's guidance; otherwise the caller sets it.
+
+    Attributes:
+        links: the stages in their order.
+        kind: the dtype of the record.
+        image: its bytes before the first period; ``constants`` are those of the settings that nobody changes.
+        steps: time steps of the run in one period of the chain.
+        measured: name of the record with the measurements.
+
+    Raises:
+        InputError: a stage can't leave this machine.
+    """
+
+    def __init__(self, memory: RunMemory, guided: bool = True) -> None:
+        self._memory, self.stages = memory, memory.stages
+        refuse(memory.stages)
+        self.measured = memory.stages.base
+        self.links = list(self._links(guided))
+        self.steps = math.gcd(*(link.period_steps for link in self.links))
+        self._spans: list[tuple[int, int, int]] = []
+        self._fixed: dict[str, int] = {}
+        self.kind = self._layout()
+        self.image = self.image_of(memory)
+
+    # layout
+
+    def _links(self, guided: bool) -> Iterator[Link]:
+        pipeline = self.stages
+        for (table, compiled), row in zip(pipeline.stages.items(), pipeline.rows, strict=True):
+            stage, steps = compiled.stage, int(row["period_steps"])
+            if table in OF_THE_PLANT or table.startswith("effects") or (table == "reference" and not guided):
+                continue
+            kinds, function = compiled.kinds, type(stage).function()
+            if table == "thrusters":
+                if not (isinstance(stage, Propeller) and is_shipped(stage) and stage.curves()[1] is not None):
+                    continue  # their command is the thrust
+                function = commands_alone
+                kinds = (*kinds[:3], np.dtype(("f8", (pipeline.shape.thrusters,))))
+            held = table in ("actuation", "thrusters") and is_shipped(stage) and stage.period is None
+            yield Link(table, compiled, function, kinds, 0 if held else steps)  # gcd(0, n) is n
+
+    def _parts(self) -> dict[str, np.dtype]:
+        """The parts of the record of a run that the chain has."""
+        run: Any = self._memory.run.dtype.fields
+        resolves = self._memory.shape.resolves
+        names = [*_ALWAYS, *_BLOCKS, *_OF_MODEL, *(("base",) if self.measured == "base" else ())]
+        found = {"signals": record_dtype(GIVEN)}
+        found |= {name: run[name][0] for name in names if name in run}
+        if not resolves:
+            found.pop("wrist", None)
+        return found
+
+    def _layout(self) -> np.dtype:
+        fields: dict[str, tuple[np.dtype, int]] = {}
+        run: Any = self._memory.run.dtype.fields
+        at = 0
+
+        def add(name: str, kind: np.dtype) -> None:
+            nonlocal at
+            fields[name] = kind, at
+            at += -(-kind.itemsize // _WORD) * _WORD
+
+        for name, kind in self._parts().items():
+            start = run[name][1]
+            self._spans.append((start, start + kind.itemsize, at))
+            add(name, kind)
+        plant, start = run["plant"]
+        frames, offset = plant.fields["frames"][:2]
+        self._spans.append((start + offset, start + offset + frames.itemsize, at))
+        add("plant", np.dtype([("frames", frames)]))
+        n = len(self.links)
+        add("stages", np.dtype((STAGE, (n,))))
+        for name in ("actuation", "turns", "saturated"):
+            add(name, np.dtype("i8"))
+        for name in ("waits", "fixed"):
+            add(name, np.dtype(("i8", (n,))))
+        add("outputs", np.dtype(("f8", (self._memory.shape.thrusters,))))  # commands of the speed controllers
+        raw, constants = self._memory.image.fixed, list[bytes]()
+        for k, link in enumerate(self.links):
+            kind, start = link.compiled.layout, self._start_of(link)
+            if link.fixed:
+                size = link.kinds[0].itemsize
+                self._fixed[link.name] = sum(map(len, constants)) // _WORD
+                constants.append(raw[start : start + size].tobytes())
+                kind, start = np.dtype(f"V{kind.itemsize - size}"), start + size
+            if kind.itemsize:
+                self._spans.append((start, start + kind.itemsize, at))
+                add(f"stage_{k}", kind)
+        self.constants = b"".join(constants)
+        fields["measured"] = record_dtype(CLOCK + MEASURED), fields[self.measured][1]
+        return np.dtype(
+            {
+                "names": [*fields],
+                "formats": [kind for kind, _ in fields.values()],
+                "offsets": [place for _, place in fields.values()],
+                "itemsize": at,
+            }
+        )
+
+    def _start_of(self, link: Link) -> int:
+        """Where the records of a stage begin in the image of the run [bytes]."""
+        behind = self._memory.image.record("stages")
+        fields: Any = behind.dtype.fields
+        return _WORD * self._memory.image.place(behind.view(np.uint8)) + fields[link.name][1]
+
+    def place(self, place: int) -> int:
+        """The place in the chain's record of a number that has a place in the image of the run."""
+        at = _WORD * place
+        for start, end, to in self._spans:
+            if start <= at < end:
+                return (at - start + to) // _WORD
+        raise KeyError(place)
+
+    def place_of(self, *names: str) -> int:
+        """The place of the first number of a field."""
+        kind, at = self.kind, 0
+        for name in names:
+            fields: Any = kind.fields
+            kind, offset = fields[name][:2]
+            at += offset
+        return at // _WORD
+
+    # contents
+
+    def image_of(self, memory: RunMemory) -> np.ndarray:
+        """The bytes of the record before the next period, from the memory of a run that has not begun its instant."""
+        image = np.zeros(self.kind.itemsize, np.uint8)
+        raw, chain = memory.image.fixed, image.view(self.kind)[0]
+        for start, end, to in self._spans:
+            image[to : to + end - start] = raw[start:end]
+        rows, order = memory.stages.rows, [*memory.stages.stages]
+        done = int(memory.run["step"][0] + memory.run["pending"][0]) // self.steps
+        chain["address"], chain["step"], chain["stop"], chain["next"] = 0, done, STOP_NONE, 0
+        for name in ("stop_index", "stop_value", "t"):
+            chain[name] = 0
+        chain["turns"], chain["actuation"] = 1, -1
+        if self.joints:
+            chain["encoded"] = 1  # so that the frames are placed at the measured positions
+        chain["tau_cmd"] = self.place(memory.image.place(memory.stages.command))
+        first = order[memory.stages.actuation] if memory.stages.actuation < len(order) else ""
+        for k, link in enumerate(self.links):
+            row = rows[order.index(link.name)]
+            stage = chain["stages"][k]
+            stage["code_at"], stage["states"], stage["key"] = k + 1, row["states"], row["key"]
+            every = max(1, (link.period_steps or self.steps) // self.steps)
+            stage["period_steps"] = every
+            stage["period"] = row["period"] if link.period_steps else self.period
+            stage["instant"] = row["instant"]
+            chain["waits"][k], chain["fixed"][k] = -done % every, link.fixed
+            for name in ("settings", "state", "given", "state_dot", "out"):
+                stage[name] = self._moved(link, name)
+            if link.name == first:
+                chain["actuation"] = k
+        return image
+
+    def _moved(self, link: Link, name: str) -> int:
+        """The place of an argument of a stage."""
+        if name == "settings" and link.fixed:
+            return self._fixed[link.name]
+        of_states = name in ("state", "state_dot")
+        if of_states and ("state" not in (link.compiled.layout.names or ()) or not link.kinds[1].itemsize):
+            return 0  # the whole record, or no state
+        return (
+            self.place_of("outputs")
+            if link.function is commands_alone and name == "out"
+            else self.place(link.compiled.places[name])
+        )
+
+    @property
+    def joints(self) -> int:
+        return self._memory.shape.joints
+
+    @property
+    def thrusters(self) -> int:
+        return self._memory.shape.thrusters
+
+    @property
+    def law(self) -> str:
+        """The record with the law's command."""
+        return self.stages.law
+
+    @property
+    def pulses(self) -> Link | None:
+        """The stage that makes commands of speed controllers of thrusts."""
+        return next((link for link in self.links if link.function is commands_alone), None)
+
+    def has(self, name: str) -> bool:
+        """Whether a stage is in the chain."""
+        return any(link.name == name for link in self.links)
+
+    @property
+    def left(self) -> list[str]:
+        """The stages of the run, as a scenario names them, that stand for the vehicle and its sensors and are not in
+        the chain."""
+        there = {link.name for link in self.links if link.function is not commands_alone}
+        named, simple = self.stages.scenario.named_stages, ("perfect", "none", "ideal")
+        chosen = [table for table in self.stages.stages if table not in there and table.partition("[")[0] in named]
+        labels = [(table, self.stages.stages[table].stage.label()) for table in chosen]
+        words = {"thrusters": "lag and losses of thrusters"} if self.pulses else {}
+        return [f"{words.get(table, table)} {label}" for table, label in labels if label not in simple]
+
+    def settings_place(self, link: Link) -> int:
+        """The place of the settings of a stage."""
+        return self._moved(link, "settings")
+
+    @property
+    def period(self) -> float:
+        """Time from one call to the next [s]."""
+        return self.steps * float(self._memory.run["timestep"][0])
+
+    # machine code
+
+    def module(self, entry: str) -> str:
+        """LLVM's text of the stages and of :func:`take_period` by the name ``entry``. No product and sum is rounded
+        once, so that every processor has the same numbers."""
+        symbols, users = [f"{entry}_{k}" for k in range(1, len(self.links) + 1)], list[str]()
+        kernels: dict[str, Any] = {}
+        whole, run = with_numbers(self.kind), with_numbers(self._memory.run.dtype)
+        for symbol, link in zip(symbols, self.links, strict=True):
+            kinds = tuple(whole if kind is run else kind for kind in link.kinds)
+            if link.compiled.users:
+                stage = link.compiled
+                own = stage.library.kind if stage.library else None
+                parts = between_copies(own if own is not None else link.function, stage.stage.room, link.kinds)
+                users.append(linked_stage_module(*parts, symbol, type(stage.stage).__name__ if own is not None else ""))
+            else:
+                settings, state, given, out = kinds
+                kernels[symbol] = link.function, [settings, state, given, state, out]
+        kernels[entry] = take_period, [whole, INT, INT]
+        module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols)))
+        for text in users:
+            module.link_in(llvm.parse_assembly(text))
+        add_libm(module)
+        for function in module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("nounwind")  # no tables for unwinding
+                if function.name == entry:
+                    function.visibility = "hidden"
+                else:
+                    function.linkage = "internal"
+        return str(module)
+
+    def here(self, text: str, entry: str) -> "Here":
+        """The chain on this processor, from its text."""
+        return Here(self, text, entry)
+
+
+class Here:
+    """A chain on this processor.
+
+    Attributes:
+        record: its record (1,).
+        numbers: the same memory as float64.
+    """
+
+    def __init__(self, chain: Chain, text: str, entry: str) -> None:
+        module = llvm.parse_assembly(text.replace(" hidden ", " "))
+        machine = target_machine()
+        optimize(module, machine, machine.triple)
+        found = linked(machine.emit_object(module), [entry], ["memset", "memmove", "memcpy"])
+        assert found is not None
+        kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+        self._take, self._constants = kind(found[0]), np.frombuffer(chain.constants or bytes(8), np.uint8)
+        self.numbers = np.zeros(chain.kind.itemsize // _WORD)
+        self.record = self.numbers.view(np.uint8).view(chain.kind)
+
+    def take(self) -> int:
+        """Take a period, as :func:`take_period`."""
+        at = int(self.numbers.ctypes.data)
+        return int(self._take(at, at, int(self._constants.ctypes.data)))
+
+
+def refuse(stages: Any) -> None:
+    """Raise InputError for stages that can't leave this machine."""
+    faults = list[Fault]()
+    scenario = stages.scenario
+    for stage, key, instead in (
+        (scenario.controller, "controller.name", "name a law, as in --controller gsta"),
+        (scenario.actuation, "actuation.name", "name an allocation, as in actuation.name=pseudo_inverse"),
+    ):
+        if stage.external or stage.by_caller:
+            faults.append(Fault(key, f"{stage.label()}: there is nothing to export; {instead}"))
+    if type(scenario.controller).uses_truth:
+        wrong = f"{scenario.controller.label()} is given the truth, which no vehicle has; choose another law"
+        faults.append(Fault("controller.name", wrong))
+    for table, compiled in stages.stages.items():
+        if table in OF_THE_PLANT or table.startswith(("effects", "thrusters")):
+            continue
+        key, stage = f"{compiled.stage.room.table}.name", compiled.stage
+        suffix = suffix_of(type(stage))
+        if suffix == ".fmu":
+            faults.append(
+                Fault(key, f"{stage.label()} is an FMU, a library for this machine; export a law in Python or C")
+            )
+        elif suffix not in ("", ".c"):
+            wrong = f"{stage.label()} is machine code for this machine alone; export it from its source, a file in C"
+            faults.append(Fault(key, wrong))
+        elif compiled.code is None:
+            wrong = f"{stage.label()} runs as plain Python, which no library takes: {compiled.not_compiled}"
+            faults.append(Fault(key, wrong))
+    if faults:
+        raise InputError(faults, "export law")

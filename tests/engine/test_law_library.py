@@ -1,0 +1,524 @@
+"""A law's library in C: equal bits on four processors, headers without a warning, and what misuse gives."""
+
+import ctypes
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.control import BUILT_IN
+from uvms_mj.engine import law_library
+from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library.border import STATUSES
+
+pytest.importorskip("ziglang")
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FREESTANDING = Path(law_library.__file__).with_name("freestanding")
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+SOFT = {"wall.stiffness": 2e3}
+HEAVY = SOFT | {"vehicle.model": "bluerov2_heavy", "thrusters.name": "t200", "controller.period": 0.02}
+KINDS = {
+    "pulses": ("gsta", HEAVY | {"actuation.name": "scaled"}),
+    "delay": ("gsta", SOFT | {"controller.period": 0.01, "controller.delay": 0.005}),
+    "observer": ("impedance", SOFT | {"observer.name": "momentum_observer", "current.speed": 0.0}),
+    "constrained": ("fosm", {"actuation.name": "constrained"}),
+    "a policy": (f"{EXAMPLES / 'learned_push.py'}:LearnedPush", {}),
+    "a user's": (f"{EXAMPLES / 'pd.py'}:Pd", {}),
+}
+MY_LAW = """
+#include "uvms_stage.h"
+int my_law(const struct settings *gains, struct state *state, const struct signals *signals, struct state *state_dot,
+           double *tau_cmd)
+{
+    for (int i = 0; i < 6; i++) {
+        state_dot->xi[i] = signals->eta_e[i];
+        tau_cmd[i] = signals->g_hat[i] - gains->k * signals->eta_e[i] - 100.0 * signals->nu_e[i] - 10.0 * state->xi[i];
+    }
+    return 0;
+}
+"""
+MY_TOML = 'stage = "controller"\nuses_task = false\n[settings]\nk = {default = 200.0}\n[states]\nxi = {size = 6}\n'
+PLAIN = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+@dataclass(frozen=True)
+class Plain(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        said = str(signals.t)
+        tau_cmd[:] = float(said)
+"""
+
+
+def scenario(law, settings=None, name="push_wall"):
+    return Scenario.load(name, settings or {}, law)
+
+
+def runs_here(target):
+    return linking.emulator(MACHINES[target]) is not None
+
+
+@pytest.fixture(scope="module")
+def gsta(tmp_path_factory):
+    """GSTA of push_wall for all processors, and what was made."""
+    folder = tmp_path_factory.mktemp("gsta")
+    return folder, write_library(scenario("gsta"), folder, [*MACHINES])
+
+
+@pytest.mark.parametrize("target", MACHINES)
+def test_the_recorded_steps_are_equal_on_each_processor(gsta, target):
+    """1,200 steps in free motion, at the touch and pressing; the Cortex-M7's code, too, as qemu's ARM runs it."""
+    folder, library = gsta
+    made = next(each for each in library.targets if each.target == target)
+    if not runs_here(target):
+        pytest.skip(f"no qemu-{MACHINES[target].emulator}: apt-get install qemu-user")
+    assert made.equal == library.steps == 1200
+    assert 200 < made.stack < 2000
+    about = tomllib.loads((folder / "gsta.toml").read_text())
+    assert f"{made.stack} bytes" in (folder / "README.md").read_text()
+    assert about["targets"][target]["code_bytes"] == made.code
+    assert about["scenario"]["controller"]["k_1"] == BUILT_IN["gsta"]().k_1
+
+
+@pytest.mark.parametrize("target", MACHINES)
+def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
+    """No heap, no C library, and nothing that is kept beside an instance."""
+    _, library = gsta
+    made = next(each for each in library.targets if each.target == target)
+    moves = {"memcpy", "memset", "memmove"} | {
+        f"__aeabi_mem{n}{k}" for n in ("cpy", "move", "clr", "set") for k in ("", 4, 8)
+    }
+    assert set(made.undefined) <= moves
+    assert made.code < 16_000
+    assert library.record < 12_000
+
+
+def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
+    """The test of a library can fail: with another gain it says which number of which step differs."""
+    folder, _ = gsta
+    sources = tmp_path / "sources"
+    sources.mkdir()
+    for name in ("gsta.h", "vectors.h"):
+        shutil.copy(folder / name, sources)
+    text = (folder / "test.c").read_text()
+    line = "        instance.last = segments[s].last;"
+    assert line in text
+    change = "{ gsta_settings g; gsta_get(&instance, &g); g.k_1 *= 1.0000000000000002; gsta_set(&instance, &g); }"
+    (sources / "test.c").write_text(text.replace(line, f"{line}\n{change}"))
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", sources, tmp_path)
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    done = subprocess.run([program], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "tau_cmd[" in done.stdout
+    assert "is the lowest that differs" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", MACHINES)
+@pytest.mark.parametrize(("language", "suffix"), [("c99", "c"), ("c++17", "cpp")])
+def test_header_and_test_compile_without_a_warning(gsta, tmp_path, target, language, suffix):
+    folder, _ = gsta
+    for name in ("gsta.h", "vectors.h"):
+        shutil.copy(folder / name, tmp_path)
+    shutil.copy(folder / "test.c", tmp_path / f"test.{suffix}")
+    zig = [each for each in MACHINES[target].zig if each != "-fPIC"]
+    tool = "cc" if language == "c99" else "c++"
+    options = [*zig, f"-std={language}", *WARNINGS, "-ffreestanding", "-I", str(FREESTANDING), "-c", f"test.{suffix}"]
+    done = subprocess.run([*linking.zig(), tool, *options], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_compiler_of_this_machine_warns_of_nothing_and_links_both_libraries(gsta, tmp_path):
+    folder, _ = gsta
+    if shutil.which("gcc") is None or not runs_here("x86_64"):
+        pytest.skip("no gcc for x86_64 here")
+    for library in ("libgsta.a", "libgsta.so"):
+        place = (folder / "x86_64" / library).resolve()
+        out = tmp_path / library.replace(".", "_")
+        done = subprocess.run(
+            ["gcc", "-std=c99", "-O2", *WARNINGS, "test.c", place, "-o", out], cwd=folder, capture_output=True
+        )
+        assert done.returncode == 0, done.stderr
+        done = subprocess.run([out], capture_output=True, text=True, env={"LD_LIBRARY_PATH": str(place.parent)})
+        assert done.returncode == 0
+        assert "1200 of 1200 steps equal" in done.stdout
+
+
+# misuse
+
+
+class Measured(ctypes.Structure):
+    _fields_ = [("t", ctypes.c_double), ("present", ctypes.c_uint64), ("numbers", ctypes.c_double * 22)]
+
+
+class Command(ctypes.Structure):
+    _fields_ = [("numbers", ctypes.c_double * 18), ("saturated", ctypes.c_uint64)]
+
+
+OK, LATE, NULL, OTHER_HEADER, NOT_BEGUN, NOT_FINITE, MISSING, NO_ATTITUDE, TIME_BACK, GAP, FAULT = (
+    0,
+    1,
+    *range(-1, -10, -1),
+)
+PERIOD = 1e-4
+
+
+class Instance:
+    """An instance of the library for this machine."""
+
+    def __init__(self, folder):
+        self.library = ctypes.CDLL(str(folder / "x86_64" / "libgsta.so"))
+        self.layout = int(tomllib.loads((folder / "gsta.toml").read_text())["library"]["layout"], 16)
+        self.library.gsta_bytes.restype = ctypes.c_uint64
+        self.library.gsta_text.restype = ctypes.c_char_p
+        self.memory = ctypes.create_string_buffer(self.library.gsta_bytes())
+        self.command = Command()
+
+    def init(self, layout=None):
+        return self.library.gsta_init_of(ctypes.c_uint64(layout or self.layout), self.memory)
+
+    def measured(self, t, x=None, present=7):
+        """At rest at t = 0, where the reference begins, and 1 cm ahead of it later."""
+        x = (0.0 if t == 0.0 else 0.01) if x is None else x
+        numbers = [x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *[0.0] * 15]
+        return Measured(t, present, (ctypes.c_double * 22)(*numbers))
+
+    def step(self, measured, layout=None):
+        """A step, whose command was something else before."""
+        self.command = Command((ctypes.c_double * 18)(*[77.0] * 18), 5)
+        return self.library.gsta_step_of(
+            ctypes.c_uint64(layout or self.layout), self.memory, ctypes.byref(measured), ctypes.byref(self.command)
+        )
+
+    @property
+    def neutral(self):
+        return not any(self.command.numbers) and self.command.saturated == 0
+
+
+@pytest.fixture
+def instance(gsta):
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    return Instance(gsta[0])
+
+
+def test_a_step_before_init_is_neutral(instance):
+    assert instance.step(instance.measured(0.0)) == NOT_BEGUN
+    assert instance.neutral
+    assert instance.library.gsta_reset(instance.memory) == NOT_BEGUN
+    assert b"init" in instance.library.gsta_text(NOT_BEGUN)
+
+
+def test_another_header_is_refused_and_nothing_is_written(instance):
+    """Its structs may be smaller: the header's own function has made the command neutral before."""
+    before = bytes(instance.memory)
+    assert instance.init(instance.layout + 1) == OTHER_HEADER
+    assert bytes(instance.memory) == before
+    assert instance.init() == OK
+    assert instance.step(instance.measured(0.0), instance.layout + 1) == OTHER_HEADER
+    assert set(instance.command.numbers) == {77.0}
+
+
+def test_a_program_with_an_old_header_gets_a_neutral_command(gsta, tmp_path):
+    folder, _ = gsta
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    header = (folder / "gsta.h").read_text()
+    layout = header.split("#define GSTA_LAYOUT UINT64_C(")[1].split(")")[0]
+    (tmp_path / "gsta.h").write_text(header.replace(layout, str(int(layout) ^ 2)))
+    (tmp_path / "test.c").write_text("""
+#include "gsta.h"
+#include <stdio.h>
+int main(void)
+{
+    static gsta law;
+    gsta_measured measured = {0};
+    gsta_command command;
+    command.u_cmd[0] = 99.0;
+    printf("%d ", gsta_init(&law));
+    printf("%d ", gsta_step(&law, &measured, &command));
+    printf("%d\\n", (int)command.u_cmd[0]);
+    return 0;
+}
+""")
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", tmp_path, tmp_path)
+    assert subprocess.run([program], capture_output=True, text=True).stdout == "-2 -2 0\n"
+
+
+def test_wrong_measurements_give_a_neutral_command_and_the_law_goes_on(instance):
+    assert instance.init() == OK
+    assert instance.step(instance.measured(0.0)) == OK
+    assert instance.step(instance.measured(PERIOD)) == OK
+    assert not instance.neutral
+    wrong = [
+        (instance.measured(float("nan")), NOT_FINITE),
+        (instance.measured(2 * PERIOD, x=float("inf")), NOT_FINITE),
+        (instance.measured(3 * PERIOD, present=3), MISSING),
+        (instance.measured(4 * PERIOD, present=0), MISSING),
+        (instance.measured(4 * PERIOD), TIME_BACK),
+        (instance.measured(-1.0), TIME_BACK),
+    ]
+    longer = instance.measured(5 * PERIOD)
+    longer.numbers[3] = 1.1
+    for measured, status in [*wrong, (longer, NO_ATTITUDE)]:
+        assert instance.step(measured) == status
+        assert instance.neutral
+    assert instance.step(instance.measured(6 * PERIOD)) == OK
+    assert not instance.neutral
+
+
+def test_late_calls_are_named_and_a_long_gap_is_neutral_once(instance):
+    assert instance.init() == OK
+    assert instance.step(instance.measured(0.0)) == OK
+    assert instance.step(instance.measured(1.4 * PERIOD)) == OK
+    assert instance.step(instance.measured(3.0 * PERIOD)) == LATE
+    assert not instance.neutral
+    assert instance.step(instance.measured(20.0 * PERIOD)) == GAP
+    assert instance.neutral
+    assert instance.step(instance.measured(21.0 * PERIOD)) == OK
+    assert instance.library.gsta_reset(instance.memory) == OK
+    assert instance.step(instance.measured(0.0)) == OK  # time begins anew
+
+
+def test_a_command_out_of_bounds_stays_neutral_until_a_reset(instance):
+    """A finite position of 1e200 m makes the command too large."""
+    assert instance.init() == OK
+    assert instance.step(instance.measured(0.0, x=1e200)) == FAULT
+    assert instance.neutral
+    assert instance.step(instance.measured(PERIOD)) == FAULT
+    assert instance.library.gsta_reset(instance.memory) == OK
+    assert instance.step(instance.measured(0.0)) == OK
+
+
+@pytest.mark.parametrize("mode", [0x400, 0x800, 0xC00], ids=["down", "up", "to zero"])
+def test_a_processor_that_rounds_in_another_way_is_refused(instance, mode):
+    """The modes of fenv.h on x86-64; there are no other bits where a law has begun."""
+    c = ctypes.CDLL(None)
+    try:
+        assert c.fesetround(mode) == 0
+        status = instance.init()
+    finally:
+        c.fesetround(0)
+    assert status == STATUSES["OTHER_ARITHMETIC"][0]
+    assert instance.step(instance.measured(0.0)) == NOT_BEGUN
+    assert instance.init() == OK
+
+
+def test_null_pointers_are_named(instance):
+    library, layout = instance.library, ctypes.c_uint64(instance.layout)
+    assert library.gsta_init_of(layout, None) == NULL
+    assert instance.init() == OK
+    assert library.gsta_step_of(layout, instance.memory, ctypes.byref(instance.measured(0.0)), None) == NULL
+    assert (
+        library.gsta_step_of(layout, None, ctypes.byref(instance.measured(0.0)), ctypes.byref(instance.command)) == NULL
+    )
+    assert library.gsta_step_of(layout, instance.memory, None, ctypes.byref(instance.command)) == NULL
+    assert instance.neutral
+
+
+def test_settings_change_and_survive_a_reset(instance):
+    """The desired force is one of them: 5 N make another command, again after a reset."""
+    kinds = ctypes.c_double * 15  # k_1, k_2, beta, K_f, F_d
+    settings, layout = kinds(), ctypes.c_uint64(instance.layout)
+
+    def second():
+        assert instance.step(instance.measured(0.0)) == OK
+        assert instance.step(instance.measured(PERIOD)) == OK
+        return list(instance.command.numbers)
+
+    assert instance.init() == OK
+    assert instance.library.gsta_get(instance.memory, settings) == OK
+    assert [settings[0], settings[9]] == [BUILT_IN["gsta"]().k_1, 0.0]
+    first = second()
+    settings[9] = -5.0
+    for _ in range(2):
+        assert instance.library.gsta_set_of(layout, instance.memory, settings) == OK
+        assert instance.library.gsta_reset(instance.memory) == OK
+        assert second() != first
+    settings[0] = float("nan")
+    assert instance.library.gsta_set_of(layout, instance.memory, settings) == NOT_FINITE
+    assert instance.init() == OK
+    assert second() == first
+
+
+def test_two_instances_do_not_know_each_other(gsta, instance):
+    other = Instance(gsta[0])
+    alone = Instance(gsta[0])
+    for each in (instance, other, alone):
+        assert each.init() == OK
+    for k in range(20):
+        assert alone.step(alone.measured(k * PERIOD, x=1e-3 * k)) == OK
+        assert other.step(other.measured(k * PERIOD, x=-2e-3 * k)) == OK
+        assert instance.step(instance.measured(k * PERIOD, x=1e-3 * k)) == OK
+        assert list(alone.command.numbers) == list(instance.command.numbers)
+    assert list(other.command.numbers) != list(instance.command.numbers)
+
+
+# laws, stages and scenarios
+
+
+_IN_THE_SUITE = ("pulses", "observer")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind", [pytest.param(each, marks=[] if each in _IN_THE_SUITE else [pytest.mark.long]) for each in KINDS]
+)
+def test_stages_beside_the_law_leave_with_it(tmp_path, kind):
+    law, settings = KINDS[kind]
+    targets = ["x86_64"] + (["armv7"] if kind in ("pulses", "delay") and runs_here("armv7") else [])
+    library = write_library(scenario(law, settings), tmp_path, targets)
+    for each in library.targets:
+        assert each.equal in (None, library.steps)
+    header = (tmp_path / f"{library.name}.h").read_text()
+    assert ("pwm[8]" in header) == (kind == "pulses")
+    assert ("f_contact_m_W" in header) == (kind != "observer")
+
+
+@pytest.mark.slow
+def test_a_law_in_c_is_compiled_for_the_target(tmp_path):
+    (tmp_path / "my_law.c").write_text(MY_LAW)
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    targets = ["x86_64", *(each for each in ("aarch64",) if runs_here(each))]
+    library = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", targets)
+    assert {each.equal for each in library.targets} <= {None, 1200}
+    assert library.name == "my_law"
+
+
+@pytest.mark.slow
+def test_functions_of_the_targets_c_library_are_named(tmp_path):
+    """Their last digits may be others there, so that the test does not run here."""
+    (tmp_path / "my_law.c").write_text(MY_LAW.replace("tau_cmd[i] =", "tau_cmd[i] = exp(-signals->t) *"))
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    library = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", ["x86_64"])
+    assert library.targets[0].foreign == ["exp"]
+    assert library.targets[0].equal is None
+    assert "takes exp from the program's C library" in (tmp_path / "out" / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_caller_gives_the_reference(tmp_path):
+    """The library has no guidance: its recorded steps have the reference of the run's."""
+    library = write_library(scenario("gsta", SOFT), tmp_path, ["x86_64"], guided=False)
+    assert library.targets[0].equal in (None, 1200)
+    header = (tmp_path / "gsta.h").read_text()
+    assert "double p_d_ddot[3];" in header
+    assert "const gsta_reference *reference, gsta_command *command" in header
+    assert library.targets[0].constants < 8000
+
+
+@pytest.mark.long
+def test_a_vehicle_with_joints_has_the_same_bits_everywhere(tmp_path):
+    """The run rounds some products and sums once; the library does not, and is near it."""
+    targets = ["x86_64", *(each for each in ("aarch64",) if runs_here(each))]
+    library = write_library(scenario("impedance", {"simulation.duration": 0.2}, "tool_push"), tmp_path, targets)
+    assert {each.equal for each in library.targets} <= {None, library.steps}
+    assert "of the largest command" in (tmp_path / "README.md").read_text()
+    assert "q_dot_m[" in (tmp_path / "impedance.h").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "law", [each for each in BUILT_IN if not (BUILT_IN[each].external or BUILT_IN[each].uses_truth)]
+)
+def test_every_law_leaves(tmp_path, law):
+    targets = [each for each in MACHINES if runs_here(each)]
+    library = write_library(scenario(law, SOFT), tmp_path, targets)
+    assert [each.equal for each in library.targets] == [library.steps] * len(targets)
+
+
+@pytest.mark.slow
+def test_the_library_is_a_law_again(gsta):
+    """6 s of push_wall, 0.8 s in contact, with the library as the controller are those of the law, in all signals, bit
+    for bit."""
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    folder, _ = gsta
+    settings = {"simulation.duration": 6.0}
+    usual = simulate(scenario("gsta", settings), engine="free_body")
+    again = simulate(scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings), engine="free_body")
+    assert usual.push.max() > 0.2
+    for name in usual:
+        if name in again:
+            assert np.array_equal(usual[name], again[name], equal_nan=True), name
+    with pytest.raises(InputError, match=r"names no function; give .*libgsta.so:gsta_law$"):
+        scenario(str(folder / "x86_64" / "libgsta.so"))
+    weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
+    assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
+
+
+def test_the_reference_has_all_statuses():
+    """With their numbers and words, which the header has, too."""
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "law_library.md").read_text()
+    for word, (number, said) in STATUSES.items():
+        assert f"| `{word}` | {number} | {said} |" in page
+
+
+# refusals
+
+
+@pytest.mark.parametrize(
+    ("law", "settings", "said"),
+    [
+        ("ideal", {}, "controller.name: ideal is given the truth"),
+        ("external", {}, "controller.name: external: there is nothing to export"),
+        ("gsta", {"actuation.name": "external"}, "actuation.name: external: there is nothing to export"),
+    ],
+)
+def test_what_can_not_leave_is_refused_by_name(tmp_path, law, settings, said):
+    with pytest.raises(InputError) as refused:
+        write_library(scenario(law, settings), tmp_path, ["x86_64"])
+    assert said in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_law_that_runs_as_plain_python_is_refused_with_the_reason(tmp_path):
+    (tmp_path / "plain.py").write_text(PLAIN)
+    with pytest.raises(InputError, match=r"runs as plain Python, which no library takes: .*str"):
+        write_library(scenario(f"{tmp_path / 'plain.py'}:Plain"), tmp_path / "out", ["x86_64"])
+
+
+def test_machine_code_of_another_one_is_refused(gsta, tmp_path):
+    law = f"{gsta[0] / 'x86_64' / 'libgsta.so'}:gsta_law"
+    with pytest.raises(InputError, match="is machine code for this machine alone; export it from its source"):
+        write_library(scenario(law), tmp_path, ["x86_64"])
+
+
+def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    monkeypatch.setattr(linking.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'uvms-mj\[c\]'"):
+        write_library(scenario("gsta"), tmp_path, ["x86_64"])
+
+
+def test_functions_that_round_to_whole_numbers_are_exact():
+    """A processor without instructions for them has these: the same bits for edges, halves and numbers of all sizes."""
+    from llvmlite import binding as llvm
+
+    rng = np.random.default_rng(0)
+    edges = [0.0, -0.0, 0.5, -0.5, 1.5, -1.5, 2.5, 2.0**52, 2.0**52 + 1, 2.0**51 + 0.5, np.inf, -np.inf, np.nan, 5e-324]
+    values = np.array([*edges, *rng.normal(size=500), *(rng.normal(size=500) * 2.0 ** rng.integers(-60, 70, 500))])
+    text = "\n".join(
+        f"declare double @llvm.{name}.f64(double)\ndefine double @its_{name}(double %x) {{\n"
+        f"%r = call double @llvm.{name}.f64(double %x)\nret double %r\n}}"
+        for name in ("floor", "ceil", "trunc", "rint")
+    )
+    module = llvm.parse_assembly(linking.without_rounding(text))
+    assert "llvm.floor" not in str(module)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    with llvm.create_mcjit_compiler(module, machine) as engine:
+        engine.finalize_object()
+        for name in ("floor", "ceil", "trunc", "rint"):
+            function = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(engine.get_function_address(f"its_{name}"))
+            found = np.array([function(x) for x in values])
+            wanted = getattr(np, name)(values)
+            assert np.array_equal(found.view("u8")[~np.isnan(values)], wanted.view("u8")[~np.isnan(values)]), name
