@@ -261,7 +261,9 @@ def _bench_tasks() -> str:
     for task in tasks().values():
         if (found["tasks"][task.name]["version"], found["tasks"][task.name]["digest"]) != (task.version, task.digest):
             raise ValueError(f"the shipped result has another {task.name}: run scripts/draw_docs.py contact10")
-        bounds = [(f"`{name}`", limit, why) for name, limit, why in bench_page.criteria(task)]
+        bounds = [
+            (f"`{name}`", bench_page.bounds(name, limit), task.why[name]) for name, limit in task.criteria.items()
+        ]
         drawn = [entry.get("key") or ", ".join(entry["keys"]) for entry in task.tables["vary"]]
         law = bench_page.table(found, task, "tasks")
         parts += [

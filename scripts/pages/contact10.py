@@ -57,7 +57,7 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
         inertia[wrong].min(),
     )
     yield (
-        "the median effort is {} times that of GSTA",
+        "the median effort is {} times GSTA's",
         (median(found, "fosm", "force_sensor", "effort_N2s") / median(found, "gsta", "force_sensor", "effort_N2s")),
     )
     yield (

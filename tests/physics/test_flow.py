@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import chi2, kstest
 
+from plain_noise import with_own_functions
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.flow import (
     FINEST,
@@ -122,7 +123,8 @@ def test_blocks_join_and_continue_one_process(block):
     assert not np.allclose(first, block(4, 6), atol=0.1)
 
 
-def test_plain_python_draws_the_same_block(block):
+def test_plain_python_draws_the_same_block(block, monkeypatch):
+    with_own_functions(monkeypatch)
     series, nodes = series_of(5), np.zeros(SIZE)
     series["block"] = 2
     series["deviation"] = [0.0, 1.0, 0.0]  # others are not drawn

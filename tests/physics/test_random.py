@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plain_noise import with_own_functions
 from uvms_mj import Gsta
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.guidance import FilteredSteps
@@ -10,6 +11,11 @@ from uvms_mj.physics.random import random_bits, standard_normal
 from uvms_mj.stages.base import random_key
 
 KEY = 0x299F31D0_03707344  # below 2^63
+
+
+@pytest.fixture(autouse=True)
+def own_functions(monkeypatch):
+    with_own_functions(monkeypatch)
 
 
 def philox(counter, key):

@@ -374,7 +374,7 @@ class T200(Propeller):
             wrong = f'{self.pilot_gain:g} has no effect on the inverse curve; set thrusters.mixer = "linear"'
             raise InputError([Fault("thrusters.pilot_gain", wrong)])
 
-    def at_rest(self, setup: Any) -> StaticThrust | str:
+    def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         if self.mixer == "linear":
             return "a linear mixer does not jump over the thrusters' dead band, about which a law hunts"
         return super().at_rest(setup)

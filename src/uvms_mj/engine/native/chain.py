@@ -19,16 +19,13 @@ from ...actuation.propeller import Propeller, commands_alone
 from ...compiler.targets import add_libm, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
-from ...physics.frames import rotation
-from ...physics.kernels import kernel
 from ...stages.base import is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
 from .compilation import link as linked
 from .compilation import target_machine
 from .intrinsics import kernel_module, linked_stage_module
-from .loop import add_columns, begin_stage, check_command
-from .memory import call_code
+from .loop import take_period
 from .pipeline import CompiledStage
 from .record import STAGE, STOP_NONE, with_numbers
 from .run_memory import RunMemory
@@ -40,46 +37,6 @@ _ALWAYS = ("address", "tau_bound", "next", "tau_cmd", "step", "t", "stop", "stop
 _BLOCKS = ("command", "delayed", "allocation", "commands", "columns", "columns_hat", "low", "high", "believed")
 _OF_MODEL = ("model", "joints", "encoded", "frames_m", "tau_q_demand", "wrist")
 _WORD = 8
-
-
-@kernel
-def take_period(chain, address, constants) -> int:
-    """Take one period of a chain at the time ``chain.t`` [s] with the measurements in its record, which is at an
-    address. The settings that nobody changes are at the address ``constants``. Returns 0, or the number of the stage
-    that ended early, or -1 for a command out of bounds."""
-    chain.address = address
-    if chain.turns != 0:
-        rotation(chain.measured.quat_WB, chain.measured.R_WB)
-    for i in range(chain.stages.shape[0]):
-        stage = chain.stages[i]
-        if chain.waits[i] > 0:
-            chain.waits[i] -= 1
-        else:
-            chain.waits[i] = stage.period_steps - 1
-            if i == chain.actuation:
-                check_command(chain)
-                if chain.stop != STOP_NONE:
-                    return -1
-            begin_stage(chain, stage)
-            settings = (constants if chain.fixed[i] != 0 else address) + 8 * stage.settings
-            wrong = call_code(
-                stage.code_at, settings, address + 8 * stage.state, address + 8 * stage.given,
-                address + 8 * stage.state_dot, address + 8 * stage.out,
-            )  # fmt: skip
-            if wrong != 0:
-                return i + 1
-    u_cmd, u_min, u_max = chain.commands.u_cmd, chain.allocation.u_min, chain.allocation.u_max
-    tau_hat = chain.signals.tau_hat
-    if chain.believed == 0:
-        add_columns(chain.columns, u_cmd, chain.low, chain.high, tau_hat)
-    else:
-        add_columns(chain.columns_hat, u_cmd, u_min, u_max, tau_hat)
-    chain.saturated = 0
-    for k in range(u_cmd.shape[0]):
-        if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
-            chain.saturated = 1
-    chain.step += 1
-    return 0
 
 
 @dataclass(frozen=True)
