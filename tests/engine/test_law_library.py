@@ -1,9 +1,14 @@
 """A law's library in C: equal bits on four processors, headers without a warning, and what misuse gives."""
 
+import contextlib
 import ctypes
 import shutil
+import socket
+import struct
 import subprocess
 import sys
+import threading
+import time
 import tomllib
 from pathlib import Path
 
@@ -15,6 +20,7 @@ from uvms_mj.control import BUILT_IN
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, write_library
 from uvms_mj.engine.law_library.border import STATUSES
+from uvms_mj.engine.udp import MAGIC, SIGNALS
 
 pytest.importorskip("ziglang")
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -110,7 +116,7 @@ def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
     assert line in text
     change = "{ gsta_settings g; gsta_get(&instance, &g); g.k_1 *= 1.0000000000000002; gsta_set(&instance, &g); }"
     (sources / "test.c").write_text(text.replace(line, f"{line}\n{change}"))
-    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", sources, tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", sources / "test.c", tmp_path)
     if not runs_here("x86_64"):
         pytest.skip("another processor")
     done = subprocess.run([program], capture_output=True, text=True)
@@ -248,7 +254,7 @@ int main(void)
     return 0;
 }
 """)
-    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", tmp_path, tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", tmp_path / "test.c", tmp_path)
     assert subprocess.run([program], capture_output=True, text=True).stdout == "-2 -2 0\n"
 
 
@@ -452,6 +458,222 @@ def test_the_library_is_a_law_again(gsta):
         scenario(str(folder / "x86_64" / "libgsta.so"))
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
+
+
+# the processor in the loop
+
+AT_THE_WALL = SOFT | {
+    "simulation.duration": 2.0,
+    "controller.period": 1e-3,
+    "initial.position": [0.99, 0.0, 0.0],
+    "reference.step_time": 0.1,
+}
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory):
+    """GSTA at the wall for all processors with Linux, and the run."""
+    folder = tmp_path_factory.mktemp("loop")
+    targets = [target for target in MACHINES if MACHINES[target].shared]
+    write_library(scenario("gsta", AT_THE_WALL), folder, targets, test=False)
+    return folder, simulate(scenario("gsta", AT_THE_WALL), engine="free_body")
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def export_of(folder, name="gsta"):
+    return tomllib.loads((folder / f"{name}.toml").read_text())["library"]["export"]
+
+
+def program_of(folder, target, place):
+    """The program loop.c for a target, and how it runs here."""
+    machine = MACHINES[target]
+    if not runs_here(target):
+        pytest.skip(f"no qemu-{machine.emulator}: apt-get install qemu-user")
+    for each in (*folder.glob("*.h"), folder / "loop.c"):
+        shutil.copy(each, place)
+    archive = next((folder / target).glob("*.a"))
+    return [*linking.emulator(machine), str(linking.program(machine, archive, place / "loop.c", place))]
+
+
+@contextlib.contextmanager
+def answering(command, port):
+    """A program that answers on a port of this machine."""
+    with subprocess.Popen([*command, str(port)], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def in_the_loop(port, settings, export=0):
+    keys = AT_THE_WALL | {"controller.port": port, "controller.export": export, "controller.timeout": 5.0} | settings
+    return simulate(scenario("udp", keys), engine="free_body")
+
+
+@pytest.mark.parametrize("target", [target for target in MACHINES if MACHINES[target].shared])
+def test_the_processor_in_the_loop_gives_the_run(loops, tmp_path, target):
+    """2 s with the touch: all signals, bit for bit; a second run begins the law anew."""
+    folder, ours = loops
+    port = free_port()
+    assert ours.push[0] == 0.0
+    assert ours.push[-1] > 0.1
+    with answering(program_of(folder, target, tmp_path), port):
+        in_the_loop(port, {"simulation.duration": 0.3})
+        theirs = in_the_loop(port, {}, export_of(folder))
+    common = [name for name in ours if name in theirs]
+    assert len(common) > 30
+    for name in common:
+        assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
+@pytest.fixture(scope="module")
+def native_loop(loops, tmp_path_factory):
+    folder, _ = loops
+    return program_of(folder, "x86_64", tmp_path_factory.mktemp("native"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "off", "said"),
+    [
+        ({}, 2, r"controller.export: the law on UDP 127.0.0.1:\d+ is export \d+, and \d+ is asked for"),
+        ({"controller.period": 1e-2}, 0, "status 1 at t = 0.01 s: .*controller.period must be that of the export"),
+        ({"controller.delay": 1e-3}, 0, r"N of thruster \d, and this run 0 N, in the period before t = 0.002 s"),
+        ({"vehicle.model": "bluerov2_heavy"}, 0, "expects other signals or thrusters than this run has"),
+        ({"reference.target": [0.995, 0.0, 0.0]}, 0, None),
+    ],
+    ids=["another export", "another period", "a delay", "another vehicle", "another reference, which is the library's"],
+)
+def test_a_run_that_the_export_is_not_for_ends_with_one_sentence(loops, native_loop, settings, off, said):
+    """The reference of the run is not heard by a library that has its own."""
+    folder, ours = loops
+    port = free_port()
+    with answering(native_loop, port):
+        if said is None:
+            assert np.array_equal(in_the_loop(port, settings).push, ours.push)
+        else:
+            with pytest.raises(InputError, match=said):
+                in_the_loop(port, settings, export_of(folder) ^ off)
+
+
+def test_a_law_that_is_no_export_is_told_from_one():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as law:
+        law.bind(("127.0.0.1", 0))
+
+        def reply():
+            _, address = law.recvfrom(65536)
+            law.sendto(struct.pack("<Q6d", 0, *[0.0] * 6), address)
+
+        threading.Thread(target=reply, daemon=True).start()
+        with pytest.raises(InputError, match=r"controller.export: the law on UDP 127.0.0.1:\d+ is no export, and 5 is"):
+            in_the_loop(law.getsockname()[1], {}, 5)
+
+
+class Asking:
+    """A run that asks a program for the commands of instants, without a plant."""
+
+    def __init__(self, port):
+        self.peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.peer.connect(("127.0.0.1", port))
+        self.peer.settimeout(0.2)
+        self.record = np.zeros(1, SIGNALS)
+        self.record["quat_WB"] = [1.0, 0.0, 0.0, 0.0]
+
+    def send(self, instant, more=b""):
+        self.record["t"] = 1e-3 * instant
+        self.peer.send(MAGIC + struct.pack("<Q", instant) + self.record.tobytes() + more)
+
+    def asked(self, instant, more=b""):
+        """The answer: instant, tau_cmd, status and thrusts; None without one."""
+        try:
+            self.send(instant, more)
+            data = self.peer.recv(4096)
+        except (TimeoutError, ConnectionRefusedError):
+            return None
+        instant, *tau_cmd, status, _, _ = struct.unpack_from("<Q6dqQQ", data)
+        return instant, tau_cmd, status, np.frombuffer(data, "<f8", offset=80)
+
+    def begin(self):
+        until = time.monotonic() + 10.0
+        while (found := self.asked(0)) is None:  # until it listens
+            assert time.monotonic() < until
+        return found
+
+
+def test_misuse_of_the_program_gives_a_neutral_command_and_says_why(native_loop):
+    port = free_port()
+    with answering(native_loop, port):
+        run, late = Asking(port), Asking(port)
+        while (found := run.asked(7)) is None:
+            pass
+        assert found[2] == STATUSES["NOT_BEGUN"][0]  # a program that was restarted during a run
+        assert found[1] == [0.0] * 6
+        assert run.begin()[2] == 0
+        first = run.asked(1)
+        assert np.any(first[3] != 0.0)
+        assert all(np.array_equal(*pair) for pair in zip(first, run.asked(1), strict=True))  # asked again
+        assert late.asked(3) is None  # of an older run
+        assert run.asked(2, b"more") is None
+        run.record["nu"] = np.nan
+        _, tau_cmd, status, thrusts = run.asked(2)
+        assert status == STATUSES["NOT_FINITE"][0]
+        assert tau_cmd == [0.0] * 6
+        assert not thrusts.any()
+        run.record["nu"] = 0.0
+        assert run.asked(3)[2] == 0
+        run.record["F_d"] = np.inf
+        assert run.asked(4)[2] == STATUSES["NOT_FINITE"][0]
+        run.record["F_d"] = 0.0
+        assert run.asked(3)[2] == STATUSES["TIME_BACK"][0]
+        assert late.begin()[2] == 0  # a run that begins replaces the other one
+        assert run.asked(5) is None
+
+
+def test_the_program_listens_on_this_machine_alone_and_names_a_wrong_port(native_loop):
+    port = free_port()
+    with answering(native_loop, port):
+        Asking(port).begin()
+        table = Path("/proc/net/udp").read_text()
+        assert f"0100007F:{port:04X}" in table
+        assert f"00000000:{port:04X}" not in table
+        for text in (str(port), "0", "65536", "99999999999999999999", "-1", "a", ""):
+            done = subprocess.run([*native_loop, text], capture_output=True, text=True, timeout=10.0)
+            assert done.returncode == 2
+            assert "is not free" in done.stdout if text == str(port) else "1 to 65535" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_program_compiles_without_a_warning(loops, tmp_path):
+    folder, _ = loops
+    for target in MACHINES:
+        if not MACHINES[target].shared:
+            continue
+        zig = [each for each in MACHINES[target].zig if each != "-fPIC"]
+        options = [*zig, "-std=c99", *WARNINGS, "-I", str(folder), "-c", str(folder / "loop.c"), "-o", "loop.o"]
+        done = subprocess.run([*linking.zig(), "cc", *options], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "guided"), [("pulses", True), ("observer", True), ("pulses", False)])
+def test_other_laws_run_in_the_loop(tmp_path, kind, guided):
+    """Pulses at 50 Hz, an observer, and a reference that the run gives."""
+    law, settings = KINDS[kind]
+    run = scenario(law, AT_THE_WALL | {"controller.period": 0.02} | settings)
+    write_library(run, tmp_path, ["x86_64"], "one", guided, test=False)
+    place, port = tmp_path / "place", free_port()
+    place.mkdir()
+    with answering(program_of(tmp_path, "x86_64", place), port):
+        keys = {"controller.port": port, "controller.export": export_of(tmp_path, "one")}
+        theirs = simulate(run.updated(keys, controller="udp"), engine="free_body")
+    ours = simulate(run, engine="free_body")
+    for name in ours:
+        if name in theirs:
+            assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
 
 
 def test_the_reference_has_all_statuses():
