@@ -2,6 +2,8 @@
 
 import contextlib
 import ctypes
+import json
+import re
 import shutil
 import socket
 import struct
@@ -17,6 +19,7 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
+from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, write_library
 from uvms_mj.engine.law_library.border import STATUSES
@@ -674,6 +677,67 @@ def test_other_laws_run_in_the_loop(tmp_path, kind, guided):
     for name in ours:
         if name in theirs:
             assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
+def dockerfile():
+    """The instructions of the example, each with what follows it."""
+    text = (EXAMPLES / "blueos.Dockerfile").read_text()
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    return text, [tuple(line.split(" ", 1)) for line in "\n".join(lines).replace("\\\n", "").splitlines()]
+
+
+def test_the_labels_of_the_extension_are_those_of_blueos():
+    text, instructions = dockerfile()
+    labels = dict(rest.split("=", 1) for word, rest in instructions if word == "LABEL")
+    assert set(labels) == {
+        "version", "permissions", "authors", "company", "readme", "links", "type", "tags", "requirements"
+    }  # fmt: skip
+    for key in ("permissions", "authors", "company", "links", "tags"):
+        assert labels[key][0] == labels[key][-1] == "'"
+        labels[key] = json.loads(labels[key][1:-1])
+    assert labels["permissions"] == {"HostConfig": {"NetworkMode": "host"}}  # 127.0.0.1 is the vehicle's computer
+    assert all(set(each) == {"name", "email"} for each in labels["authors"])
+    assert re.fullmatch(r'"\d+\.\d+\.\d+"', labels["version"])
+    assert "--platform linux/arm/v7,linux/arm64 " in text
+    assert [rest for word, rest in instructions if word == "FROM"][-1] == "scratch"
+    assert not [word for word, _ in instructions if word == "EXPOSE"]
+    entry = json.loads(next(rest for word, rest in instructions if word == "ENTRYPOINT"))
+    assert entry == ["/loop", str(PORT)]
+
+
+@pytest.mark.parametrize(
+    ("arch", "variant", "target"),
+    [("arm", "v7", "armv7"), ("arm64", "", "aarch64"), ("arm64", "v8", "aarch64"), ("amd64", "", "x86_64"),
+     ("arm", "v6", None), ("riscv64", "", None)],
+)  # fmt: skip
+def test_the_extension_is_made_of_the_library_of_its_platform(loops, tmp_path, arch, variant, target):
+    """With a compiler that writes down what it is told, and a test that ends with a status of ours."""
+    folder, _ = loops
+    command = next(rest for word, rest in dockerfile()[1] if word == "RUN" and "test.c" in rest)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    (tools / "cc").write_text(
+        '#!/bin/sh\necho "$@" >> said\nprintf "#!/bin/sh\\nexit $STATUS\\n" > test\nchmod +x test\n'
+    )
+    (tools / "cc").chmod(0o755)
+
+    def made(status):
+        (tmp_path / "said").unlink(missing_ok=True)
+        env = {"PATH": f"{tools}:/usr/bin:/bin", "TARGETARCH": arch, "TARGETVARIANT": variant, "NAME": "gsta"}
+        env["STATUS"] = str(status)
+        done = subprocess.run(["sh", "-c", command], cwd=tmp_path, env=env, capture_output=True, text=True)
+        told = (tmp_path / "said").read_text().splitlines() if (tmp_path / "said").exists() else []
+        return done.returncode, told, done.stdout
+
+    code, told, said = made(0)
+    if target is None:
+        assert (code, told, said) == (1, [], f"no library for {arch} {variant}\n")
+        return
+    library = f"{target}/libgsta.a"
+    assert (folder / library).is_file()
+    assert (code, told) == (0, [f"-std=c99 test.c {library} -o test", f"-std=c99 -static loop.c {library} -o loop"])
+    code, told, _ = made(1)
+    assert (code, len(told)) == (1, 1)  # no program where a step differs
 
 
 def test_the_reference_has_all_statuses():
