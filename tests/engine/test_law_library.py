@@ -23,7 +23,7 @@ from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, write_library
 from uvms_mj.engine.law_library.border import STATUSES
-from uvms_mj.engine.udp import MAGIC, SIGNALS
+from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS
 
 pytest.importorskip("ziglang")
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -534,6 +534,24 @@ def test_the_processor_in_the_loop_gives_the_run(loops, tmp_path, target):
         assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("period", [1e-3, 1e-4])
+@pytest.mark.parametrize("target", ["aarch64", "armv7"])
+def test_the_paper_with_the_processor_in_the_loop(tmp_path, target, period):
+    """20 s of push_wall, at 1 and 10 kHz."""
+    run, port, place = scenario("gsta", {"controller.period": period}), free_port(), tmp_path / "place"
+    write_library(run, tmp_path, [target], test=False)
+    place.mkdir()
+    keys = {"controller.port": port, "controller.export": export_of(tmp_path)}
+    with answering(program_of(tmp_path, target, place), port):
+        theirs = simulate(run.updated(keys, controller="udp"), engine="free_body")
+    ours = simulate(run, engine="free_body")
+    common = [name for name in ours if name in theirs]
+    assert len(common) > 30
+    for name in common:
+        assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
 @pytest.fixture(scope="module")
 def native_loop(loops, tmp_path_factory):
     folder, _ = loops
@@ -563,17 +581,41 @@ def test_a_run_that_the_export_is_not_for_ends_with_one_sentence(loops, native_l
                 in_the_loop(port, settings, export_of(folder) ^ off)
 
 
-def test_a_law_that_is_no_export_is_told_from_one():
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (b"", r"controller.export: the law on UDP 127.0.0.1:\d+ is no export, and 5 is asked for"),
+        (struct.pack("<qQQ6d", 0, 5, LAYOUT + 1, *[0.0] * 6), "expects other signals or thrusters than this run has"),
+        (struct.pack("<qQQ5d", 0, 5, LAYOUT, *[0.0] * 5), "expects other signals or thrusters than this run has"),
+        (struct.pack("<qQQ6d", -9, 5, LAYOUT, *[0.0] * 6), "has status -9 at t = 0 s: a stage ended early"),
+        (struct.pack("<qQQ6d", -99, 5, LAYOUT, *[0.0] * 6), "has status -99 at t = 0 s: an unknown status"),
+        (struct.pack("<qQQ", 0, 5, LAYOUT), "80 bytes came, and an answer has 56"),
+    ],
+    ids=["none", "other signals", "fewer thrusters", "a fault", "an unknown status", "no thrusts"],
+)
+def test_what_an_export_says_of_itself_is_checked(more, said):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as law:
         law.bind(("127.0.0.1", 0))
 
         def reply():
             _, address = law.recvfrom(65536)
-            law.sendto(struct.pack("<Q6d", 0, *[0.0] * 6), address)
+            law.sendto(struct.pack("<Q6d", 0, *[0.0] * 6) + more, address)
 
         threading.Thread(target=reply, daemon=True).start()
-        with pytest.raises(InputError, match=r"controller.export: the law on UDP 127.0.0.1:\d+ is no export, and 5 is"):
-            in_the_loop(law.getsockname()[1], {}, 5)
+        with pytest.raises(InputError, match=said):
+            in_the_loop(law.getsockname()[1], {"controller.timeout": 0.5}, 5)
+
+
+@pytest.mark.slow
+def test_the_number_of_an_export_is_that_of_its_law(loops, tmp_path):
+    """It does not depend on the target, and a gain or the reference changes it."""
+    folder, _ = loops
+    numbers = []
+    for k, changed in enumerate(({}, {"controller.k_1": 5.5}, {"reference.bandwidth": 2.1})):
+        write_library(scenario("gsta", AT_THE_WALL | changed), tmp_path / str(k), ["x86_64"], test=False)
+        numbers.append(export_of(tmp_path / str(k)))
+    assert numbers[0] == export_of(folder)
+    assert len(set(numbers)) == 3
 
 
 class Asking:
@@ -662,6 +704,7 @@ def test_the_program_compiles_without_a_warning(loops, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gsta oscillates")
 @pytest.mark.parametrize(("kind", "guided"), [("pulses", True), ("observer", True), ("pulses", False)])
 def test_other_laws_run_in_the_loop(tmp_path, kind, guided):
     """Pulses at 50 Hz, an observer, and a reference that the run gives."""
