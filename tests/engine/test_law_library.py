@@ -1,9 +1,16 @@
 """A law's library in C: equal bits on four processors, headers without a warning, and what misuse gives."""
 
+import contextlib
 import ctypes
+import json
+import re
 import shutil
+import socket
+import struct
 import subprocess
 import sys
+import threading
+import time
 import tomllib
 from pathlib import Path
 
@@ -12,9 +19,11 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
+from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, write_library
 from uvms_mj.engine.law_library.border import STATUSES
+from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS
 
 pytest.importorskip("ziglang")
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -110,7 +119,7 @@ def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
     assert line in text
     change = "{ gsta_settings g; gsta_get(&instance, &g); g.k_1 *= 1.0000000000000002; gsta_set(&instance, &g); }"
     (sources / "test.c").write_text(text.replace(line, f"{line}\n{change}"))
-    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", sources, tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", sources / "test.c", tmp_path)
     if not runs_here("x86_64"):
         pytest.skip("another processor")
     done = subprocess.run([program], capture_output=True, text=True)
@@ -248,7 +257,7 @@ int main(void)
     return 0;
 }
 """)
-    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", tmp_path, tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64" / "libgsta.a", tmp_path / "test.c", tmp_path)
     assert subprocess.run([program], capture_output=True, text=True).stdout == "-2 -2 0\n"
 
 
@@ -452,6 +461,326 @@ def test_the_library_is_a_law_again(gsta):
         scenario(str(folder / "x86_64" / "libgsta.so"))
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
+
+
+# the processor in the loop
+
+AT_THE_WALL = SOFT | {
+    "simulation.duration": 2.0,
+    "controller.period": 1e-3,
+    "initial.position": [0.99, 0.0, 0.0],
+    "reference.step_time": 0.1,
+}
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory):
+    """GSTA at the wall for all processors with Linux, and the run."""
+    folder = tmp_path_factory.mktemp("loop")
+    targets = [target for target in MACHINES if MACHINES[target].shared]
+    write_library(scenario("gsta", AT_THE_WALL), folder, targets, test=False)
+    return folder, simulate(scenario("gsta", AT_THE_WALL), engine="free_body")
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def export_of(folder, name="gsta"):
+    return tomllib.loads((folder / f"{name}.toml").read_text())["library"]["export"]
+
+
+def program_of(folder, target, place):
+    """The program loop.c for a target, and how it runs here."""
+    machine = MACHINES[target]
+    if not runs_here(target):
+        pytest.skip(f"no qemu-{machine.emulator}: apt-get install qemu-user")
+    for each in (*folder.glob("*.h"), folder / "loop.c"):
+        shutil.copy(each, place)
+    archive = next((folder / target).glob("*.a"))
+    return [*linking.emulator(machine), str(linking.program(machine, archive, place / "loop.c", place))]
+
+
+@contextlib.contextmanager
+def answering(command, port):
+    """A program that answers on a port of this machine."""
+    with subprocess.Popen([*command, str(port)], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def in_the_loop(port, settings, export=0):
+    keys = AT_THE_WALL | {"controller.port": port, "controller.export": export, "controller.timeout": 5.0} | settings
+    return simulate(scenario("udp", keys), engine="free_body")
+
+
+@pytest.mark.parametrize("target", [target for target in MACHINES if MACHINES[target].shared])
+def test_the_processor_in_the_loop_gives_the_run(loops, tmp_path, target):
+    """2 s with the touch: all signals, bit for bit; a second run begins the law anew."""
+    folder, ours = loops
+    port = free_port()
+    assert ours.push[0] == 0.0
+    assert ours.push[-1] > 0.1
+    with answering(program_of(folder, target, tmp_path), port):
+        in_the_loop(port, {"simulation.duration": 0.3})
+        theirs = in_the_loop(port, {}, export_of(folder))
+    common = [name for name in ours if name in theirs]
+    assert len(common) > 30
+    for name in common:
+        assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("period", [1e-3, 1e-4])
+@pytest.mark.parametrize("target", ["aarch64", "armv7"])
+def test_the_paper_with_the_processor_in_the_loop(tmp_path, target, period):
+    """20 s of push_wall, at 1 and 10 kHz."""
+    run, port, place = scenario("gsta", {"controller.period": period}), free_port(), tmp_path / "place"
+    write_library(run, tmp_path, [target], test=False)
+    place.mkdir()
+    keys = {"controller.port": port, "controller.export": export_of(tmp_path)}
+    with answering(program_of(tmp_path, target, place), port):
+        theirs = simulate(run.updated(keys, controller="udp"), engine="free_body")
+    ours = simulate(run, engine="free_body")
+    common = [name for name in ours if name in theirs]
+    assert len(common) > 30
+    for name in common:
+        assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
+@pytest.fixture(scope="module")
+def native_loop(loops, tmp_path_factory):
+    folder, _ = loops
+    return program_of(folder, "x86_64", tmp_path_factory.mktemp("native"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "off", "said"),
+    [
+        ({}, 2, r"controller.export: the law on UDP 127.0.0.1:\d+ is export \d+, and \d+ is asked for"),
+        ({"controller.period": 1e-2}, 0, "status 1 at t = 0.01 s: .*controller.period must be that of the export"),
+        ({"controller.delay": 1e-3}, 0, r"N of thruster \d, and this run 0 N, in the period before t = 0.002 s"),
+        ({"vehicle.model": "bluerov2_heavy"}, 0, "expects other signals or thrusters than this run has"),
+        ({"reference.target": [0.995, 0.0, 0.0]}, 0, None),
+    ],
+    ids=["another export", "another period", "a delay", "another vehicle", "another reference, which is the library's"],
+)
+def test_a_run_that_the_export_is_not_for_ends_with_one_sentence(loops, native_loop, settings, off, said):
+    """The reference of the run is not heard by a library that has its own."""
+    folder, ours = loops
+    port = free_port()
+    with answering(native_loop, port):
+        if said is None:
+            assert np.array_equal(in_the_loop(port, settings).push, ours.push)
+        else:
+            with pytest.raises(InputError, match=said):
+                in_the_loop(port, settings, export_of(folder) ^ off)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (b"", r"controller.export: the law on UDP 127.0.0.1:\d+ is no export, and 5 is asked for"),
+        (struct.pack("<qQQ6d", 0, 5, LAYOUT + 1, *[0.0] * 6), "expects other signals or thrusters than this run has"),
+        (struct.pack("<qQQ5d", 0, 5, LAYOUT, *[0.0] * 5), "expects other signals or thrusters than this run has"),
+        (struct.pack("<qQQ6d", -9, 5, LAYOUT, *[0.0] * 6), "has status -9 at t = 0 s: a stage ended early"),
+        (struct.pack("<qQQ6d", -99, 5, LAYOUT, *[0.0] * 6), "has status -99 at t = 0 s: an unknown status"),
+        (struct.pack("<qQQ", 0, 5, LAYOUT), "80 bytes came, and an answer has 56"),
+    ],
+    ids=["none", "other signals", "fewer thrusters", "a fault", "an unknown status", "no thrusts"],
+)
+def test_what_an_export_says_of_itself_is_checked(more, said):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as law:
+        law.bind(("127.0.0.1", 0))
+
+        def reply():
+            _, address = law.recvfrom(65536)
+            law.sendto(struct.pack("<Q6d", 0, *[0.0] * 6) + more, address)
+
+        threading.Thread(target=reply, daemon=True).start()
+        with pytest.raises(InputError, match=said):
+            in_the_loop(law.getsockname()[1], {"controller.timeout": 0.5}, 5)
+
+
+@pytest.mark.slow
+def test_the_number_of_an_export_is_that_of_its_law(loops, tmp_path):
+    """It does not depend on the target, and a gain or the reference changes it."""
+    folder, _ = loops
+    numbers = []
+    for k, changed in enumerate(({}, {"controller.k_1": 5.5}, {"reference.bandwidth": 2.1})):
+        write_library(scenario("gsta", AT_THE_WALL | changed), tmp_path / str(k), ["x86_64"], test=False)
+        numbers.append(export_of(tmp_path / str(k)))
+    assert numbers[0] == export_of(folder)
+    assert len(set(numbers)) == 3
+
+
+class Asking:
+    """A run that asks a program for the commands of instants, without a plant."""
+
+    def __init__(self, port):
+        self.peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.peer.connect(("127.0.0.1", port))
+        self.peer.settimeout(0.2)
+        self.record = np.zeros(1, SIGNALS)
+        self.record["quat_WB"] = [1.0, 0.0, 0.0, 0.0]
+
+    def send(self, instant, more=b""):
+        self.record["t"] = 1e-3 * instant
+        self.peer.send(MAGIC + struct.pack("<Q", instant) + self.record.tobytes() + more)
+
+    def asked(self, instant, more=b""):
+        """The answer: instant, tau_cmd, status and thrusts; None without one."""
+        try:
+            self.send(instant, more)
+            data = self.peer.recv(4096)
+        except (TimeoutError, ConnectionRefusedError):
+            return None
+        instant, *tau_cmd, status, _, _ = struct.unpack_from("<Q6dqQQ", data)
+        return instant, tau_cmd, status, np.frombuffer(data, "<f8", offset=80)
+
+    def begin(self):
+        until = time.monotonic() + 10.0
+        while (found := self.asked(0)) is None:  # until it listens
+            assert time.monotonic() < until
+        return found
+
+
+def test_misuse_of_the_program_gives_a_neutral_command_and_says_why(native_loop):
+    port = free_port()
+    with answering(native_loop, port):
+        run, late = Asking(port), Asking(port)
+        while (found := run.asked(7)) is None:
+            pass
+        assert found[2] == STATUSES["NOT_BEGUN"][0]  # a program that was restarted during a run
+        assert found[1] == [0.0] * 6
+        assert run.begin()[2] == 0
+        first = run.asked(1)
+        assert np.any(first[3] != 0.0)
+        assert all(np.array_equal(*pair) for pair in zip(first, run.asked(1), strict=True))  # asked again
+        assert late.asked(3) is None  # of an older run
+        assert run.asked(2, b"more") is None
+        run.record["nu"] = np.nan
+        _, tau_cmd, status, thrusts = run.asked(2)
+        assert status == STATUSES["NOT_FINITE"][0]
+        assert tau_cmd == [0.0] * 6
+        assert not thrusts.any()
+        run.record["nu"] = 0.0
+        assert run.asked(3)[2] == 0
+        run.record["F_d"] = np.inf
+        assert run.asked(4)[2] == STATUSES["NOT_FINITE"][0]
+        run.record["F_d"] = 0.0
+        assert run.asked(3)[2] == STATUSES["TIME_BACK"][0]
+        assert late.begin()[2] == 0  # a run that begins replaces the other one
+        assert run.asked(5) is None
+
+
+def test_the_program_listens_on_this_machine_alone_and_names_a_wrong_port(native_loop):
+    port = free_port()
+    with answering(native_loop, port):
+        Asking(port).begin()
+        table = Path("/proc/net/udp").read_text()
+        assert f"0100007F:{port:04X}" in table
+        assert f"00000000:{port:04X}" not in table
+        for text in (str(port), "0", "65536", "99999999999999999999", "-1", "a", ""):
+            done = subprocess.run([*native_loop, text], capture_output=True, text=True, timeout=10.0)
+            assert done.returncode == 2
+            assert "is not free" in done.stdout if text == str(port) else "1 to 65535" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_program_compiles_without_a_warning(loops, tmp_path):
+    folder, _ = loops
+    for target in MACHINES:
+        if not MACHINES[target].shared:
+            continue
+        zig = [each for each in MACHINES[target].zig if each != "-fPIC"]
+        options = [*zig, "-std=c99", *WARNINGS, "-I", str(folder), "-c", str(folder / "loop.c"), "-o", "loop.o"]
+        done = subprocess.run([*linking.zig(), "cc", *options], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gsta oscillates")
+@pytest.mark.parametrize(("kind", "guided"), [("pulses", True), ("observer", True), ("pulses", False)])
+def test_other_laws_run_in_the_loop(tmp_path, kind, guided):
+    """Pulses at 50 Hz, an observer, and a reference that the run gives."""
+    law, settings = KINDS[kind]
+    run = scenario(law, AT_THE_WALL | {"controller.period": 0.02} | settings)
+    write_library(run, tmp_path, ["x86_64"], "one", guided, test=False)
+    place, port = tmp_path / "place", free_port()
+    place.mkdir()
+    with answering(program_of(tmp_path, "x86_64", place), port):
+        keys = {"controller.port": port, "controller.export": export_of(tmp_path, "one")}
+        theirs = simulate(run.updated(keys, controller="udp"), engine="free_body")
+    ours = simulate(run, engine="free_body")
+    for name in ours:
+        if name in theirs:
+            assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
+
+
+def dockerfile():
+    """The instructions of the example, each with what follows it."""
+    text = (EXAMPLES / "blueos.Dockerfile").read_text()
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    return text, [tuple(line.split(" ", 1)) for line in "\n".join(lines).replace("\\\n", "").splitlines()]
+
+
+def test_the_labels_of_the_extension_are_those_of_blueos():
+    text, instructions = dockerfile()
+    labels = dict(rest.split("=", 1) for word, rest in instructions if word == "LABEL")
+    assert set(labels) == {
+        "version", "permissions", "authors", "company", "readme", "links", "type", "tags", "requirements"
+    }  # fmt: skip
+    for key in ("permissions", "authors", "company", "links", "tags"):
+        assert labels[key][0] == labels[key][-1] == "'"
+        labels[key] = json.loads(labels[key][1:-1])
+    assert labels["permissions"] == {"HostConfig": {"NetworkMode": "host"}}  # 127.0.0.1 is the vehicle's computer
+    assert all(set(each) == {"name", "email"} for each in labels["authors"])
+    assert re.fullmatch(r'"\d+\.\d+\.\d+"', labels["version"])
+    assert "--platform linux/arm/v7,linux/arm64 " in text
+    assert [rest for word, rest in instructions if word == "FROM"][-1] == "scratch"
+    assert not [word for word, _ in instructions if word == "EXPOSE"]
+    entry = json.loads(next(rest for word, rest in instructions if word == "ENTRYPOINT"))
+    assert entry == ["/loop", str(PORT)]
+
+
+@pytest.mark.parametrize(
+    ("arch", "variant", "target"),
+    [("arm", "v7", "armv7"), ("arm64", "", "aarch64"), ("arm64", "v8", "aarch64"), ("amd64", "", "x86_64"),
+     ("arm", "v6", None), ("riscv64", "", None)],
+)  # fmt: skip
+def test_the_extension_is_made_of_the_library_of_its_platform(loops, tmp_path, arch, variant, target):
+    """With a compiler that writes down what it is told, and a test that ends with a status of ours."""
+    folder, _ = loops
+    command = next(rest for word, rest in dockerfile()[1] if word == "RUN" and "test.c" in rest)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    (tools / "cc").write_text(
+        '#!/bin/sh\necho "$@" >> said\nprintf "#!/bin/sh\\nexit $STATUS\\n" > test\nchmod +x test\n'
+    )
+    (tools / "cc").chmod(0o755)
+
+    def made(status):
+        (tmp_path / "said").unlink(missing_ok=True)
+        env = {"PATH": f"{tools}:/usr/bin:/bin", "TARGETARCH": arch, "TARGETVARIANT": variant, "NAME": "gsta"}
+        env["STATUS"] = str(status)
+        done = subprocess.run(["sh", "-c", command], cwd=tmp_path, env=env, capture_output=True, text=True)
+        told = (tmp_path / "said").read_text().splitlines() if (tmp_path / "said").exists() else []
+        return done.returncode, told, done.stdout
+
+    code, told, said = made(0)
+    if target is None:
+        assert (code, told, said) == (1, [], f"no library for {arch} {variant}\n")
+        return
+    library = f"{target}/libgsta.a"
+    assert (folder / library).is_file()
+    assert (code, told) == (0, [f"-std=c99 test.c {library} -o test", f"-std=c99 -static loop.c {library} -o loop"])
+    code, told, _ = made(1)
+    assert (code, len(told)) == (1, 1)  # no program where a step differs
 
 
 def test_the_reference_has_all_statuses():

@@ -244,12 +244,14 @@ def export_law(
     LAW is one that ships, or a file of yours, law.py:Law or law.c. The library takes measurements and gives thrusts,
     and pulse widths with thrusters.name=t200: tracking, model, task, law, delay and allocation, each the machine code
     of the run. DIR gets for each target libNAME.a and, for Linux, libNAME.so; NAME.h for C99 and C++17; test.c, which
-    compares 1,200 recorded steps bit for bit; NAME.toml with scenario, gains and digests; a README.
+    compares 1,200 recorded steps bit for bit; loop.c, which answers a run over UDP, with the target's processor in the
+    loop; NAME.toml with scenario, gains and digests; a README.
 
     \b
     uvms-mj export law gsta push_wall controller.period=0.01 --target aarch64 --target armv7 --out gsta
     uvms-mj export law my_law.py:MyLaw vehicle.model=bluerov2_heavy thrusters.name=t200 --target armv7
     uvms-mj run -c gsta/x86_64/libgsta.so:gsta_law        the library as a law again
+    uvms-mj run -c udp controller.export=NUMBER           the program loop.c answers; NUMBER is in its README
 
     \b
     x86_64      Linux on x86-64

@@ -218,6 +218,10 @@ class Udp(Controller):
     port: Annotated[int, Field(strict=True, ge=1, le=65535)] = gain(PORT, "1", "UDP port of the law on this machine")
     timeout: Annotated[Number, within(0.01, 3600.0, "s")] = gain(10.0, "s", "longest wall time without an answer")
 
+    export: Annotated[int, Field(strict=True, ge=0, lt=2**48)] = gain(
+        0, "1", "number of the export that answers, from its README; 0: any law"
+    )
+
     name = "udp"
     external: ClassVar[bool] = True
     by_caller: ClassVar[str] = "tau_cmd"

@@ -1,7 +1,9 @@
 """A law in another process: the messages of the law ``udp``.
 
 A request is 8 bytes ``uvms-mj1``, the number of the instant (uint64), and the record of signals that a law is given, as
-``struct signals`` of ``uvms_stage.h`` has it. The answer is the number of the instant and tau_cmd, six doubles. All
+``struct signals`` of ``uvms_stage.h`` has it. The answer is the number of the instant and tau_cmd, six doubles. The
+program of an exported law, its ``loop.c``, has more behind them: the status of its library (int64), the number of the
+export (uint64), :data:`LAYOUT` as it knows it (uint64), and the thrust of each thruster that it has allocated. All
 numbers are little endian. A request that is not answered is sent again: a law answers it with the same numbers.
 
 Both sides use loopback only. The socket of a run is connected to the law's port, so that the operating system delivers
@@ -9,6 +11,7 @@ what that port sends, and nothing else.
 """
 
 import contextlib
+import hashlib
 import math
 import socket
 import struct
@@ -25,7 +28,9 @@ LOOPBACK = "127.0.0.1"
 MAGIC = b"uvms-mj1"
 SIGNALS = record_dtype(GIVEN)
 """The record in a request."""
-_REQUEST, _ANSWER = struct.Struct("<8sQ"), struct.Struct("<Q6d")
+LAYOUT = int.from_bytes(hashlib.sha256(repr([(s.name, s.shape) for s in GIVEN]).encode()).digest()[:8], "little") >> 1
+"""A number of this record's fields."""
+_REQUEST, _ANSWER, _OF_EXPORT = struct.Struct("<8sQ"), struct.Struct("<Q6d"), struct.Struct("<qQQ")
 _AGAIN_S = 0.2
 """Wall time after which a request is sent again [s]."""
 
@@ -37,20 +42,22 @@ class UdpLaw:
         port: its port.
         timeout: longest wall time without an answer [s].
         period_steps: time steps of a control period.
+        export: number of the export that answers; 0: any law.
     """
 
-    def __init__(self, port: int, timeout: float, period_steps: int) -> None:
+    def __init__(self, port: int, timeout: float, period_steps: int, export: int = 0) -> None:
         self._place, self._timeout, self._steps, self._instant = (LOOPBACK, port), timeout, period_steps, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(self._place)
         self._socket.settimeout(_AGAIN_S)
-        self._odd = ""
+        self._odd, self._export, self._thrusts = "", export, np.zeros(0)
 
     @classmethod
     def of(cls, scenario: Any) -> "UdpLaw":
         """The peer of a scenario with the law ``udp``."""
         law = scenario.controller
-        return cls(law.port, law.timeout, round(scenario.control_period / scenario.simulation.timestep))
+        steps = round(scenario.control_period / scenario.simulation.timestep)
+        return cls(law.port, law.timeout, steps, law.export)
 
     def close(self) -> None:
         self._socket.close()
@@ -71,29 +78,58 @@ class UdpLaw:
                 idle()
                 time.sleep(0.01)
                 continue
-            for i, value in enumerate(answer):
+            tau_cmd, more = answer
+            self._judge(sim, more)
+            for i, value in enumerate(tau_cmd):
                 if not math.isfinite(value):
                     raise self._wrong(f"the law{{}} answers {value} for tau_cmd[{i}] at t = {sim.t:.6g} s")
-            sim.tau_cmd[:] = answer
+            sim.tau_cmd[:] = tau_cmd
             self._instant += 1
             return self._steps
 
-    def _wrong(self, said: str) -> InputError:
-        host, port = self._place
-        return InputError([Fault("controller.port", said.format(f" on UDP {host}:{port}"))])
+    def _judge(self, sim: Any, more: bytes) -> None:
+        """Raise InputError if an export says that it refuses this instant, or is not the one that is asked for."""
+        if not more:
+            if self._export:
+                raise self._wrong(f"the law{{}} is no export, and {self._export} is asked for", "export")
+            return
+        status, export, layout = _OF_EXPORT.unpack_from(more)
+        if self._export not in (0, export):
+            raise self._wrong(f"the law{{}} is export {export}, and {self._export} is asked for", "export")
+        thrusts, in_run = np.frombuffer(more, "<f8", offset=_OF_EXPORT.size), sim.u
+        if layout != LAYOUT or thrusts.size != in_run.size:
+            raise self._wrong("the law{} expects other signals or thrusters than this run has; export it anew")
+        if status:
+            from .law_library.border import STATUSES
 
-    def _receive(self, until: float) -> tuple[float, ...]:
-        """The answer to the request of this instant; others are late copies. Raises TimeoutError."""
+            said = next((words for number, words in STATUSES.values() if number == status), "an unknown status")
+            said += "; controller.period must be that of the export" if status == STATUSES["LATE"][0] else ""
+            raise self._wrong(f"the law{{}} has status {status} at t = {sim.t:.6g} s: {said}")
+        differ = np.flatnonzero(self._thrusts.view("u8") != in_run.view("u8")) if self._instant else ()
+        for k in differ:
+            asked = f"{self._thrusts[k]:.9g} N of thruster {k}, and this run {in_run[k]:.9g} N"
+            said = f"the law{{}} asked for {asked}, in the period before t = {sim.t:.6g} s"
+            raise self._wrong(f"{said}: the run must have the scenario of the export")
+        self._thrusts = thrusts
+
+    def _wrong(self, said: str, key: str = "port") -> InputError:
+        host, port = self._place
+        return InputError([Fault(f"controller.{key}", said.format(f" on UDP {host}:{port}"))])
+
+    def _receive(self, until: float) -> tuple[tuple[float, ...], bytes]:
+        """tau_cmd of the answer to the request of this instant, and what an export has behind it; others are late
+        copies. Raises TimeoutError."""
         while True:
             if time.monotonic() > until:
                 raise TimeoutError
-            data = self._socket.recv(512)
-            if len(data) != _ANSWER.size:
+            data = self._socket.recv(4096)
+            more = data[_ANSWER.size :]
+            if len(data) < _ANSWER.size or (more and (len(more) <= _OF_EXPORT.size or len(more) % 8)):
                 self._odd = f"; {len(data)} bytes came, and an answer has {_ANSWER.size}"
                 continue
-            instant, *tau_cmd = _ANSWER.unpack(data)
+            instant, *tau_cmd = _ANSWER.unpack_from(data)
             if instant == self._instant:
-                return tuple(tau_cmd)
+                return tuple(tau_cmd), more
             if instant > self._instant:
                 self._odd = f"; an answer of instant {instant} came, and {self._instant} was asked for"
 

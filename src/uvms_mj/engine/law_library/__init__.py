@@ -101,8 +101,10 @@ def write_library(
     with sim:
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
-        law = AsLaw(border, scenario, name, _HEADER_WORDS) if as_law.fits(border, scenario, _HEADER_WORDS) else None
+        askable = as_law.is_law(border, scenario)
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if askable and as_law.fits(border, _HEADER_WORDS) else None
         text = chain.module(f"{name}_chain")
+        export = _number(border, text)
         steps = recorded(sim, border, text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
     title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
@@ -112,6 +114,8 @@ def write_library(
         "test.c": texts.test(name),
         "LICENSE": _license(),
     }
+    if asked := askable and any(MACHINES[target].shared for target in targets):
+        files["loop.c"] = texts.loop(border, name)
     with tempfile.TemporaryDirectory() as where:
         place, new = Path(where, "work"), Path(where, "new")
         for each in (place, new):
@@ -120,7 +124,7 @@ def write_library(
             _write(new / file, content)
         sources = {
             f"{name}.h": files[f"{name}.h"],
-            "image.h": texts.image(border, name, law),
+            "image.h": texts.image(border, name, law, export),
             "shell.c": texts.shell(name),
         }
 
@@ -140,8 +144,8 @@ def write_library(
                 raise InputError(f"export law: the library does not compute what the run computes: {wrong}")
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
-        _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library)))
-        _write(new / "README.md", _readme(border, library, title, steps, law is not None))
+        _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
+        _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
         shutil.copytree(new, folder, dirs_exist_ok=True)
     return library
 
@@ -180,7 +184,7 @@ def _made(
     emulator = linking.emulator(machine) if test else None
     if emulator is None or found.foreign:
         return found
-    program = linking.program(machine, libraries[0], folder, place)
+    program = linking.program(machine, libraries[0], folder / "test.c", place)
     done = subprocess.run([*emulator, str(program)], capture_output=True)
     said = _STEPS.search(done.stdout)
     if said is None:
@@ -219,11 +223,21 @@ def _license() -> str:
     return found or beside.read_text(encoding="utf-8")
 
 
+def _number(border: Border, text: str) -> int:
+    """A number of an export, from its record, its machine code and its sources in C. A scenario may have it, so it is
+    one that a double has."""
+    found = hashlib.sha256(f"{border.mark} {text}".encode())
+    for link in border.chain.links:
+        if link.in_c:
+            found.update(Path(link.compiled.stage.source().rpartition(":")[0]).read_bytes())
+    return int.from_bytes(found.digest()[:6], "little") | 1
+
+
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, Any]:
+def _about(scenario: Scenario, border: Border, library: Library, export: int) -> dict[str, Any]:
     """The tables of NAME.toml."""
     chain = border.chain
     return {
@@ -235,6 +249,7 @@ def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, An
             "period_s": library.period,
             "record_bytes": library.record,
             "layout": f"{border.layout:#x}",
+            "export": export,
             "record_sha256": _digest(chain.image.tobytes()),
             "recorded_steps": library.steps,
             "left_behind": library.left,
@@ -258,7 +273,7 @@ def _about(scenario: Scenario, border: Border, library: Library) -> dict[str, An
     }
 
 
-def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool) -> str:
+def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool, asked: int) -> str:
     rows = [
         (
             each.target,
@@ -287,4 +302,4 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
             f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
         )
     again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
-    return texts.readme(border, library.name, title, rows, made, bits, again)
+    return texts.readme(border, library.name, title, rows, made, bits, again, asked)

@@ -57,13 +57,16 @@ MOST = 10_000
 """Numbers that the memory of a stage may have."""
 
 
-def fits(border: Border, scenario: Scenario, header_words: int) -> bool:
-    """Whether a law of a run is called at the library's period and given all that it measures, pose, velocity and force
-    at B, and its memory has room for an instance."""
+def is_law(border: Border, scenario: Scenario) -> bool:
+    """Whether a law of a run is called at the library's period and given all that it measures: pose, velocity and force
+    at B."""
     chain = border.chain
-    small = 2 * (header_words + chain.kind.itemsize // 8) <= MOST
-    due = abs(chain.period - scenario.control_period) < 1e-9
-    return chain.measured == "signals" and not chain.joints and small and due
+    return chain.measured == "signals" and not chain.joints and abs(chain.period - scenario.control_period) < 1e-9
+
+
+def fits(border: Border, header_words: int) -> bool:
+    """Whether the memory of a law of a run has room for an instance."""
+    return 2 * (header_words + border.chain.kind.itemsize // 8) <= MOST
 
 
 def _default(law: Controller, entry: Entry) -> Any:

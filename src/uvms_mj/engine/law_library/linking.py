@@ -242,18 +242,18 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
             yield section, code[names + name : end].decode()
 
 
-def program(machine: Machine, archive: Path, sources: Path, folder: Path) -> Path:
-    """A static program of the test in ``sources`` for qemu-user, or for this processor, with a C library of some
+def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path:
+    """A static program of a file of C, test.c or loop.c, for qemu-user, or for this processor, with a C library of some
     functions: one that ziglang builds takes minutes the first time."""
-    common = ("-fno-builtin", "-ffunction-sections", "-I", str(_FREESTANDING))
+    common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
     options = tuple(each for each in machine.zig if each != "-fPIC")
-    files = [sources.resolve() / "test.c", _FREESTANDING / "libc.c"]
+    files = [source.resolve(), _FREESTANDING / "libc.c"]
     files += [_FREESTANDING / "arm.c"] if machine.emulator == "arm" else []
-    for source in files:
-        run([*zig(), "cc", *options, *_C, *common, "-c", str(source), "-o", f"{source.stem}.o"], folder)
+    for each in files:
+        run([*zig(), "cc", *options, *_C, *common, "-c", str(each), "-o", f"{each.stem}.o"], folder)
     objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
-    run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", "test"], folder)
-    return folder / "test"
+    run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", source.stem], folder)
+    return folder / source.stem
 
 
 def emulator(machine: Machine) -> list[str] | None:

@@ -1,6 +1,6 @@
 /* The functions of a law's library around the machine code of its stages. law_ and LAW_ stand for the library's name. */
 #include "law.h"
-#include "image.h" /* MARK, GIVEN, MEASURED_WORDS, tables of places, the record before the first period */
+#include "image.h" /* MARK, EXPORT, MEASURED_WORDS, tables of places, the record before the first period */
 
 extern int64_t law_chain(int64_t record, int64_t address, int64_t constants);
 
@@ -237,6 +237,11 @@ double law_period(void)
 uint64_t law_bytes(void)
 {
     return sizeof(LAW);
+}
+
+uint64_t law_export(void)
+{
+    return EXPORT;
 }
 
 #if AS_LAW

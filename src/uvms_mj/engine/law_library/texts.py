@@ -5,11 +5,15 @@ import functools
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ...control.base import PORT
+from ..udp import LAYOUT, SIGNALS
 from .as_law import SUFFIX, AsLaw
 from .border import LONGEST_GAP, PRESENT, STATUSES, Border, Entry
+from .linking import MACHINES
 from .vectors import Vectors
 
 _HERE = Path(__file__).parent
@@ -130,6 +134,8 @@ int law_get(const LAW *self, law_settings *settings);
 const char *law_text(int status);
 double law_period(void);
 uint64_t law_bytes(void);
+/* The number of this export, by which a run knows it. */
+uint64_t law_export(void);
 
 /* Make a command neutral: no thrust. */
 static inline void law_neutral(law_command *command)
@@ -180,11 +186,12 @@ def _words(values: np.ndarray) -> str:
     return ",\n".join(",".join(words[k : k + 8]) for k in range(0, len(words), 8))
 
 
-def image(border: Border, name: str, law: AsLaw | None) -> str:
-    """The numbers of the shell: places of what is exchanged, and the record before the first period."""
+def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
+    """The numbers of the shell: that of the export, places of what is exchanged, and the record before the first
+    period."""
     chain = border.chain
     parts = [
-        f"#define MARK UINT64_C(0x{border.mark:x})\n",
+        f"#define MARK UINT64_C(0x{border.mark:x})\n#define EXPORT UINT64_C({export})\n",
         f"#define MEASURED_WORDS {sum(e.n for e in border.measured)}\n",
         f"#define TIME {chain.place_of('t')}\n#define SATURATED {chain.place_of('saturated')}\n",
         f"#define TAU_HAT {chain.place_of('signals', 'tau_hat')}\n",
@@ -239,6 +246,32 @@ def test(name: str) -> str:
     return named(_read("test.c"), name)
 
 
+def loop(border: Border, name: str) -> str:
+    """The program that answers a run over UDP."""
+    fields: Any = SIGNALS.fields
+
+    def taken(entries: Iterable[Entry], struct: str) -> str:
+        places = ((each, fields[each.name][1] // 8) for each in entries)
+        return "".join(
+            f"    take({'' if each.shape else '&'}{struct}.{each.name}, request, {place}, {each.n});\n"
+            for each, place in places
+        )
+
+    text = _read("loop.c")
+    for word, value in {
+        "LAYOUT_OF_SIGNALS": str(LAYOUT),
+        "SIGNALS_COUNT": str(SIGNALS.itemsize // 8),
+        "STANDARD_PORT": str(PORT),
+        "TARGET": "armv7",
+        "REFERENCE_STRUCT": "    law_reference reference;\n" if border.reference else "",
+        "REFERENCE_ARGUMENT": "&reference, " if border.reference else "",
+        "SETTINGS": taken((each for each in border.settings if each.name in fields), "settings"),
+        "MEASUREDREFERENCE": taken(border.measured, "measured") + taken(border.reference, "reference"),
+    }.items():
+        text = re.sub(rf"\b{word}" if word != "REFERENCE_ARGUMENT" else word, value, text)
+    return named(text.replace("libLAW", f"lib{name}"), name)
+
+
 def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
     """The recorded steps, for the test."""
     changes = [change for each in vectors.segments for change in each.changes]
@@ -280,9 +313,10 @@ def readme(
     made: Sequence[str],
     bits: str,
     again: Sequence[str],
+    asked: int,
 ) -> str:
     """The page beside a library. ``rows`` are those of the table of targets; ``again`` are the targets whose
-    library can be a law of a run."""
+    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
@@ -303,6 +337,18 @@ def readme(
             f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
         )
     linux = next((row[0] for row in rows), "x86_64")
+    if asked:
+        one = next(row[0] for row in rows if MACHINES[row[0]].shared)
+        run = f"uvms-mj run --controller udp --set controller.export={asked} --set controller.period={chain.period:g}"
+        law += f"""The processor in the loop with the plant gives the run again, too. `loop.c` answers over UDP on its
+own machine, and the run knows this export by its number:
+
+```sh
+cc -std=c99 loop.c {one}/lib{name}.a -o loop && ./loop &
+{run}
+```
+
+"""
     return named(
         f"""# {name}: {title}
 

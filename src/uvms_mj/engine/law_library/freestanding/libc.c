@@ -2,32 +2,72 @@
 #include <stdarg.h>
 typedef __SIZE_TYPE__ size_t;
 
-int main(void);
+int main(int count, char **arguments);
 
-static long call(long number, long a, long b, long c)
+static long call(long number, long a, long b, long c, long d, long e, long f)
 {
 #if defined(__x86_64__)
     long result;
-    __asm__ volatile("syscall" : "=a"(result) : "a"(number), "D"(a), "S"(b), "d"(c) : "rcx", "r11", "memory");
+    register long r10 __asm__("r10") = d, r8 __asm__("r8") = e, r9 __asm__("r9") = f;
+    __asm__ volatile("syscall"
+                     : "=a"(result)
+                     : "a"(number), "D"(a), "S"(b), "d"(c), "r"(r10), "r"(r8), "r"(r9)
+                     : "rcx", "r11", "memory");
     return result;
 #elif defined(__aarch64__)
     register long x8 __asm__("x8") = number, x0 __asm__("x0") = a, x1 __asm__("x1") = b, x2 __asm__("x2") = c;
-    __asm__ volatile("svc 0" : "+r"(x0) : "r"(x8), "r"(x1), "r"(x2) : "memory");
+    register long x3 __asm__("x3") = d, x4 __asm__("x4") = e, x5 __asm__("x5") = f;
+    __asm__ volatile("svc 0" : "+r"(x0) : "r"(x8), "r"(x1), "r"(x2), "r"(x3), "r"(x4), "r"(x5) : "memory");
     return x0;
 #else
-    register long r0 __asm__("r0") = a, r1 __asm__("r1") = b, r2 __asm__("r2") = c; /* r7 may be the frame's */
-    __asm__ volatile("push {r7}\n mov r7, %1\n svc 0\n pop {r7}" : "+r"(r0) : "r"(number), "r"(r1), "r"(r2) : "memory");
+    register long r0 __asm__("r0") = a, r1 __asm__("r1") = b, r2 __asm__("r2") = c, r3 __asm__("r3") = d;
+    register long r4 __asm__("r4") = e, r5 __asm__("r5") = f; /* r7 may be the frame's */
+    __asm__ volatile("push {r7}\n mov r7, %1\n svc 0\n pop {r7}"
+                     : "+r"(r0)
+                     : "r"(number), "r"(r1), "r"(r2), "r"(r3), "r"(r4), "r"(r5)
+                     : "memory");
     return r0;
 #endif
 }
 
 #if defined(__x86_64__)
-enum { WRITE = 1, EXIT = 231 };
+enum { WRITE = 1, EXIT = 231, SOCKET = 41, BIND = 49, SEND_TO = 44, RECEIVE_FROM = 45 };
 #elif defined(__aarch64__)
-enum { WRITE = 64, EXIT = 94 };
+enum { WRITE = 64, EXIT = 94, SOCKET = 198, BIND = 200, SEND_TO = 206, RECEIVE_FROM = 207 };
 #else
-enum { WRITE = 4, EXIT = 248 };
+enum { WRITE = 4, EXIT = 248, SOCKET = 281, BIND = 282, SEND_TO = 290, RECEIVE_FROM = 292 };
 #endif
+
+/* Sockets. A result below zero is the negative of the error's number. */
+int socket(int family, int kind, int protocol)
+{
+    return (int)call(SOCKET, family, kind, protocol, 0, 0, 0);
+}
+
+int bind(int peer, const void *place, unsigned size)
+{
+    return (int)call(BIND, peer, (long)place, (long)size, 0, 0, 0);
+}
+
+long sendto(int peer, const void *data, size_t n, int flags, const void *place, unsigned size)
+{
+    return call(SEND_TO, peer, (long)data, (long)n, flags, (long)place, (long)size);
+}
+
+long recvfrom(int peer, void *data, size_t n, int flags, void *place, unsigned *size)
+{
+    return call(RECEIVE_FROM, peer, (long)data, (long)n, flags, (long)place, (long)size);
+}
+
+unsigned short htons(unsigned short x)
+{
+    return (unsigned short)(x << 8 | x >> 8);
+}
+
+unsigned htonl(unsigned x)
+{
+    return (unsigned)htons((unsigned short)x) << 16 | htons((unsigned short)(x >> 16));
+}
 
 void *memset(void *to, int c, size_t n)
 {
@@ -56,12 +96,21 @@ void *memcpy(void *to, const void *from, size_t n)
     return memmove(to, from, n);
 }
 
+int memcmp(const void *one, const void *other, size_t n)
+{
+    const unsigned char *p = one, *q = other;
+    for (; n; n--, p++, q++)
+        if (*p != *q)
+            return *p - *q;
+    return 0;
+}
+
 static void put(const char *text)
 {
     size_t n = 0;
     while (text[n])
         n++;
-    call(WRITE, 1, (long)text, (long)n);
+    call(WRITE, 1, (long)text, (long)n, 0, 0, 0);
 }
 
 static void put_number(long value)
@@ -128,17 +177,17 @@ void __aeabi_memcpy4(void *to, const void *from, size_t n) { memmove(to, from, n
 void __aeabi_memcpy8(void *to, const void *from, size_t n) { memmove(to, from, n); }
 #endif
 
-void begin(void)
+void begin(long *stack)
 {
-    call(EXIT, main(), 0, 0);
+    call(EXIT, main((int)stack[0], (char **)(stack + 1)), 0, 0, 0, 0, 0);
     for (;;)
         ;
 }
 
 #if defined(__x86_64__)
-__asm__(".globl _start\n_start:\n xor %ebp, %ebp\n and $-16, %rsp\n call begin\n");
+__asm__(".globl _start\n_start:\n xor %ebp, %ebp\n mov %rsp, %rdi\n and $-16, %rsp\n call begin\n");
 #elif defined(__aarch64__)
-__asm__(".globl _start\n_start:\n mov x29, #0\n bl begin\n");
+__asm__(".globl _start\n_start:\n mov x29, #0\n mov x0, sp\n bl begin\n");
 #else
-__asm__(".globl _start\n.type _start, %function\n_start:\n bl begin\n");
+__asm__(".globl _start\n.type _start, %function\n_start:\n mov r0, sp\n bl begin\n");
 #endif
