@@ -13,7 +13,7 @@ import pytest
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
 from uvms_mj.engine.law_library.border import STATUSES
 
 pytest.importorskip("ziglang")
@@ -496,6 +496,69 @@ def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(linking.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'uvms-mj\[c\]'"):
         write_library(scenario("gsta"), tmp_path, ["x86_64"])
+
+
+NAMED = """
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+@dataclass(frozen=True)
+class Law(Controller):
+    int: float = gain(200.0, "N/m, N m", "*/ stiffness")
+    private: float = gain(150.0, "N s/m, N m s", "damping")
+    K_f: float = gain(1.0, "1", "part of the weight")
+    \u03bb: float = gain(0.0, "1", "nothing")
+    uses_task = False
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            pd = gains.int * signals.eta_e[i] + gains.private * signals.nu_e[i]
+            tau_cmd[i] = gains.K_f * signals.g_hat[i] - pd + gains.\u03bb
+"""
+
+
+def test_names_that_c_or_the_library_has_are_changed(tmp_path, monkeypatch):
+    """A class Law with gains that are words of C and C++ or names of signals; beside it a file that hides a module of
+    Python's from a process that looks into its working folder."""
+    (tmp_path / "mine.py").write_text(NAMED, encoding="utf-8")
+    (tmp_path / "keyword.py").write_text("raise SystemExit(3)\n")
+    monkeypatch.chdir(tmp_path)
+    short = {"simulation.duration": 0.5, "controller.period": 0.01}
+    library = write_library(scenario("mine.py:Law", short), tmp_path / "out", ["x86_64"])
+    assert library.name == "law_controller"
+    header = (tmp_path / "out/law_controller.h").read_text(encoding="utf-8")
+    for field in ("double int_;", "double private_;", "double K_f_;", "double u3bb;", "double K_f[6];"):
+        assert field in header
+    ours, theirs = (
+        simulate(scenario(law, short | {f"controller.{word}": 0.9}))
+        for law, word in (("mine.py:Law", "K_f"), ("out/x86_64/liblaw_controller.so:law_controller_law", "K_f_"))
+    )
+    np.testing.assert_array_equal(theirs.tau, ours.tau)
+
+
+@pytest.mark.parametrize(
+    ("label", "name"),
+    [("Image", "image_controller"), ("law_pd", "law_pd"), ("3d", "controller_3d"), ("a-b \u00fc", "a_b"), ("-", "controller_")],
+)
+def test_the_default_name_of_a_library_is_free(monkeypatch, label, name):
+    law = scenario("gsta")
+    monkeypatch.setattr(type(law.controller), "label", classmethod(lambda cls: f"x.py:{label}"))
+    assert law_library.name_of(law) == name
+
+
+def test_a_name_is_put_into_a_text_once():
+    assert texts.named('#include "law.h"\nlaw_x LAW_Y LAW ADAPTER', "law_a") == (
+        '#include "law_a.h"\nlaw_a_x LAW_A_Y law_a law_a_law'
+    )
+
+
+def test_the_warnings_of_the_run_come_with_the_library(tmp_path):
+    """A loop that a run warns of leaves, and the export says so, too."""
+    wild = scenario("gsta", HEAVY | {"simulation.duration": 0.1})
+    old = tmp_path / "armv7/libgsta.a"
+    old.parent.mkdir()
+    old.touch()
+    assert any("oscillates" in note for note in write_library(wild, tmp_path, ["x86_64"], test=False).notes)
+    assert not old.exists()  # it would be another law than the header's
 
 
 def test_functions_that_round_to_whole_numbers_are_exact():
