@@ -274,6 +274,40 @@ def test_wrong_measurements_give_a_neutral_command_and_the_law_goes_on(instance)
     assert not instance.neutral
 
 
+@pytest.mark.slow
+def test_a_path_begins_at_the_first_command_whatever_the_clock(tmp_path):
+    """The clock of a vehicle does not begin at zero: the reference would be at its end, and the command at its limit."""
+    write_library(scenario("gsta", {"controller.period": 0.01}, "follow_path"), tmp_path, ["x86_64"], test=False)
+    (tmp_path / "test.c").write_text(CLOCK)
+    subprocess.run([linking.program(MACHINES["x86_64"], tmp_path / "x86_64/libgsta.a", tmp_path, tmp_path)], check=True)
+
+
+CLOCK = """
+#include <string.h>
+#include "gsta.h"
+int main(void)
+{
+    static gsta laws[2];
+    gsta_command commands[2];
+    int i, k;
+    memset(commands, 0, sizeof commands);
+    for (i = 0; i < 2; i++)
+        gsta_init(&laws[i]);
+    for (k = 0; k < 300; k++)
+        for (i = 0; i < 2; i++) {
+            gsta_measured measured;
+            memset(&measured, 0, sizeof measured);
+            measured.t = k / 128.0 + i * 65536.0;
+            measured.quat_WB[0] = 1.0;
+            measured.present = GSTA_NEEDED;
+            if (gsta_step(&laws[i], &measured, &commands[i]) != GSTA_OK)
+                return 2;
+        }
+    return memcmp(&commands[0], &commands[1], sizeof commands[0]) != 0;
+}
+"""
+
+
 def test_late_calls_are_named_and_a_long_gap_is_neutral_once(instance):
     assert instance.init() == OK
     assert instance.step(instance.measured(0.0)) == OK

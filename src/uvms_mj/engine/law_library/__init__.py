@@ -29,7 +29,7 @@ from .border import Border
 from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
-_HEADER_WORDS = 4  # mark, last, begun and fault before the record
+_HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 

@@ -122,6 +122,7 @@ typedef struct LAW {
     uint64_t mark;
     double last;
     uint64_t begun, fault;
+    double first;
     double record[LAW_NUMBERS];
 } LAW;
 
