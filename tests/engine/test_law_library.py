@@ -21,7 +21,7 @@ from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
 from uvms_mj.engine.law_library.border import STATUSES
 from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS
 
@@ -281,6 +281,41 @@ def test_wrong_measurements_give_a_neutral_command_and_the_law_goes_on(instance)
         assert instance.neutral
     assert instance.step(instance.measured(6 * PERIOD)) == OK
     assert not instance.neutral
+
+
+@pytest.mark.slow
+def test_a_path_begins_at_the_first_command_whatever_the_clock(tmp_path):
+    """A vehicle's clock does not begin at zero: the reference would be at its end, and the command at its limit."""
+    write_library(scenario("gsta", {"controller.period": 0.01}, "follow_path"), tmp_path, ["x86_64"], test=False)
+    (tmp_path / "test.c").write_text(CLOCK)
+    program = linking.program(MACHINES["x86_64"], tmp_path / "x86_64/libgsta.a", tmp_path / "test.c", tmp_path)
+    subprocess.run([program], check=True)
+
+
+CLOCK = """
+#include <string.h>
+#include "gsta.h"
+int main(void)
+{
+    static gsta laws[2];
+    gsta_command commands[2];
+    int i, k;
+    memset(commands, 0, sizeof commands);
+    for (i = 0; i < 2; i++)
+        gsta_init(&laws[i]);
+    for (k = 0; k < 300; k++)
+        for (i = 0; i < 2; i++) {
+            gsta_measured measured;
+            memset(&measured, 0, sizeof measured);
+            measured.t = k / 128.0 + i * 65536.0;
+            measured.quat_WB[0] = 1.0;
+            measured.present = GSTA_NEEDED;
+            if (gsta_step(&laws[i], &measured, &commands[i]) != GSTA_OK)
+                return 2;
+        }
+    return memcmp(&commands[0], &commands[1], sizeof commands[0]) != 0;
+}
+"""
 
 
 def test_late_calls_are_named_and_a_long_gap_is_neutral_once(instance):
@@ -825,6 +860,75 @@ def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(linking.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'uvms-mj\[c\]'"):
         write_library(scenario("gsta"), tmp_path, ["x86_64"])
+
+
+NAMED = """
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+@dataclass(frozen=True)
+class Law(Controller):
+    int: float = gain(200.0, "N/m, N m", "*/ stiffness")
+    private: float = gain(150.0, "N s/m, N m s", "damping")
+    K_f: float = gain(1.0, "1", "part of the weight")
+    \u03bb: float = gain(0.0, "1", "nothing")
+    uses_task = False
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            pd = gains.int * signals.eta_e[i] + gains.private * signals.nu_e[i]
+            tau_cmd[i] = gains.K_f * signals.g_hat[i] - pd + gains.\u03bb
+"""
+
+
+def test_names_that_c_or_the_library_has_are_changed(tmp_path, monkeypatch):
+    """A class Law with gains that are words of C and C++ or names of signals; beside it a file that hides a module of
+    Python's from a process that looks into its working folder."""
+    (tmp_path / "mine.py").write_text(NAMED, encoding="utf-8")
+    (tmp_path / "keyword.py").write_text("raise SystemExit(3)\n")
+    monkeypatch.chdir(tmp_path)
+    short = {"simulation.duration": 0.5, "controller.period": 0.01}
+    library = write_library(scenario("mine.py:Law", short), tmp_path / "out", ["x86_64"])
+    assert library.name == "law_controller"
+    header = (tmp_path / "out/law_controller.h").read_text(encoding="utf-8")
+    for field in ("double int_;", "double private_;", "double K_f_;", "double u3bb;", "double K_f[6];"):
+        assert field in header
+    ours, theirs = (
+        simulate(scenario(law, short | {f"controller.{word}": 0.9}))
+        for law, word in (("mine.py:Law", "K_f"), ("out/x86_64/liblaw_controller.so:law_controller_law", "K_f_"))
+    )
+    np.testing.assert_array_equal(theirs.tau, ours.tau)
+
+
+@pytest.mark.parametrize(
+    ("label", "name"),
+    [
+        ("Image", "image_controller"),
+        ("law_pd", "law_pd"),
+        ("3d", "controller_3d"),
+        ("a-b \u00fc", "a_b"),
+        ("-", "controller_"),
+    ],
+)
+def test_the_default_name_of_a_library_is_free(monkeypatch, label, name):
+    law = scenario("gsta")
+    monkeypatch.setattr(type(law.controller), "label", classmethod(lambda cls: f"x.py:{label}"))
+    assert law_library.name_of(law) == name
+
+
+def test_a_name_is_put_into_a_text_once():
+    assert texts.named('#include "law.h"\nlaw_x LAW_Y LAW ADAPTER', "law_a") == (
+        '#include "law_a.h"\nlaw_a_x LAW_A_Y law_a law_a_law'
+    )
+
+
+def test_the_warnings_of_the_run_come_with_the_library(tmp_path):
+    """A loop that a run warns of leaves, and the export says so, too."""
+    wild = scenario("gsta", HEAVY | {"simulation.duration": 0.1})
+    old = tmp_path / "armv7/libgsta.a"
+    old.parent.mkdir()
+    old.touch()
+    assert any("oscillates" in note for note in write_library(wild, tmp_path, ["x86_64"], test=False).notes)
+    assert not old.exists()  # it would be another law than the header's
 
 
 def test_functions_that_round_to_whole_numbers_are_exact():

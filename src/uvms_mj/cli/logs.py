@@ -286,6 +286,8 @@ def export_law(
             library = write_library(scenario, folder, chosen, name, guided, not no_test)
         finally:
             remove_if_empty(made)
+        for note in library.notes:
+            warn(note)
         if library.left:
             warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
         for each in library.targets:

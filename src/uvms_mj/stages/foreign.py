@@ -56,7 +56,10 @@ _NAME = re.compile("[A-Za-z][A-Za-z0-9_]*")
 _WORDS_OF_C = """
     auto break case char const continue default do double else enum extern float for goto if inline int long
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-    unused linux unix class new delete this template typename namespace
+    unused linux unix class new delete this template typename namespace alignas alignof and and_eq asm bitand bitor
+    bool catch char16_t char32_t compl const_cast constexpr decltype dynamic_cast explicit export false friend mutable
+    noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast static_assert static_cast
+    thread_local throw true try typeid using virtual wchar_t xor xor_eq
 """
 """Words of C and C++ and of the header."""
 

@@ -19,7 +19,6 @@ import tomli_w
 from ...errors import Fault, InputError
 from ...files import atomic_write
 from ...scenario import Scenario
-from ...stages.foreign import is_c_name
 from ..engines import refusals
 from ..native.chain import Chain, refuse
 from ..native.net import FIRST
@@ -30,7 +29,7 @@ from .border import Border
 from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
-_HEADER_WORDS = 4  # mark, last, begun and fault before the record
+_HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 
@@ -65,7 +64,8 @@ class Made:
 @dataclass(frozen=True)
 class Library:
     """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
-    steps, the stages of the scenario that it leaves behind, and the library of each target."""
+    steps, the stages of the scenario that it leaves behind, the library of each target, and the warnings of the
+    scenario."""
 
     name: str
     record: int
@@ -73,6 +73,7 @@ class Library:
     steps: int
     left: list[str]
     targets: list[Made]
+    notes: tuple[str, ...] = ()
 
 
 def write_library(
@@ -90,8 +91,10 @@ def write_library(
             compute what the run computes.
     """
     name = name or name_of(scenario)
-    if not is_c_name(name) or name == "law":
-        raise InputError(f"--name {name!r}: must be the name of a function in C, other than law")
+    if not texts.is_free(name):
+        raise InputError(
+            f"--name {name!r}: must be the name of a function in C, and no word of the library's own sources"
+        )
     linking.zig()
     sim = _simulation(scenario)
     if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
@@ -103,7 +106,7 @@ def write_library(
         border = Border.of(chain, scenario, guided)
         askable = as_law.is_law(border, scenario)
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if askable and as_law.fits(border, _HEADER_WORDS) else None
-        text = chain.module(f"{name}_chain")
+        text, notes = chain.module(f"{name}_chain"), sim.notes
         export = _number(border, text)
         steps = recorded(sim, border, text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
@@ -137,7 +140,9 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made)
+        library = Library(
+            name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made, notes
+        )
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
@@ -146,6 +151,9 @@ def write_library(
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
         _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
+        for earlier in MACHINES:  # a library that was made before has other gains
+            for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):
+                (folder / earlier / file).unlink(missing_ok=True)
         shutil.copytree(new, folder, dirs_exist_ok=True)
     return library
 
@@ -159,10 +167,11 @@ def _simulation(scenario: Scenario) -> Simulation:
 
 
 def name_of(scenario: Scenario) -> str:
-    """The name of a scenario's law as a name in C."""
+    """The name of a scenario's law as a name in C that a library may have."""
     label = scenario.controller.label()
-    word = re.sub(r"\W+", "_", re.split(r"[:/]", label)[-1].removesuffix(".c")).strip("_").lower()
-    return word or "controller"
+    word = re.sub(r"\W+", "_", re.split(r"[:/]", label)[-1].removesuffix(".c"), flags=re.ASCII).strip("_").lower()
+    names = (word, f"{word}_controller", f"controller_{word}")
+    return next(name for name in names if texts.is_free(name))
 
 
 def _made(

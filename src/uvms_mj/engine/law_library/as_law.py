@@ -9,7 +9,7 @@ from ...control.base import Controller
 from ...scenario import Scenario
 from ...stages.foreign import Description, OneSetting, OneState, Records
 from ...stages.signals import record_dtype
-from .border import Border, Entry
+from .border import GAIN, Border, Entry
 
 SUFFIX = "_law"
 
@@ -19,10 +19,9 @@ class AsLaw:
 
     def __init__(self, border: Border, scenario: Scenario, name: str, header_words: int) -> None:
         self.border, self.name, law = border, f"{name}{SUFFIX}", scenario.controller
-        signals = {each.name for each in type(law).given()}
-        self.gains = [each for each in border.settings if each.name not in signals]
-        self.impedance = [each for each in border.settings if each.name in signals]
-        settings = {each.name: OneSetting(_default(law, each), each.unit, each.meaning) for each in self.gains}
+        self.gains = [each for each in border.settings if each.group == GAIN]
+        self.impedance = [each for each in border.settings if each.group != GAIN]
+        settings = {each.word: OneSetting(_default(law, each), each.unit, each.meaning) for each in self.gains}
         self.size = 2 * (header_words + border.chain.kind.itemsize // 8)  # halves of words, which are finite numbers
         instance = {"instance": OneState(self.size, advanced=False)}
         summary = f"The law {law.label()} of the library lib{name}.so."

@@ -3,6 +3,7 @@ record of the chain."""
 
 import dataclasses
 import hashlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from ...actuation.propeller import Propeller
 from ...quantities import unit_of
 from ...scenario import Scenario
+from ...stages.foreign import is_c_name
 from ...stages.signals import (
     APPLIED,
     MEASURED,
@@ -27,6 +29,7 @@ from ...stages.signals import (
 from ..native.chain import Chain
 
 POSE, VELOCITY, FORCE, JOINTS, WRIST = "pose", "velocity", "force", "joints", "wrist"
+GAIN = "gain"
 PRESENT = (POSE, VELOCITY, FORCE, JOINTS, WRIST)
 """Groups of measurements, each with a bit of ``present``."""
 STATUSES = {
@@ -57,6 +60,13 @@ class Entry:
     meaning: str
     place: int
     group: str = ""
+
+    @property
+    def word(self) -> str:
+        """Its name in C, with a line below it where C has the word or a setting that every library has is called so."""
+        word = re.sub("[^ -~]", lambda found: f"u{ord(found[0]):x}", self.name)
+        taken = self.group == GAIN and word in [each.name for each in SCHEDULED]
+        return word if is_c_name(word) and not taken else f"{word}_"
 
     @property
     def n(self) -> int:
@@ -152,7 +162,7 @@ def _settings(chain: Chain, scenario: Scenario) -> Iterator[Entry]:
             continue
         part, offset = kind[name][:2]
         meaning = str(field.metadata.get("meaning", ""))
-        yield Entry(name, part.shape, unit_of(field), meaning, first + offset // 8)
+        yield Entry(name, part.shape, unit_of(field), meaning, first + offset // 8, GAIN)
     if not chain.has("schedule"):
         for signal in SCHEDULED:
             yield _entry(chain, signal, "signals")

@@ -86,7 +86,7 @@ def zig() -> list[str]:
     """The command of ziglang. Raises InputError if it is not installed."""
     if importlib.util.find_spec("ziglang") is None:
         raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
-    return [sys.executable, "-m", "ziglang"]
+    return [sys.executable, "-P", "-m", "ziglang"]  # -P: no file of the working folder is a module of Python's
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -160,7 +160,7 @@ def emitted(text: str, target: Target) -> bytes:
     source = str(Path(__file__).parents[3])
     path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
-        [sys.executable, "-c", _EMIT, *words],
+        [sys.executable, "-P", "-c", _EMIT, *words],
         input=text.encode(),
         capture_output=True,
         env={**os.environ, "PYTHONPATH": path},

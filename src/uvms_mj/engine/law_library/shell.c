@@ -65,7 +65,8 @@ static void begin(LAW *self)
             self->record[at++] = both.number;
     }
     self->last = 0.0;
-    self->begun = 0;
+    self->first = 0.0;
+    self->begun = 0; /* 1: there was a time; 2: there was a command, the first one at the time first */
     self->fault = 0;
     self->mark = MARK;
 }
@@ -146,7 +147,8 @@ static int judged(LAW *self, const law_measured *measured, const double *words)
             late = LAW_GAP;
     }
     self->last = measured->t;
-    self->begun = 1;
+    if (!self->begun)
+        self->begun = 1;
     if (self->fault)
         return LAW_FAULT;
     if ((measured->present & LAW_NEEDED) != LAW_NEEDED)
@@ -192,7 +194,11 @@ int law_step_of(uint64_t layout, LAW *self, const law_measured *measured, const 
         quiet(self);
         return status;
     }
-    self->record[TIME] = measured->t;
+    if (self->begun < 2) {
+        self->first = measured->t;
+        self->begun = 2;
+    }
+    self->record[TIME] = measured->t - self->first;
     for (k = 0; k < (int)(sizeof measured_at / sizeof *measured_at); k++) {
         copy(self->record + measured_at[k].place, words, measured_at[k].n);
         words += measured_at[k].n;

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...control.base import PORT
+from ...stages.foreign import is_c_name
 from ..udp import LAYOUT, SIGNALS
 from .as_law import SUFFIX, AsLaw
 from .border import LONGEST_GAP, PRESENT, STATUSES, Border, Entry
@@ -17,13 +18,20 @@ from .linking import MACHINES
 from .vectors import Vectors
 
 _HERE = Path(__file__).parent
+_OF_NAME = re.compile(r"\bLAW\b|\bLAW_|\blaw_|(?<=\")law\.h(?=\")|ADAPTER")
 
 
 def named(text: str, name: str) -> str:
     """A text of C with the name of a library in place of law_ and LAW_, and of LAW, the type."""
-    text = re.sub(r"\bLAW\b", name, text.replace('"law.h"', f'"{name}.h"'))
-    text = re.sub(r"\bLAW_", f"{name.upper()}_", re.sub(r"\blaw_", f"{name}_", text))
-    return text.replace("ADAPTER", f"{name}{SUFFIX}")
+    words = {"LAW": name, "LAW_": f"{name.upper()}_", "law_": f"{name}_", "law.h": f"{name}.h"}
+    words["ADAPTER"] = f"{name}{SUFFIX}"
+    return _OF_NAME.sub(lambda found: words[found[0]], text)
+
+
+@functools.cache
+def is_free(word: str) -> bool:
+    """Whether a word may name a library: a name in C that neither its sources nor its files have."""
+    return is_c_name(word) and word not in re.findall(r"\w+", f"law {_read('shell.c')} {_read('test.c')}")
 
 
 def _fields(entries: Iterable[Entry]) -> Iterable[str]:
@@ -31,7 +39,7 @@ def _fields(entries: Iterable[Entry]) -> Iterable[str]:
         shape = "".join(f"[{n}]" for n in each.shape)
         unit = f"[{each.unit}] " if each.unit and each.unit != "-" else ""
         note = f"{unit}{each.meaning}".replace("*/", "* /")
-        yield f"    double {each.name}{shape};".ljust(36) + f" /* {note} */"
+        yield f"    double {each.word}{shape};".ljust(36) + f" /* {note} */"
 
 
 def _struct(name: str, lines: Iterable[str]) -> str:
@@ -118,6 +126,7 @@ typedef struct LAW {
     uint64_t mark;
     double last;
     uint64_t begun, fault;
+    double first;
     double record[LAW_NUMBERS];
 } LAW;
 

@@ -49,7 +49,7 @@ def compiler() -> list[str]:
         if found := shutil.which(name):
             return [found]
     if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc"]
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]
     raise InputError("no C compiler: install one that is called cc, or the extra c, with pip install 'uvms-mj[c]'")
 
 

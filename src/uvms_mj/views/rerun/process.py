@@ -157,7 +157,7 @@ class Sender:
 
 
 def _rerun(options: Sequence[str], stdin: int, stderr: int | IO[bytes]) -> subprocess.Popen:
-    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, *options]
+    command = [sys.executable, "-P", "-m", "rerun_cli", "--bind", LOOPBACK, *options]
     return subprocess.Popen(
         command, env=environment(), stdin=stdin, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
     )
