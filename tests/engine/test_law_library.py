@@ -745,11 +745,11 @@ def test_other_laws_run_in_the_loop(tmp_path, kind, guided):
     """Pulses at 50 Hz, an observer, and a reference that the run gives."""
     law, settings = KINDS[kind]
     run = scenario(law, AT_THE_WALL | {"controller.period": 0.02} | settings)
-    write_library(run, tmp_path, ["x86_64"], "one", guided, test=False)
+    write_library(run, tmp_path, ["x86_64"], "shown", guided, test=False)
     place, port = tmp_path / "place", free_port()
     place.mkdir()
     with answering(program_of(tmp_path, "x86_64", place), port):
-        keys = {"controller.port": port, "controller.export": export_of(tmp_path, "one")}
+        keys = {"controller.port": port, "controller.export": export_of(tmp_path, "shown")}
         theirs = simulate(run.updated(keys, controller="udp"), engine="free_body")
     ours = simulate(run, engine="free_body")
     for name in ours:
