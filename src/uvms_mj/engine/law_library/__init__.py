@@ -92,7 +92,9 @@ def write_library(
     """
     name = name or name_of(scenario)
     if not texts.is_free(name):
-        raise InputError(f"--name {name!r}: must be the name of a function in C, and no word of the library's own sources")
+        raise InputError(
+            f"--name {name!r}: must be the name of a function in C, and no word of the library's own sources"
+        )
     linking.zig()
     sim = _simulation(scenario)
     if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
@@ -134,7 +136,9 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        library = Library(name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made, notes)
+        library = Library(
+            name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made, notes
+        )
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
