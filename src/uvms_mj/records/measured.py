@@ -85,6 +85,8 @@ class _Columns:
     def __getitem__(self, name: str) -> Series:
         if name not in self.names:
             raise InputError(f"{self.path}: has no column {name!r}; {suggestion(name, self.names)}")
+        if (n := list(self.names).count(name)) > 1:
+            raise InputError(f"{self.path}: {n} columns are called {name!r}; rename them")
         t, values = self.of(name)
         if len(t) < 2:
             raise InputError(f"{self.path}: column {name!r} has fewer than two samples")
@@ -102,6 +104,8 @@ def _columns(path: Path, time: str, scale: float) -> _Columns:
     names, cells, first = _csv(path) if kind == ".csv" else _parquet(path)
     if time not in names:
         raise InputError(f"{path}: has no column {time!r} of the time; {suggestion(time, names)}")
+    if list(names).count(time) > 1:
+        raise InputError(f"{path}: {list(names).count(time)} columns are called {time!r}; rename them")
     numbers: dict[str, np.ndarray] = {}
 
     def column(name: str) -> np.ndarray:
@@ -133,7 +137,7 @@ def _number(path: Path, name: str, row: int, cell: Any) -> float:
     if cell is None or (isinstance(cell, str) and not cell.strip()):
         return math.nan
     try:
-        value = float(cell)
+        value = float(cell if "_" not in str(cell) else "")  # Python reads 1_0 as ten
     except (TypeError, ValueError):
         raise InputError(f"{path}: column {name!r}, row {row}: {str(cell)[:40]!r} is not a number") from None
     if not math.isfinite(value):
@@ -151,9 +155,11 @@ def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], int
     if len(table) < 3:
         raise InputError(f"{path}: has fewer than two rows below its names of columns")
     names, body = [name.strip() for name in table[0]], table[1:]
+    if len(names) == 1 and (other := next((each for each in ";\t|" if each in names[0]), "")):
+        raise InputError(f"{path}: its cells are separated by {other!r}; write it with commas, and points in numbers")
     for i, row in enumerate(body):
         if len(row) != len(names):
-            raise InputError(f"{path}: row {i + 2}: has {len(row)} cells, and there are {len(names)} columns")
+            raise InputError(f"{path}: row {i + 2}: has {len(row)} cells, and the first row names {len(names)} columns")
     return names, lambda name: [row[names.index(name)] for row in body], 2
 
 
@@ -245,7 +251,7 @@ class _Log:
 
     def _factor(self, key: str, unit: Any, of: str) -> float:
         known = _UNITS.get(of, {of: 1.0})
-        if unit not in known:
+        if not isinstance(unit, str) or unit not in known:
             raise InputError(f"{self.path}: {key}: {unit!r} is no unit of it; choose from {', '.join(known)}")
         return known[unit]
 
@@ -288,10 +294,13 @@ class _Log:
         if name not in known:
             raise InputError(f"{path}: {key}: is no signal of the run; {suggestion(name, known)}")
         signal = known[name]
+        if "column" in table and "columns" in table:
+            raise InputError(f"{path}: {key}: give column or columns, not both")
         columns = [table["column"]] if "column" in table else table.get("columns")
         angles = signal.size == 4 and table.get("unit") in ("rad", "deg")
         size = 3 if angles else signal.size
-        if not isinstance(columns, list) or len(columns) != size:
+        named = isinstance(columns, list) and all(isinstance(each, str) for each in columns)
+        if not named or len(columns) != size:
             wanted = f"{size} names, one of each of {', '.join(signal.components)}" if size > 1 else "one name"
             raise InputError(f"{path}: {key}.columns: needs {wanted}; an empty name is a missing component")
         series: list[Series] = []
@@ -305,6 +314,8 @@ class _Log:
         signs, offsets = (
             self._each(f"{key}.{word}", table.get(word, x), len(turned)) for word, x in (("sign", 1), ("offset", 0))
         )
+        if signal.size == 4 and any(offsets):
+            raise InputError(f"{path}: {key}.offset: an attitude has none; a sum of quaternions is no turn")
         if any(sign not in (1, -1) for sign in signs):
             raise InputError(f"{path}: {key}.sign: {table['sign']!r} must be 1 or -1, or a list of them")
         return [(t, s * v + o) for (t, v), s, o in zip(turned, signs, offsets, strict=True)]
@@ -324,8 +335,11 @@ class _Log:
 
     def _each(self, key: str, value: Any, n: int) -> list[float]:
         values = value if isinstance(value, list) else [value] * n
-        if len(values) != n or not all(isinstance(x, int | float) for x in values):
-            raise InputError(f"{self.path}: {key}: {value!r} must be a number, or a list of {n}")
+        numbers = all(isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in values)
+        if len(values) != n or not numbers:
+            raise InputError(
+                f"{self.path}: {key}: {value!r} must be a finite number{f', or a list of {n}' if n > 1 else ''}"
+            )
         return [float(x) for x in values]
 
     def _turned(
@@ -375,17 +389,19 @@ class _Log:
             raise InputError(f"{self.path}: clock: needs one of signal, events and offset")
         if "offset" in clock:
             (offset,) = self._each("clock.offset", clock["offset"], 1)
-            return offset, f"offset {offset:.6g} s, as given"
+            return (
+                offset,
+                f"offset {_seconds(offset)} s, as {'given' if 'clock' in self.table else 'no clock is given'}",
+            )
         if "events" in clock:
             events = clock["events"]
-            if not isinstance(events, list) or not events:
+            if not isinstance(events, list) or not events or not all(isinstance(each, list) for each in events):
                 raise InputError(f"{self.path}: clock.events: needs a list of [time of the log, time of the run] in s")
             pairs = np.array([self._each("clock.events", each, 2) for each in events])
             found = pairs[:, 1] - pairs[:, 0]
             spread = f", which differ by {np.ptp(found):.3g} s" if len(found) > 1 else ""
-            return float(
-                found.mean()
-            ), f"offset {found.mean():.6g} s, by {len(found)} event{'s' if spread else ''}{spread}"
+            by = f"by {len(found)} event{'s' if spread else ''}{spread}"
+            return float(found.mean()), f"offset {_seconds(found.mean())} s, {by}"
         name, _, component = str(clock["signal"]).partition(".")
         if name not in series:
             raise InputError(f"{self.path}: clock.signal: {name} is not in signals; {suggestion(name, series)}")
@@ -396,13 +412,20 @@ class _Log:
         theirs = self._of_run(name)
         if theirs is None:
             raise InputError(f"{self.path}: clock.signal: the run has not recorded {name}; choose another one")
+        if not len(series[name][i][0]):
+            raise InputError(f"{self.path}: clock.signal: {clock['signal']} is missing in the log; choose another one")
         offset, correlation = aligned(series[name][i], (self.run["t"], theirs[:, i]))
+        if math.isnan(correlation):
+            raise InputError(
+                f"{self.path}: clock.signal: {clock['signal']} does not move, or too few samples of it are in a stretch"
+                " as long as half of the shorter record; is time.unit right? Else give events or offset"
+            )
         if not correlation >= _LEAST:
             raise InputError(
                 f"{self.path}: clock.signal: {clock['signal']} of the log and of the run do not agree, their greatest "
                 f"correlation is {correlation:.2f}; choose another signal, or give events"
             )
-        return offset, f"offset {offset:.6g} s, by the correlation of {clock['signal']}, {correlation:.3f}"
+        return offset, f"offset {_seconds(offset)} s, by the correlation of {clock['signal']}, {correlation:.3f}"
 
     def _of_run(self, name: str) -> np.ndarray | None:
         """A signal (n, size) of the run."""
@@ -467,6 +490,11 @@ class _Log:
         return header, np.concatenate(list(kept.values()), axis=1)
 
 
+def _seconds(offset: float) -> str:
+    """An offset [s] to a tenth of a millisecond."""
+    return f"{round(float(offset), 4):.15g}"
+
+
 def _in_gap(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Whether times lie between two samples that are further apart than :data:`_GAP` of them usually are."""
     if len(t) < 2:
@@ -500,9 +528,11 @@ def aligned(ours: Series, theirs: Series) -> tuple[float, float]:
     """The offset [s] that is added to our times, with the greatest correlation of two records, and this correlation.
 
     Both are sampled at the smaller of their usual distances; samples in gaps do not count. At least half of the shorter
-    record must be in both. NaN if no offset has a correlation.
+    record must be in both, and eight samples of each. NaN if no offset has a correlation.
     """
-    dt = min(float(np.median(np.diff(t))) for t, _ in (ours, theirs))
+    dt, coarse = sorted(float(np.median(np.diff(t))) for t, _ in (ours, theirs))
+    if min(t[-1] - t[0] for t, _ in (ours, theirs)) < 7.0 * coarse:
+        return 0.0, math.nan
     (x, m), (y, w) = (_sampled(t, v, dt) for t, v in (ours, theirs))
     size = 1 << (len(x) + len(y) - 1).bit_length()
     X, M, Y, W, XX, YY = (np.fft.rfft(each, size) for each in (x, m, y, w, x * x, y * y))
@@ -511,7 +541,7 @@ def aligned(ours: Series, theirs: Series) -> tuple[float, float]:
         return np.fft.irfft(np.conj(a) * b, size)
 
     n = np.maximum(crossed(M, W), 0.0)
-    enough = n >= max(_LEAST * min(m.sum(), w.sum()), 8.0)
+    enough = n >= max(_LEAST * min(m.sum(), w.sum()), 8.0 * coarse / dt)
     n = np.where(enough, n, 1.0)
     sum_x, sum_y = crossed(X, W), crossed(M, Y)
     variance = np.maximum((crossed(XX, W) - sum_x**2 / n) * (crossed(M, YY) - sum_y**2 / n), 0.0)
