@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import llvmlite.binding as llvm
 
-LIBM = "uvms_mj_libm_"
-"""What the symbols of functions of :mod:`.libm` begin with."""
+from .values import LIBM
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking, Untranslatable
 from .scalars import of_libm
-from .targets import LIBM
 from .values import (
     BOOL,
     DOUBLE,
     FLOAT,
     INT,
+    LIBM,
     OUTSIDE,
     POINTER,
     WORD,

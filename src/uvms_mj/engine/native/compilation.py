@@ -32,7 +32,8 @@ import numpy as np
 import platformdirs
 
 from ...compiler.refusals import Untranslatable
-from ...compiler.targets import LIBM, optimize
+from ...compiler.targets import optimize
+from ...compiler.values import LIBM
 from ...physics.kernels import compilers
 from .memory import at_address
 
