@@ -37,9 +37,9 @@ ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (Mu
 
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
-SLICE_STEPS = 200
+SLICE_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next with a user's stage: it may become slow at any
-step. A reading costs as much as two thirds of a step."""
+step. A reading costs as much as ten steps."""
 
 
 class Simulation:
