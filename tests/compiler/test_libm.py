@@ -192,6 +192,14 @@ def test_results_are_close_to_the_true_ones(name):
     assert max(errors(name, [(a, b) if name in TWO else (a,) for a, b in pairs])) < BOUNDS.get(name, 0.6)
 
 
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_small_angles(name):
+    """On both sides of 1/256, below which two terms are taken."""
+    beside = [math.nextafter(2.0**-8, 0.0), 2.0**-8, math.nextafter(2.0**-8, 1.0)]
+    angles = [*beside, *np.geomspace(2.0**-30, 2.0**-6, 200).tolist(), *np.linspace(2.0**-9, 2.0**-6, 200).tolist()]
+    assert max(errors(name, [(sign * x,) for x in angles for sign in (1.0, -1.0)])) < 0.56
+
+
 NEXT_TO_A_QUARTER_TURN = 6381956970095103 * 2.0**797
 
 

@@ -597,7 +597,7 @@ def native_loop(loops, tmp_path_factory):
     ("settings", "off", "said"),
     [
         ({}, 2, r"controller.export: the law on UDP 127.0.0.1:\d+ is export \d+, and \d+ is asked for"),
-        ({"controller.period": 1e-2}, 0, "status 1 at t = 0.01 s: .*controller.period must be that of the export"),
+        ({"controller.period": 1e-2}, 0, "status 1 at t = 0.01 s: .*controller.period must be the export's"),
         ({"controller.delay": 1e-3}, 0, r"N of thruster \d, and this run 0 N, in the period before t = 0.002 s"),
         ({"vehicle.model": "bluerov2_heavy"}, 0, "expects other signals or thrusters than this run has"),
         ({"reference.target": [0.995, 0.0, 0.0]}, 0, None),

@@ -867,7 +867,7 @@ def cosine(r, low):
 def sincos(x):
     """The sine and the cosine."""
     a = abs(x)
-    if a < 0.00390625:  # the next terms are below a twentieth of the last place
+    if a < 2.0**-8:  # the next terms are below a twentieth of the last place
         z = x * x
         return x + x * (z * (S_1 + z * S_2)) if a > 2.0**-27 else x, 1.0 - (0.5 * z - C_1 * (z * z))
     n, r, low = 0, x, 0.0

@@ -13,7 +13,7 @@ INT, FLOAT, BOOL, NOTHING = np.dtype("i8"), np.dtype("f8"), np.dtype("?"), np.dt
 SCALARS = {INT: WORD, FLOAT: DOUBLE, BOOL: FLAG}
 NUMBERS: dict[Any, np.dtype] = {int: INT, float: FLOAT, bool: BOOL}
 LIBM = "uvms_mj_libm_"
-"""What the symbols of functions of :mod:`.libm` begin with."""
+"""The prefix of the symbols of functions in :mod:`.libm`."""
 RANK = (BOOL, INT, FLOAT)
 """Of two numbers in one operation, the later one's type is the result's."""
 

@@ -39,7 +39,7 @@ CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
 SLICE_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next with a user's stage: it may become slow at any
-step. A reading costs as much as ten steps."""
+step. A reading costs as much as some fifteen steps of a free vehicle."""
 
 
 class Simulation:

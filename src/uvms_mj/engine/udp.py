@@ -103,7 +103,7 @@ class UdpLaw:
             from .law_library.border import STATUSES
 
             said = next((words for number, words in STATUSES.values() if number == status), "an unknown status")
-            said += "; controller.period must be that of the export" if status == STATUSES["LATE"][0] else ""
+            said += "; controller.period must be the export's" if status == STATUSES["LATE"][0] else ""
             raise self._wrong(f"the law{{}} has status {status} at t = {sim.t:.6g} s: {said}")
         differ = np.flatnonzero(self._thrusts.view("u8") != in_run.view("u8")) if self._instant else ()
         for k in differ:

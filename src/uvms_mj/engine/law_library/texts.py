@@ -198,7 +198,7 @@ def _words(values: np.ndarray) -> str:
 
 
 def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
-    """The numbers of the shell: that of the export, places of what is exchanged, and the record before the first
+    """The numbers of the shell: the export's own, places of what is exchanged, and the record before the first
     period."""
     chain = border.chain
     parts = [
