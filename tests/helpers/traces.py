@@ -15,3 +15,11 @@ def without(trace: Trace, *names: str) -> Trace:
     left = tuple(signal for signal in trace.signals if signal.name not in names)
     rows = np.hstack([trace[signal.name].reshape(len(trace), -1) for signal in left])
     return Trace.of(dataclasses.replace(trace.header, signals=left), rows, trace.outcome)
+
+
+def turns_into_a_frame_are_plain_sums() -> bool:
+    """Whether NumPy rounds R.T @ x of a rotation (3, 3) as machine code does, as a sum in order of rounded products.
+    OpenBLAS chooses its kernels by the processor, and some fuse the multiplication and the addition."""
+    rng = np.random.default_rng(0)
+    pairs = [(rng.normal(size=(3, 3)), rng.normal(size=3)) for _ in range(50)]
+    return all(np.array_equal(R.T @ x, R[0] * x[0] + R[1] * x[1] + R[2] * x[2]) for R, x in pairs)
