@@ -12,7 +12,7 @@ from scipy.signal import welch
 from page_look import written
 from uvms_mj import Current, Scenario, Trace, attach, simulate
 from uvms_mj.files import shipped
-from uvms_mj.physics.flow import rate_deviation
+from uvms_mj.physics.varying import rate_deviation
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
 SIGMA, T = 0.1, 1.0

@@ -11,6 +11,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -24,7 +25,7 @@ from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .physics.effects import FLOWS, INERTIAS
+from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.effect import Effect
 from .plant.sea import Sea
 from .plant.settings import (
@@ -105,21 +106,30 @@ class Scenario:
         task = (self.task,) if self.controller.uses_task else ()
         return tuple(stage for stage in (*task, *self.named_stages.values()) if stage.runs)
 
+    def _tables(self, names: Iterable[str]) -> list[Any]:
+        """The tables of some effects."""
+        given = (getattr(self, name) for name in names)
+        return [each for table in given for each in (table if isinstance(table, tuple) else (table,))]
+
     @property
-    def steady_flow(self) -> bool:
-        """Whether the water at a place moves the same at all times."""
-        return self.current.steady and not self._moves_water
+    def unsteady_flow(self) -> str:
+        """The reason why the water at a place does not move the same at all times; empty if it does."""
+        return next((table.unsteady for table in self._tables(FLOWS) if table.unsteady), "")
 
     @property
     def constant_flow(self) -> bool:
         """Whether the water moves the same at all times and places."""
-        return self.current.constant and not self._moves_water
+        return all(table.constant for table in self._tables(FLOWS))
 
     @property
-    def _moves_water(self) -> bool:
-        """Whether an effect moves the water; a table of one says so by ``moves``."""
-        tables = (getattr(self, name) for name in FLOWS)
-        return any(each.moves for table in tables for each in (table if isinstance(table, tuple) else (table,)))
+    def mean_flow_W(self) -> np.ndarray:
+        """(3,) constant part of the water's velocity in W, where no depth changes it [m/s]."""
+        return np.sum([table.velocity_W for table in self._tables(FLOWS)], axis=0)
+
+    @property
+    def push_rate(self) -> np.ndarray:
+        """(6,) bound on the rate of the wrench of the effects of the time alone in B [N/s, N m/s]."""
+        return np.sum([table.rate for table in self._tables(PUSHES)], axis=0)
 
     @property
     def with_inertia(self) -> list[str]:

@@ -112,7 +112,7 @@ class Tree:
         P = M_inv - self.J_bar @ self.J @ M_inv
         a = demanded(posture_constants(self.setup), self.p_WB, self.R_WB, self.q, M_inv, P)
         self.tau_posture, self.rising = self.M @ a, self.M @ P @ self.g
-        v_c_W = self.setup.scenario.current.steady_at(0.0)
+        v_c_W = np.array(self.setup.scenario.current.velocity_W)
         self.others = self.tree.stream(self.R_WB, v_c_W) - self.tree.restoring(self.R_WB, self.setup.gravity_W)
         self.others[:6] += OTHERS["disturbance.bias"]
         self.others += self.J.T @ self.tau_c

@@ -35,10 +35,10 @@ def test_a_reset_copies_the_image_of_the_start():
         sim.step(500)
         assert not np.array_equal(memory.image.fixed, start)
         memory.restart(sim.setup)
-        block = memory.run["plant"]["current"]["block"]
+        block = memory.run["plant"]["effects"]["current"]["block"]
         assert block[0] == 0  # whose nodes are still in memory
         for name in ("current", "disturbance"):
-            memory.run["plant"][name]["block"] = -1
+            memory.run["plant"]["effects"][name]["block"] = -1
         assert np.array_equal(memory.image.fixed, start)
 
 

@@ -518,10 +518,10 @@ def test_water_that_the_time_step_does_not_resolve_is_refused():
         simulate(Scenario.load("push_wall", wrong))
     assert [fault.key for fault in caught.value.faults] == [
         "current.frequency_hz[0]",
-        "disturbance.correlation_time",
         "current.shortest_gust",
         "current.amplitude[1]",
         "current.table[1]",
+        "disturbance.correlation_time",
     ]
     model, data = load(STILL)
     with pytest.raises(InputError, match=r"current.frequency_hz\[2\]"):

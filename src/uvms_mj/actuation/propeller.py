@@ -233,7 +233,7 @@ class Propeller(Thrusters):
             return "a thruster is stuck"
         if self.freezes(setup.scenario.simulation.duration):
             return "the outputs to the thrusters freeze: thrusters.freeze_time"
-        if self.inflow_loss > 0.0 and any(setup.scenario.current.velocity_W):
+        if self.inflow_loss > 0.0 and setup.scenario.mean_flow_W.any():
             return "the current costs thrust"
         true, assumed = self.curves()
         gain = np.full(len(setup.vehicle.thrusters), self.efficiency / self.assumed_efficiency)

@@ -209,7 +209,7 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
     true, nominal, factors = setup.vehicle, setup.nominal, trace.scenario.estimates
     unsteady = not trace.scenario.constant_flow
-    v_c_W = trace.v_c_W if unsteady else np.array(trace.scenario.current.velocity_W)
+    v_c_W = trace.v_c_W if unsteady else trace.scenario.mean_flow_W
     nu, nu_c = trace.nu, _in_body(trace, v_c_W)
     nu_c_dot = np.zeros_like(nu_c)
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])

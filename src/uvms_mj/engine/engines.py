@@ -106,7 +106,7 @@ _KNOWN = {
 }
 """The keys of the plant and of the stepping that free_body computes."""
 _SHARED = (
-    *("name", "description", "vehicle", "current", "disturbance", "walls", "impedance", "estimates", "task"),
+    *("name", "description", "vehicle", "walls", "impedance", "estimates", "task"),
     *(*EFFECTS, *STAGES, *STAGE_LISTS),
 )
 """The tables that both engines read from the same records."""

@@ -76,7 +76,7 @@ class Starts:
     def of_setup(self, setup: Setup) -> np.ndarray:
         """The words of a run at its start. Raises NotInFleet for a setup of another kind."""
         if self._digest(setup) != self._tables:
-            raise NotInFleet("the runs have other tables of current, disturbance or motion than the first one")
+            raise NotInFleet("the runs have other tables of effects of the water or motion than the first one")
         try:
             self.memory.begin(setup)
         except InputError as error:

@@ -20,7 +20,10 @@ import numpy as np
 from ..compiler.targets import X86_64
 from ..errors import Fault, InputError
 from ..files import atomic_write
+from ..physics.effects import EFFECTS
 from ..physics.random import key_of
+from ..plant.effects import EFFECT_TABLES
+from ..quantities import unit_of
 from ..scenario import Scenario
 from ..setup.checks import directions
 from ..stages.signals import MEASURED
@@ -32,32 +35,19 @@ from .native.shared_library import compiler
 from .simulation import Simulation
 
 ADVANCE = "uvms_mj_advance"
-PARAMETERS = {
-    "wall.position": "m",
-    "wall.stiffness": "N/m",
-    "wall.damping": "N.s/m",
-    "wall.friction": "1",
-    "current.speed": "m/s",
-    "current.vertical": "m/s",
-    **{f"initial.position[{i}]": "m" for i in range(3)},
-    **{f"initial.velocity[{i}]": "m/s" if i < 3 else "rad/s" for i in range(6)},
-    **{f"disturbance.bias[{i}]": "N" if i < 3 else "N.m" for i in range(6)},
-}
-"""Keys of a scenario that may become parameters, with their units. An index counts from 0, that of FMI from 1."""
 SEED = "simulation.seed"
 RANGES = {
     "wall.position": (-1e6, 1e6),
     "wall.stiffness": (1e-3, 1e12),
     "wall.damping": (0.0, 1e9),
     "wall.friction": (0.0, 100.0),
-    "current.speed": (0.0, 100.0),
-    "current.vertical": (-100.0, 100.0),
+    **{f"{name}.{key}": ends for name, table in EFFECT_TABLES.items() for key, ends in table.parameters.items()},
     "initial.position": (-1e6, 1e6),
     "initial.velocity": (-100.0, 100.0),
-    "disturbance.bias": (-1e6, 1e6),
     SEED: (0.0, 2.0**53),
 }
-"""The least and the greatest value of a parameter: those of its key. A double has each seed up to 2^53."""
+"""Keys of a scenario that may become parameters, with the least and the greatest value of a number of the key. A double
+has each seed up to 2^53."""
 _STOPPED = {
     STOP_STATE: "the state left its bounds",
     STOP_COMMAND: "the commanded wrench is too large, or not finite",
@@ -154,7 +144,8 @@ class _Parts:
         behind = memory.image.numbers[:last].copy()  # the tables of water and walls are in rooms behind the records
         behind[: len(words)] = 0.0
         self.tables = {int(place): float(behind[place]) for place in np.flatnonzero(behind)}
-        self.parameters = {key: found for key in PARAMETERS if (found := self._sets(key)) is not None}
+        self.units = {key: unit for name in RANGES if name != SEED for key, unit in self._entries(name)}
+        self.parameters = {key: found for key in self.units if (found := self._sets(key)) is not None}
         taken: dict[int, str] = {}
         for key, found in list(self.parameters.items()):
             if any(each.place in taken for each in found):
@@ -168,6 +159,15 @@ class _Parts:
         self.sim.reset(overrides)
         self.memory.restart(self.sim.setup)
         return self.memory.image.fixed.view("<i8").copy()
+
+    def _entries(self, name: str) -> Iterator[tuple[str, str]]:
+        """The numbers of a key, each with its unit. An index counts from 0, of FMI from 1."""
+        table, word = name.split(".")
+        given = getattr(self.scenario, table)
+        units = unit_of(given.__dataclass_fields__[word]).replace(" ", ".").split(",.")
+        size = np.size(getattr(given, word))
+        for i in range(size):
+            yield (f"{name}[{i}]" if size > 1 else name), units[i * len(units) // size]
 
     def _value(self, key: str) -> float:
         name, _, index = key.partition("[")
@@ -276,8 +276,7 @@ class _Parts:
         images = [self._fixed({"simulation.seed": seed}) for seed in seeds]
         names = [
             *self.memory.stages.stages,
-            "current",
-            "disturbance",
+            *EFFECTS,
             *(s.stage.room.table for s in self.memory.stages.running),
         ]
         for place in np.flatnonzero(images[0] != images[1]):
@@ -363,7 +362,7 @@ class _Parts:
             low, high = self._range(key)
             limits = f'min="{low!r}" max="{high!r}"'
             start = f'{limits} start="{self._value(key)!r}"'
-            variable(called, fixed, start, PARAMETERS[key], self._meaning(key))
+            variable(called, fixed, start, self.units[key], self._meaning(key))
         seed = float(self.scenario.simulation.seed)
         variable(SEED, fixed, f'min="0.0" max="{RANGES[SEED][1]!r}" start="{seed!r}"', "1", self._meaning(SEED))
         for called, _, unit in self.inputs:

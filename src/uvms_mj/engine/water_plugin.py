@@ -15,21 +15,24 @@ import numpy as np
 from ..compiler.targets import X86_64
 from ..errors import InputError
 from ..files import atomic_write
+from ..physics.current import CURRENT
 from ..physics.effects import counted
+from ..plant.effects import effect_records
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
-from .native.attachment import immerse, products_alone
+from .native.attachment import STILL, WORLD, immerse
 from .native.other_targets import water_for
-from .native.record import alone_dtype
+from .native.record import Field, alone_dtype
 from .native.shared_library import compiler
 
 CODE = "uvms_mj_water"
+_MEAN = Field.of(CURRENT, "mean").offset
 _BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_at", "ctrl_at")
 
 
 def kind_of(vehicle: Vehicle) -> np.dtype:
     """The record of a vehicle: its numbers of joints and of products of velocities decide its kernels."""
-    return alone_dtype(len(vehicle.arm.links), counted(products_alone(vehicle)))
+    return alone_dtype(len(vehicle.arm.links), counted(effect_records(STILL, WORLD, vehicle.products)))
 
 
 def name_of(vehicle: Vehicle) -> str:
@@ -156,7 +159,7 @@ def _header(vehicle: Vehicle) -> str:
             f"#define BORDER {offset('mujoco')}",
             f"#define BORDER_BYTES {border.itemsize}",
             *(f"#define {name.upper()} {offset('mujoco', name)}" for name in _BORDER),
-            f"#define CURRENT_MEAN {offset('current', 'mean')}",
+            f"#define CURRENT_MEAN {offset('effects', 'current') + _MEAN}",
             f"#define CURRENT_NOW {offset('water', 'v_c_W')}",
             f"#define GRAVITY {offset('gravity_W')}",
             f"#define M_ROWS {offset('M_rows')}",

@@ -1,6 +1,8 @@
 r"""Effects of the water beside added mass, damping and buoyancy. Each has a record and a kernel, called at a port:
 
-- flow (:func:`add_flows`): the motion of the water at a place, with its gradients: :mod:`.waves`;
+- flow (:func:`add_flows`): the motion of the water at a place, with its gradients: :mod:`.current`, :mod:`.waves`;
+- push (:func:`add_pushes`): a wrench (6,) about B's origin in B of the time alone, added to tau: the disturbance of
+  eq. (10), a vector that varies (:mod:`.varying`);
 - inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
 - wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
   base relative to the water in B. Closed forms call it, too;
@@ -66,15 +68,17 @@ of a sphere, the same in every direction. No coefficient is negative, so that bo
 hydrodynamic derivatives do that a vehicle's file has (SNAME 1950).
 """
 
+import functools
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
 from .near_wall import PAD, add_pad_inertia, add_pad_wrench
+from .varying import add_sines, add_table_and_noise, varying
 from .waves import WAVE, add_wave
 
 RHO = 1000.0
@@ -127,20 +131,38 @@ PRODUCT = np.dtype(
 )
 """One product of velocities."""
 
-EFFECTS = {"sea": WAVE, "pads": PAD, "tether": TETHER, "fins": FIN, "drag": DRAG, "products": PRODUCT}
+DISTURBANCE = varying(6)
+"""The disturbance of eq. (10) in B [N, N m]."""
+
+EFFECTS = {
+    "current": CURRENT,
+    "disturbance": DISTURBANCE,
+    "sea": WAVE,
+    "pads": PAD,
+    "tether": TETHER,
+    "fins": FIN,
+    "drag": DRAG,
+    "products": PRODUCT,
+}
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
-FLOWS, INERTIAS = ("sea",), ("pads",)
-"""The effects that move the water, and those that change the inertia. The others add a wrench."""
+FLOWS, PUSHES, INERTIAS = ("current", "sea"), ("disturbance",), ("pads",)
+"""The effects that move the water, those that push the vehicle as time goes, and those that change its inertia."""
+WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS))
+"""All others, which add a wrench by the velocity in the water."""
+TABLES = {"current": {"table": 4, "shear": 2}, "disturbance": {"table": 7}}
+"""The tables of an effect, each the name of the field with its place, and the width of its rows."""
 STATES: dict[str, tuple[int, ...]] = {"fins": ()}
 """The shape of the states of each record of an effect that has states: of a fin its delta [rad]. They begin at zero,
 advance once a time step by :func:`advance_effects`, and a reset returns them."""
 
 
-def effects_dtype(counts: Mapping[str, int]) -> np.dtype:
+@functools.cache
+def effects_dtype(counts: tuple[tuple[str, int], ...]) -> np.dtype:
     """Arrays of records, by how many there are of each effect, and of the states of the records."""
-    fields: list[Any] = [(name, kind, (counts.get(name, 0),)) for name, kind in EFFECTS.items()]
-    fields += [(state_of(name), "f8", (counts.get(name, 0), *shape)) for name, shape in STATES.items()]
+    there = dict(counts)
+    fields: list[Any] = [(name, kind, (there.get(name, 0),)) for name, kind in EFFECTS.items()]
+    fields += [(state_of(name), "f8", (there.get(name, 0), *shape)) for name, shape in STATES.items()]
     return np.dtype(fields, align=True)
 
 
@@ -149,17 +171,36 @@ def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
     return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
 
 
+def moving(records: np.ndarray) -> bool:
+    """Whether the water of records (1,) moves not the same at all times and places."""
+    others = (records[name].view(np.uint8).any() for name in FLOWS if name != "current")
+    return bool((records["current"]["constant"] == 0).any()) or any(others)
+
+
 def state_of(effect: str) -> str:
     """The name of the array of the states of an effect."""
     return f"{effect}_state"
 
 
 @kernel
-def add_flows(effects, t, p_W, v, v_dot, gradient):
+def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     """Add the motion of the water by all effects that move it, at the place p_W (3,) [m, W] and the time t [s]: its
-    velocity to v (3,) [m/s, W], the time derivative there to v_dot (3,), and dv_i/dx_j to gradient (3, 3) [1/s]."""
+    velocity to v (3,) [m/s, W], the time derivative there to v_dot (3,), and dv_i/dx_j to gradient (3, 3) [1/s].
+    ``numbers`` has the tables."""
+    for k in range(effects.current.shape[0]):
+        add_current(effects.current[k], numbers, t, p_W, v, v_dot, gradient)
     for k in range(effects.sea.shape[0]):
         add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def add_pushes(effects, numbers, t, tau):
+    """Add the wrenches of all effects of the time t [s] alone to tau (6,) [N, N m, B]. ``numbers`` has the tables."""
+    for k in range(effects.disturbance.shape[0]):
+        push = np.zeros(6)
+        add_sines(effects.disturbance[k], t, push)
+        add_table_and_noise(effects.disturbance[k], numbers, t, push, np.zeros(6))  # its rate is not used
+        tau += push
 
 
 @kernel
@@ -178,8 +219,8 @@ def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
 
 @kernel
 def add_effects(effects, nu_r, tau):
-    """Add the wrenches of all effects to tau (6,) [N, N m, B], at the velocity nu_r (6,) relative to the water [m/s,
-    rad/s, B]."""
+    """Add the wrenches of all effects of the velocity nu_r (6,) relative to the water [m/s, rad/s, B] to tau (6,) [N,
+    N m, B]."""
     for k in range(effects.tether.shape[0]):
         add_tether(effects.tether[k], nu_r, tau)
     for k in range(effects.fins.shape[0]):

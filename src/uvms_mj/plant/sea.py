@@ -28,7 +28,7 @@ from ..errors import Fault
 from ..physics.effects import RHO
 from ..physics.random import key_of
 from ..quantities import STRICT, Angle, Number, doc, within
-from .settings import World
+from .settings import EffectTable, World
 
 BREAKING = 0.142
 """Largest steepness of a wave, height over length, in deep water (Michell 1893, Miche 1944)."""
@@ -43,7 +43,7 @@ _FINE = 64  # parts of a bin in its integral
 
 
 @dataclass(frozen=True, config=STRICT)
-class Sea:
+class Sea(EffectTable):
     """Waves: velocity, acceleration and pressure gradient of the water below the surface."""
 
     height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
@@ -70,6 +70,26 @@ class Sea:
         return self.height > 0.0
 
     @property
+    def unsteady(self) -> str:
+        """The reason why the water changes with time; empty without waves."""
+        return "waves move the water" if self.moves else ""
+
+    @property
+    def constant(self) -> bool:
+        """Whether there are no waves."""
+        return not self.moves
+
+    @property
+    def velocity_W(self) -> tuple[float, float, float]:
+        """(3,) mean velocity of the water in W, zero [m/s]."""
+        return 0.0, 0.0, 0.0
+
+    @property
+    def at_rest(self) -> "Sea":
+        """Without waves."""
+        return Sea()
+
+    @property
     def follows_seed(self) -> bool:
         """Whether ``simulation.seed`` decides it."""
         return self.moves and self.spectrum != "regular" and self.seed is None
@@ -90,40 +110,41 @@ class Sea:
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components."""
+        if not self.moves:
+            return []
         seed = world.seed if self.seed is None else self.seed
-        face = world.face if self.reflecting else None
-        return _records(self, seed, world.gravity, face) if self.moves else []
+        return _records(self, seed, world.gravity, world.face if self.reflecting else None)
 
-
-def sea_faults(sea: Sea, h: float, gravity: float, joints: int, wall: bool, start_z: float) -> Iterator[Fault]:
-    """Errors of a sea for a vehicle with joints that begins at the height ``start_z`` in W [m], at a time step h [s]
-    and a gravity [m/s^2]; ``wall``: whether there is a wall that may throw the waves back."""
-    if not sea.moves:
-        return
-    if gravity == 0.0:
-        yield Fault("sea.height", "there are no waves in a world without gravity")
-        return
-    if joints:
-        wrong = "the motion of the water is that at the vehicle's origin, which is not computed at the links of an arm"
-        yield Fault("sea.height", f"{wrong}; take a vehicle without joints")
-    if sea.reflecting and not wall:
-        yield Fault("sea.reflecting", "there is no [wall] that throws the waves back")
-    least = STEPS * h * (1.0 if sea.spectrum == "regular" else _HIGH)
-    if sea.period < least * (1.0 - 1e-9):
-        yield Fault("sea.period", f"{sea.period:g} s must be at least {least:g} s at a time step of {h:g} s")
-    most = sea.breaks_at(gravity)
-    if sea.spectrum == "regular" and sea.height > most:
-        length = sea.length(gravity)
-        yield Fault("sea.height", f"a wave of {length:.4g} m breaks at {most:.4g} m; {sea.height:g} m is more")
-    if sea.depth is not None and sea.height >= 2.0 * sea.depth:
-        yield Fault("sea.depth", f"{sea.depth:g} m is not below the trough of a wave of {sea.height:g} m")
-    if start_z > sea.surface - 0.5 * sea.height:
-        where = f"the trough is at z = {sea.surface - 0.5 * sea.height:g} m"
-        yield Fault("sea.surface", f"{where}, and the vehicle begins above it, at {start_z:g} m")
-    elif start_z < sea.bottom:
-        yield Fault(
-            "sea.depth", f"the bottom is at z = {sea.bottom:g} m, and the vehicle begins below, at {start_z:g} m"
-        )
+    def faults(self, world: World) -> Iterator[Fault]:
+        if not self.moves:
+            return
+        gravity, start_z = world.gravity, world.start_z
+        if gravity == 0.0:
+            yield Fault("height", "there are no waves in a world without gravity")
+            return
+        if world.joints:
+            wrong = (
+                "the motion of the water is that at the vehicle's origin, which is not computed at the links of an arm"
+            )
+            yield Fault("height", f"{wrong}; take a vehicle without joints")
+        if self.reflecting and world.face is None:
+            yield Fault("reflecting", "there is no [wall] that throws the waves back")
+        least = STEPS * world.timestep * (1.0 if self.spectrum == "regular" else _HIGH)
+        if self.period < least * (1.0 - 1e-9):
+            wrong = f"{self.period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
+            yield Fault("period", wrong)
+        most = self.breaks_at(gravity)
+        if self.spectrum == "regular" and self.height > most:
+            length = self.length(gravity)
+            yield Fault("height", f"a wave of {length:.4g} m breaks at {most:.4g} m; {self.height:g} m is more")
+        if self.depth is not None and self.height >= 2.0 * self.depth:
+            yield Fault("depth", f"{self.depth:g} m is not below the trough of a wave of {self.height:g} m")
+        if start_z > self.surface - 0.5 * self.height:
+            where = f"the trough is at z = {self.surface - 0.5 * self.height:g} m"
+            yield Fault("surface", f"{where}, and the vehicle begins above it, at {start_z:g} m")
+        elif start_z < self.bottom:
+            wrong = f"the bottom is at z = {self.bottom:g} m, and the vehicle begins below, at {start_z:g} m"
+            yield Fault("depth", wrong)
 
 
 def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, sensors: str) -> Iterator[str]:

@@ -4,8 +4,8 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Collection
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -35,11 +35,58 @@ from ..stages.setup import ScenarioLike
 
 
 class World(NamedTuple):
-    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], and the x of the face of [wall] [m]."""
+    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
+    time step [s], the number of the vehicle's joints, and its z at the start [m], NaN where it is not known."""
 
     seed: int = 0
     gravity: float = 9.81
     face: float | None = None
+    timestep: float = 1e-3
+    joints: int = 0
+    start_z: float = math.nan
+
+
+Rows = tuple[tuple[float, ...], ...] | None
+"""A table of numbers, whose first ones increase."""
+
+
+class EffectTable:
+    """A table of an effect of the water.
+
+    Beside this, a table of an effect that moves the water has ``velocity_W`` (3,), its constant part in W where no
+    depth changes it [m/s], ``constant``, whether it moves the same at all times and places, and ``unsteady``, the
+    reason why it does not move the same at all times, empty if it does. One of a push by the time has ``rate`` (6,), a
+    bound on the push's rate in B [N/s, N m/s].
+    """
+
+    free: ClassVar[tuple[str, ...]] = ()
+    """Keys on which a formula along x for the force at rest does not depend, or whose values are in it."""
+    parameters: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Keys that set a number of the record each in proportion, with their ranges."""
+
+    @property
+    def advances(self) -> bool:
+        """Whether it has a state that advances from step to step."""
+        return False
+
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        """Its tables by the fields of the record that have their places (:data:`uvms_mj.physics.effects.TABLES`)."""
+        return {}
+
+    @property
+    def at_rest(self) -> Self:
+        """The table without what varies with time, as a vehicle at rest at the end of a run has it."""
+        return self
+
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of its records (:data:`uvms_mj.physics.effects.EFFECTS`), of a table without faults; none if it
+        has no effect."""
+        raise NotImplementedError
+
+    def faults(self, world: World) -> Iterator[Fault]:
+        """Its errors in a world, each with its key in this table."""
+        return iter(())
 
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]

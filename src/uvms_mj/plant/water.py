@@ -1,23 +1,25 @@
-"""Settings of the water: the ocean current, the disturbance of eq. (10), and its further effects."""
+"""Settings of the water: the ocean current, the disturbance of eq. (10), a tether, fins, drag and pads.
 
-import functools
+:mod:`.sea` has the waves, and :mod:`.effects` the list of all effects.
+"""
+
+import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
-from ..physics.effects import RHO, effects_dtype
-from ..physics.flow import FINEST
+from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
+from ..physics.random import key_of
+from ..physics.varying import FINEST, rate_deviation
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
-from ..stages.setup import ScenarioLike
-from .sea import Sea
-from .settings import World
+from .settings import EffectTable, Rows, World
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -54,7 +56,7 @@ DisturbanceTable = Annotated[tuple[tuple[Time, _Force, _Force, _Force, _Force, _
 
 
 @dataclass(frozen=True, config=STRICT)
-class Current:
+class Current(EffectTable):
     """The ocean current: factor(depth) times the horizontal part, and the vertical part, of a sum in W. The sum is the
     constant vector of speed, direction and vertical, plus sines, plus the table, plus a Gauss-Markov process."""
 
@@ -82,6 +84,9 @@ class Current:
         None,
     )
 
+    free = ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear")
+    parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (0.0, 100.0), "vertical": (-100.0, 100.0)}
+
     @property
     def spacing(self) -> float:
         """Time between the nodes of the Gauss-Markov part [s]."""
@@ -94,30 +99,50 @@ class Current:
         return self.speed * math.cos(heading), self.speed * math.sin(heading), self.vertical
 
     @property
-    def steady(self) -> bool:
-        """Whether the current does not change with time."""
-        return self.table is None and not any(self.amplitude) and not any(self.deviation)
-
-    @property
-    def flows(self) -> bool:
-        """Whether there is a current at all."""
-        return any(self.velocity_W) or not self.steady
+    def unsteady(self) -> str:
+        """The reason why the current changes with time; empty if it does not."""
+        return "the current is not constant" if _varies(self) else ""
 
     @property
     def constant(self) -> bool:
         """Whether the current changes neither with time nor with depth."""
-        return self.steady and self.shear is None
+        return not _varies(self) and self.shear is None
 
-    def steady_at(self, depth: float) -> np.ndarray:
-        """(3,) constant part of the current in W at a depth [m/s]."""
-        v_c_W = np.array(self.velocity_W)
-        if self.shear is not None:
-            v_c_W[:2] *= np.interp(depth, *np.array(self.shear).T)
-        return v_c_W
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        return {"table": self.table, "shear": self.shear}
+
+    @property
+    def at_rest(self) -> Self:
+        return _without_noise(self, table=None)
+
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.current.CURRENT`."""
+        shear_rows = len(self.shear or ())
+        return [(*_series("current", self, self.velocity_W, world), shear_rows, 0, self.constant)]
+
+    def faults(self, world: World) -> Iterator[Fault]:
+        h = world.timestep
+        yield from _series_faults(self, h)
+        gust, whole = self.shortest_gust, self.correlation_time
+        if gust is not None and not whole / FINEST * (1.0 - 1e-9) <= gust <= whole * (1.0 + 1e-9):
+            wrong = f"{gust:g} s must be from {whole / FINEST:g} to {whole:g} s at current.correlation_time {whole:g} s"
+            yield Fault("shortest_gust", wrong)
+        for i, (amplitude, f) in enumerate(zip(self.amplitude, self.frequency_hz, strict=True)):
+            if amplitude != 0.0 and f == 0.0:
+                yield Fault(f"amplitude[{i}]", f"{amplitude:g} m/s has no effect at the frequency 0 Hz")
+        times = [row[0] for row in self.table or ()]
+        for i, (before, after) in enumerate(itertools.pairwise(times)):
+            if after - before < h * (1.0 - 1e-9):
+                wrong = (
+                    f"{after:g} s is less than a time step, {h:g} s, after the row before it: the acceleration of the "
+                    "water would act for a whole step or not at all"
+                )
+                yield Fault(f"table[{i + 1}]", wrong)
 
 
 @dataclass(frozen=True, config=STRICT)
-class Disturbance:
+class Disturbance(EffectTable):
     """The wrench tau_dist of eq. (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
 
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
@@ -131,24 +156,79 @@ class Disturbance:
     )
     correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
 
+    free = ("bias", "frequency_hz", "correlation_time")
+    parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"bias": (-1e6, 1e6)}
+
     @property
     def spacing(self) -> float:
         """Time between the nodes of the Gauss-Markov part [s]."""
         return self.correlation_time / FINEST
 
     @property
-    def steady(self) -> bool:
-        """Whether the disturbance does not change with time."""
-        return self.table is None and not any(self.amplitude) and not any(self.deviation)
+    def rate(self) -> np.ndarray:
+        """Bound (6,) on its rate in B [N/s, N m/s]. Of the Gauss-Markov part it is the rate that one in 5e8 of its
+        nodes exceeds."""
+        rate = 2.0 * np.pi * np.abs(np.array(self.amplitude) * np.array(self.frequency_hz))
+        if self.table is not None:
+            table = np.array(self.table)
+            rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
+        if any(self.deviation):
+            rate += 6.0 * rate_deviation(np.array(self.deviation), self.correlation_time, self.spacing)
+        return rate
 
     @property
-    def at_last(self) -> np.ndarray:
-        """(6,) the bias with the last row of the table, which is held, in B [N, N m]."""
-        return np.array(self.bias) + (0.0 if self.table is None else np.array(self.table[-1][1:]))
+    def tables(self) -> Mapping[str, Rows]:
+        return {"table": self.table}
+
+    @property
+    def at_rest(self) -> Self:
+        """The last row of a table is held."""
+        return _without_noise(self, table=None if self.table is None else self.table[-1:])
+
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.effects.DISTURBANCE`."""
+        return [_series("disturbance", self, self.bias, world)]
+
+    def faults(self, world: World) -> Iterator[Fault]:
+        return _series_faults(self, world.timestep)
+
+
+def _varies(series: Current | Disturbance) -> bool:
+    return series.table is not None or any(series.amplitude) or any(series.deviation)
+
+
+def _without_noise(series: Any, table: Rows) -> Any:
+    """A table without sines and Gauss-Markov part, and with another one of rows."""
+    zeros = (0.0,) * len(series.amplitude)
+    return dataclasses.replace(series, amplitude=zeros, deviation=zeros, table=table)
+
+
+def _series(name: str, series: Current | Disturbance, mean: tuple[float, ...], world: World) -> tuple:
+    """The numbers of :func:`uvms_mj.physics.varying.varying`."""
+    sum_of_sines, rows = (mean, series.amplitude, series.frequency_hz), len(series.table or ())
+    if not any(series.deviation):
+        return *sum_of_sines, rows, 0, series.deviation, False, 0.0, 0.0, 0.0, 0, -1, 0
+    kept = np.exp(-series.spacing / series.correlation_time)
+    noise = True, series.spacing, kept, np.sqrt(1.0 - kept**2), key_of(world.seed, name)
+    return *sum_of_sines, rows, 0, series.deviation, *noise, -1, 0
+
+
+def _series_faults(series: Current | Disturbance, h: float) -> Iterator[Fault]:
+    """Errors of what a time step h [s] does not resolve."""
+    for i, f in enumerate(series.frequency_hz):
+        if f * h >= 0.5 * (1.0 - 1e-9):
+            wrong = (
+                f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would act "
+                f"as {abs(f - round(f * h) / h):.6g} Hz"
+            )
+            yield Fault(f"frequency_hz[{i}]", wrong)
+    if any(series.deviation) and series.spacing < h * (1.0 - 1e-9):
+        wrong = f"{series.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
+        yield Fault("correlation_time", wrong)
 
 
 @dataclass(frozen=True, config=STRICT)
-class Tether:
+class Tether(EffectTable):
     """A cable whose drag acts on the vehicle. The diameter is that of Blue Robotics' Fathom tether, the drag
     coefficient that of a smooth cylinder across the flow (Hoerner, 1965): assumptions for any other cable."""
 
@@ -157,10 +237,10 @@ class Tether:
     drag_coefficient: Annotated[Number, within(0.0, 10.0, "")] = doc("C_d of the tether across the flow [1]", 1.2)
     position: Position = doc("point of attachment in B [m]", (0.0, 0.0, 0.0))
 
-    @property
-    def record(self) -> tuple:
+    def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.TETHER`."""
-        return 0.5 * RHO * self.drag_coefficient * self.diameter * self.length, self.position
+        factor = 0.5 * RHO * self.drag_coefficient * self.diameter * self.length
+        return [(factor, self.position)] if self.length > 0.0 else []
 
 
 _Area = Annotated[Number, within(1e-6, 1e4, "m^2")]
@@ -170,7 +250,7 @@ _OF_ACTUATOR = {"lag": 0.1, "limit_deg": 15.0, "rate_deg": None}
 
 
 @dataclass(frozen=True, config=STRICT)
-class Fin:
+class Fin(EffectTable):
     """One table of ``[[fins]]``: a thin plate with lift and drag. At zero attitude its chord is along x, and its span
     along z: it stands."""
 
@@ -207,8 +287,7 @@ class Fin:
         """Whether it has a state that advances."""
         return self.mixing_deg is not None
 
-    @property
-    def record(self) -> tuple:
+    def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.FIN`."""
         turned = quat_product(
             quat_from_euler_deg(*self.attitude_deg), quat_from_euler_deg(0.0, 0.0, self.deflection_deg)
@@ -217,9 +296,9 @@ class Fin:
         drag = self.drag_coefficient, self.induced_drag, self.drag_across
         plate = 0.5 * RHO * self.area, self.position, rotation_matrix(turned), slope, stall, *drag
         if self.mixing_deg is None:
-            return *plate, np.zeros(6), 0.0, 0.0, 0.0
+            return [(*plate, np.zeros(6), 0.0, 0.0, 0.0)]
         rate = math.inf if self.rate_deg is None else math.radians(self.rate_deg)
-        return *plate, np.radians(self.mixing_deg), self.lag, math.radians(self.limit_deg), rate
+        return [(*plate, np.radians(self.mixing_deg), self.lag, math.radians(self.limit_deg), rate)]
 
 
 _OneDrag = Annotated[Number, within(0.0, 1e6, "N s^2/m^2")]
@@ -227,7 +306,7 @@ _Drags = Annotated[tuple[_OneDrag, ...], of_length(3)]
 
 
 @dataclass(frozen=True, config=STRICT)
-class Drag:
+class Drag(EffectTable):
     """One table of ``[[drag]]``: quadratic drag at a place of the base, which may differ by direction."""
 
     forward: _Drags
@@ -236,15 +315,14 @@ class Drag:
     position: Position = doc("place in B at which it acts [m]", (0.0, 0.0, 0.0))
     by: Literal["axes", "speed"] = doc("'axes': f_i = -c_i |v_i| v_i; 'speed': f_i = -c_i |v| v_i", "axes")
 
-    @property
-    def record(self) -> tuple:
+    def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DRAG`."""
         backward = self.forward if self.backward is None else self.backward
-        return self.position, self.forward, backward, self.by == "speed"
+        return [(self.position, self.forward, backward, self.by == "speed")]
 
 
 @dataclass(frozen=True, config=STRICT)
-class Pad:
+class Pad(EffectTable):
     """One table of ``[[pads]]``: a disc of the vehicle that faces a plane wall, with the water between them."""
 
     radius: Annotated[Number, within(1e-3, 10.0, "m")]
@@ -261,7 +339,7 @@ class Pad:
             raise ValueError("normal must not be zero")
 
     def records(self, world: World) -> list[tuple]:
-        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`, for a pad without :func:`pad_faults`."""
+        """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
         length = math.hypot(*self.normal)
         point, normal = self.point, tuple(x / length for x in self.normal)
         if point is None:
@@ -269,60 +347,6 @@ class Pad:
         numbers = self.density, self.viscosity, self.least_gap
         return [(self.radius, self.position, point, normal, *numbers)]
 
-
-def pad_faults(pads: Iterable[Pad], wall: bool) -> Iterator[Fault]:
-    """Errors of pads that face no wall; ``wall``: whether there is one that they face without a point."""
-    for k, pad in enumerate(pads):
-        if pad.point is None and not wall:
-            yield Fault(f"pads[{k}].point", "there is no [wall] that it faces; give a point of a wall's face")
-
-
-EFFECT_TABLES: dict[str, Any] = {"sea": Sea, "pads": Pad, "tether": Tether, "fins": Fin, "drag": Drag}
-"""The table of each effect, or of each one of a list."""
-
-
-def effects_of(scenario: ScenarioLike, plant: Any) -> np.ndarray:
-    """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
-    tables = {name: getattr(scenario, name) for name in EFFECT_TABLES} | {"products": plant.vehicle.products}
-
-    def world() -> World:
-        face = scenario.wall.position + plant.probe.radius if scenario.wall.present else None
-        return World(scenario.simulation.seed, float(np.linalg.norm(plant.mjcf.gravity_W)), face)
-
-    return effect_records(tables, world)
-
-
-@functools.cache
-def _default(kind: Any) -> Any:
-    return kind()
-
-
-def effect_records(tables: Mapping[str, Any], world: Callable[[], World]) -> np.ndarray:
-    """The records (1,) of the effects that are not the defaults of their tables, by their names: tables, or lists of
-    them. ``world`` is called for those that depend on it."""
-    found = dict[str, list[tuple]]()
-    for name, table in tables.items():
-        each = table if isinstance(table, tuple) else () if table == _default(type(table)) else (table,)
-        rows = [row for one in each for row in (one.records(world()) if hasattr(one, "records") else [one.record])]
-        if rows:
-            found[name] = rows
-    records = np.zeros(1, effects_dtype({name: len(rows) for name, rows in found.items()}))
-    for name, rows in found.items():
-        records[name] = rows
-    return records
-
-
-def advancing(tables: Mapping[str, Any]) -> list[str]:
-    """The keys of the effects whose states advance from step to step, of tables, or lists of them, by their names."""
-    found = list[str]()
-    for name, table in tables.items():
-        if isinstance(table, tuple):
-            found += [f"{name}[{i}]" for i, each in enumerate(table) if getattr(each, "advances", False)]
-        elif getattr(table, "advances", False):
-            found.append(name)
-    return found
-
-
-def advancing_of(scenario: ScenarioLike) -> list[str]:
-    """As :func:`advancing`, of a scenario."""
-    return advancing({name: getattr(scenario, name) for name in EFFECT_TABLES})
+    def faults(self, world: World) -> Iterator[Fault]:
+        if self.point is None and world.face is None:
+            yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")

@@ -80,11 +80,11 @@ class Scene:
 
 def scene_of(header: Header) -> Scene:
     """The scene of a run."""
-    current, face = header.scenario.current, wall_face(header)
+    flow_W, face = header.scenario.mean_flow_W, wall_face(header)
     start = np.array([0.4 * face, 0.0, 0.5])
-    tip = start + CURRENT_SCALE * np.array(current.velocity_W)
-    speed = math.hypot(*current.velocity_W)
-    text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
+    tip = start + CURRENT_SCALE * flow_W
+    speed = math.hypot(*flow_W)
+    text = f"{'current' if header.scenario.constant_flow else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
     shapes = tuple(drawn_wall(wall) for wall in surfaces_of(header.scenario, header.probe_radius))
     return Scene(

@@ -17,10 +17,10 @@ from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import ContactAtRest, Contacts, Pair
+from ..plant.effects import MeanWater, advancing, effect_tables, effects_of
 from ..plant.mjcf import Mjcf
-from ..plant.settings import Initial, lightest_along_face, lightest_at
+from ..plant.settings import EffectTable, Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
-from ..plant.water import advancing_of, effects_of
 from ..scenario import Scenario
 from ..stages.base import Stage
 from .task_frame import task_start
@@ -29,12 +29,10 @@ _FREE = ("name", "description", "simulation", "initial", "reference", "impedance
 """Tables on which a formula along x for the force at rest does not depend, or whose values are in it."""
 _FREE_KEYS = {
     "vehicle": ("model", "added_mass", "linear_damping", "quadratic_damping", "coulomb_friction"),
-    "current": ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear"),
-    "disturbance": ("bias", "frequency_hz", "correlation_time"),
     "wall": ("position", "stiffness", "damping", "tangential_stiffness", "tangential_damping"),
     "estimates": ("inertia", "coriolis", "damping"),
 }
-"""The same for single keys of a table. Of a stage it is the period alone."""
+"""The same for single keys of a table. Of a stage it is the period alone; a table of an effect has its own."""
 _ALIGNED = 1e-9
 
 
@@ -75,7 +73,12 @@ class Setup:
     @property
     def advancing(self) -> list[str]:
         """The keys of the effects of the water whose states advance from step to step."""
-        return advancing_of(self.scenario)
+        return advancing(effect_tables(self.scenario))
+
+    @functools.cached_property
+    def mean_water(self) -> MeanWater:
+        """The water without what varies with time."""
+        return MeanWater(self.scenario, self.plant)
 
     @property
     def initial_joints(self) -> np.ndarray:
@@ -206,6 +209,8 @@ def _changed(name: str, table: Any, default: Any) -> str:
     if not dataclasses.is_dataclass(table):
         return "" if table == default else _needs(name, default)
     free = ("period",) if isinstance(default, Stage) else _FREE_KEYS.get(name, ())
+    if isinstance(default, EffectTable):
+        free = default.free
     for field in dataclasses.fields(table):
         normal = getattr(default, field.name)
         if field.name not in free and getattr(table, field.name) != normal:

@@ -8,7 +8,6 @@ about (h w)^2/10.
 import contextlib
 import dataclasses
 import functools
-import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -28,17 +27,16 @@ from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
-from ..physics.effects import FLOWS, INERTIAS, counted
-from ..physics.flow import FINEST
+from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
+from ..plant.effects import effect_faults, effect_tables, world_of
 from ..plant.mjcf import Mjcf
-from ..plant.sea import sea_faults, sea_notes
+from ..plant.sea import sea_notes
 from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..plant.water import Current, Disturbance, pad_faults
 from ..quantities import leaves, radians_notes
 from ..scenario import CHOICES, Scenario
 from ..stages.base import is_shipped
@@ -192,7 +190,7 @@ def _restless(setup: Setup, motion: FreeMotion) -> Iterator[str]:
     can't hold, or moves far where no level holds it."""
     scenario, q = setup.scenario, motion.rest()
     order, frame = scenario.posture.order, scenario.task.frame
-    pushed = any(scenario.current.velocity_W) or scenario.disturbance.at_last.any()
+    pushed = scenario.mean_flow_W.any() or setup.mean_water.push.any()
     if isinstance(q, str):
         moves, weak = q, ""
     else:
@@ -429,7 +427,7 @@ def _effect_notes(setup: Setup) -> Iterator[str]:
     effects, h = setup.scenario.effects, setup.scenario.simulation.timestep
     if setup.not_rigid:
         return  # another note says so of a user's own
-    names = [name for name, _ in counted(setup.effects) if name not in (*FLOWS, *INERTIAS)]
+    names = [name for name, _ in counted(setup.effects) if name in WRENCHES]
     slopes = shipped_slopes(setup) if names else np.zeros((6, 12))
     own = OwnEffects(effects, setup)
     if effects and not own.not_in_the_loop(setup):
@@ -491,14 +489,7 @@ def _timing_faults(setup: Setup) -> Iterator[Fault]:
 
 
 def _water_faults(setup: Setup) -> Iterable[Fault]:
-    scenario = setup.scenario
-    h, g = scenario.simulation.timestep, float(np.linalg.norm(setup.gravity_W))
-    joints, start = len(setup.vehicle.arm.links), scenario.initial.position[2]
-    return [
-        *water_faults(scenario.current, scenario.disturbance, h),
-        *pad_faults(scenario.pads, scenario.wall.present),
-        *sea_faults(scenario.sea, h, g, joints, scenario.wall.present, start),
-    ]
+    return effect_faults(effect_tables(setup.scenario), world_of(setup.scenario, setup.plant))
 
 
 def _inertia_notes(setup: Setup) -> Iterator[str]:
@@ -521,38 +512,6 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
             f"zeta, and with it s, grows without bound at a control period of {period:g} s: A = "
             f"{min(setup.task.A):g} 1/s in eq. (15) needs a period of at most {limit:.4g} s"
         )
-
-
-def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[Fault]:
-    """Errors for a motion of the water that a time step h [s] does not resolve, or that has no effect."""
-    faults = []
-    for name, motion in (("current", current), ("disturbance", disturbance)):
-        for i, f in enumerate(motion.frequency_hz):
-            if f * h >= 0.5 * (1.0 - 1e-9):
-                wrong = (
-                    f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would "
-                    f"act as {abs(f - round(f * h) / h):.6g} Hz"
-                )
-                faults.append(Fault(f"{name}.frequency_hz[{i}]", wrong))
-        if any(motion.deviation) and motion.spacing < h * (1.0 - 1e-9):
-            wrong = f"{motion.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
-            faults.append(Fault(f"{name}.correlation_time", wrong))
-    gust, whole = current.shortest_gust, current.correlation_time
-    if gust is not None and not whole / FINEST * (1.0 - 1e-9) <= gust <= whole * (1.0 + 1e-9):
-        wrong = f"{gust:g} s must be from {whole / FINEST:g} to {whole:g} s at current.correlation_time {whole:g} s"
-        faults.append(Fault("current.shortest_gust", wrong))
-    for i, (amplitude, f) in enumerate(zip(current.amplitude, current.frequency_hz, strict=True)):
-        if amplitude != 0.0 and f == 0.0:
-            faults.append(Fault(f"current.amplitude[{i}]", f"{amplitude:g} m/s has no effect at the frequency 0 Hz"))
-    times = [row[0] for row in current.table or ()]
-    for i, (before, after) in enumerate(itertools.pairwise(times)):
-        if after - before < h * (1.0 - 1e-9):
-            wrong = (
-                f"{after:g} s is less than a time step, {h:g} s, after the row before it: the acceleration of the "
-                "water would act for a whole step or not at all"
-            )
-            faults.append(Fault(f"current.table[{i + 1}]", wrong))
-    return faults
 
 
 CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (

@@ -49,7 +49,7 @@ class RestingVehicle:
 
     def __init__(self, setup: Setup, rest: SteadyState) -> None:
         self.setup, self.rest = setup, rest
-        self.effects = record_of(setup.effects) if setup.effects.itemsize else None
+        self.effects, self.water = record_of(setup.effects), setup.mean_water
         self.own_effects = OwnEffects(setup.scenario.effects, setup)
         self.position, self.quat, self.tau = (np.asarray(each) for each in (rest.position, rest.quat, rest.tau))
         self.R_WB = rotation_matrix(self.quat)
@@ -75,22 +75,22 @@ class RestingVehicle:
 
     def acceleration(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """nu_dot (6,) by eq. (10), with a constant current in W and the effects of the water."""
-        vehicle, scenario, nu = self.setup.vehicle, self.setup.scenario, x[6:]
-        _, R_WB = self.pose(x)
+        vehicle, nu = self.setup.vehicle, x[6:]
+        position, R_WB = self.pose(x)
         nu_c, nu_c_dot, term = np.zeros(6), np.zeros(6), np.empty(6)
-        to_body(R_WB, scenario.current.velocity_W, nu_c)
+        v_c_W = self.water.flow(position)
+        to_body(R_WB, v_c_W, nu_c)
         nu_c_dot[:3] = -np.cross(nu[3:], nu_c[:3])
         nu_r = nu - nu_c
-        force = tau + self.contact(x) + np.array(scenario.disturbance.bias)
+        force = tau + self.contact(x) + self.water.push
         for coriolis, M in ((coriolis_rigid_body, vehicle.M_RB), (coriolis_added_mass, vehicle.M_A)):
             coriolis(M, nu_r, term)
             force -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         force -= term
-        if self.effects is not None:
-            add_effects(self.effects, nu_r, force)
-        quat, v_c_W = quat_turned(self.quat, x[3:6]), scenario.current.velocity_W
-        force += self.own_effects.wrench(self.position + x[:3], quat, R_WB, nu, nu_r, v_c_W)
+        add_effects(self.effects, nu_r, force)
+        quat = quat_turned(self.quat, x[3:6])
+        force += self.own_effects.wrench(position, quat, R_WB, nu, nu_r, v_c_W)
         weights = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
         restoring(*weights, self.setup.gravity_W, R_WB, term)
         return np.linalg.solve(vehicle.M, force - term) + nu_c_dot

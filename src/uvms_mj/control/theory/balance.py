@@ -51,7 +51,6 @@ from collections.abc import Callable
 import numpy as np
 
 from ...physics.effects import EFFECTS
-from ...physics.flow import rate_deviation
 from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
@@ -183,7 +182,7 @@ def _clipped(setup: SetupLike, thrust_map: ThrustMap) -> bool:
 
 _KNOWN = frozenset(
     (
-        *("name", "description", "vehicle", "simulation", "initial", "current", "disturbance", "wall"),
+        *("name", "description", "vehicle", "simulation", "initial", "wall"),
         *(*EFFECTS, "effects"),
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
@@ -209,8 +208,8 @@ def _unknown(setup: SetupLike, K: float, own: bool) -> str:
         return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
     if setup.rest_pose[0] is None:
         return "the reference does not come to rest"
-    if not scenario.steady_flow:
-        return "waves move the water" if scenario.current.steady else "the current is not constant"
+    if reason := scenario.unsteady_flow:
+        return reason
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
     if scenario.observer.runs and not is_shipped(scenario.observer):
@@ -396,14 +395,7 @@ def _with_arm(setup: SetupLike, K: float, thrust_map: ThrustMap) -> SteadyState 
 def disturbance_rate(setup: SetupLike) -> np.ndarray:
     """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
     process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
-    disturbance = setup.scenario.disturbance
-    rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
-    if disturbance.table is not None:
-        table = np.array(disturbance.table)
-        rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
-    if any(disturbance.deviation):
-        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
-    return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
+    return np.abs(np.linalg.inv(setup.design.M_hat)) @ setup.scenario.push_rate
 
 
 def not_constant(setup: SetupLike) -> str:

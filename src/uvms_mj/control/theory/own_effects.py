@@ -73,8 +73,8 @@ def shipped_slopes(setup: SetupLike) -> np.ndarray:
     """The slopes (6, 12) of the wrench of the shipped effects, as :meth:`OwnEffects.slopes`: those by nu, at the
     desired attitude at rest in the mean current."""
     effects, nu_c, slopes = record_of(setup.effects), np.zeros(6), np.zeros((6, 12))
-    depth = -(setup.rest_pose[0] or setup.initial.position)[2]
-    to_body(rotation_matrix(setup.design.quat_d), setup.scenario.current.steady_at(depth), nu_c)
+    v_c_W = setup.mean_water.flow(np.array(setup.rest_pose[0] or setup.initial.position))
+    to_body(rotation_matrix(setup.design.quat_d), v_c_W, nu_c)
     for k, step in enumerate(_SMALL * np.eye(6)):
         for sign in (1.0, -1.0):
             tau = np.zeros(6)
@@ -112,7 +112,7 @@ class OwnEffects:
         """The slopes (6, 12) of the wrench in B by displacement and rotation vector in B and by nu, about the desired
         pose at rest in the mean current. Raises NotKnownAtRest."""
         p, quat = np.array(setup.rest_pose[0] or setup.initial.position), setup.design.quat_d
-        v_c_W, R_0 = setup.scenario.current.steady_at(-p[2]), rotation_matrix(quat)
+        v_c_W, R_0 = setup.mean_water.flow(p), rotation_matrix(quat)
 
         def wrench(x: np.ndarray) -> np.ndarray:
             turned = quat_turned(quat, x[3:6])

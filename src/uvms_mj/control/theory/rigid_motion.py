@@ -689,7 +689,7 @@ class RigidMotion(TaskMotion):
         record["delivered"], record["M_d_by_M"] = not balance.undelivered.any(), design.M_d @ np.linalg.inv(design.M)
         record["wrench"], record["M_RB"] = self.wrench, vehicle.M_RB
         record["factor_inverse"], record["F_1"] = balance.factor_inverse, setup.task.F_1
-        record["tau_dist"], record["v_c_W"] = balance.tau_dist, scenario.current.velocity_W
+        record["tau_dist"], record["v_c_W"] = balance.tau_dist, scenario.mean_flow_W
         record["uses_truth"], record["integrates"] = balance.uses_truth, np.isinf(balance.K)
         record["largest"], record["sharp"] = self.largest, self.sharp
         record["p_end"], record["quat_end"] = self._end

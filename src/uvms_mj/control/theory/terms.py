@@ -205,7 +205,7 @@ class Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, self._effects = scenario.disturbance.at_last, setup.effects
+        self.tau_dist, self._effects = setup.mean_water.push, setup.effects
         self._body = np.zeros(1, IN_WATER)
         self._in_water: Callable[..., Any] | None = None
         vehicle = setup.vehicle
@@ -366,7 +366,7 @@ class Balance:
             unmodelled = x.tau_c - self.measurement(x).tau_c + self.undelivered @ self.thrust(x)
             if self.own_effects is not None:  # no law sees them
                 nu_r = np.zeros(6)
-                nu_r[:3] = -x.R_WB.T @ self.setup.scenario.current.steady_at(-x.position[2])
+                nu_r[:3] = -x.R_WB.T @ self.setup.mean_water.flow(x.position)
                 unmodelled += self._own(x, nu_r)
             return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unmodelled)
         unmodelled = (1.0 - self.factor_inverse) * self.drift(x)
@@ -377,7 +377,7 @@ class Balance:
     def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         body, nu_r = self._body, np.zeros(6) if nu is None else nu.copy()
-        nu_r[:3] -= x.R_WB.T @ self.setup.scenario.current.steady_at(-x.position[2])
+        nu_r[:3] -= x.R_WB.T @ self.setup.mean_water.flow(x.position)
         body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
         if self.own_effects is not None:
             body["d"] += self._own(x, nu_r)
@@ -389,7 +389,7 @@ class Balance:
     def _own(self, x: Pose, nu_r: np.ndarray) -> np.ndarray:
         """The wrench (6,) of a user's effects, in B."""
         assert self.own_effects is not None
-        v_c_W, nu = self.setup.scenario.current.steady_at(-x.position[2]), nu_r.copy()
+        v_c_W, nu = self.setup.mean_water.flow(x.position), nu_r.copy()
         nu[:3] += x.R_WB.T @ v_c_W
         return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
 

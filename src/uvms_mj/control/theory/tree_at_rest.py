@@ -200,9 +200,9 @@ class TreeAtRest:
 
     def _surround(self) -> None:
         """Set the current and the wrenches that the kernels do not have at the pose of B."""
-        rest, scenario = self.rest, self.setup.scenario
-        v_c_W = rest["v_c_W"] = scenario.current.steady_at(-float(rest["p_WB"][2]))
-        rest["own"] = scenario.disturbance.at_last
+        rest, water = self.rest, self.setup.mean_water
+        v_c_W = rest["v_c_W"] = water.flow(np.array(rest["p_WB"]))
+        rest["own"] = water.push
         if self._own is not None:
             nu_r = np.concatenate([-rest["R_WB"].T @ v_c_W, np.zeros(3)])
             p_WB, quat_WB, R_WB = (np.array(rest[name]) for name in ("p_WB", "quat_WB", "R_WB"))

@@ -5,20 +5,19 @@ import threading
 import warnings
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
+from pydantic import ValidationError
 
-from ...errors import Fault, InputError, suggestion
-from ...physics.effects import counted
+from ...errors import Fault, InputError, faults_of, suggestion
+from ...physics.effects import TABLES, counted
 from ...physics.hydrodynamics import factor
-from ...plant.sea import sea_faults
+from ...plant.effects import EFFECT_TABLES, Tables, advancing, effect_faults, effect_records, effect_rows
 from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import EFFECT_TABLES, Current, Disturbance, advancing, effect_records, pad_faults
-from ...setup.checks import water_faults
+from ...plant.water import Current, Disturbance
 from .bodies import Water
 from .callback import evaluation, mjcb_control
 from .memory import CAPACITY, registry
@@ -144,6 +143,13 @@ class Attachment:
             self._finalizer()
 
 
+_GIVEN_BY = {"current_W": "current", "bias": "disturbance", "amplitude": "disturbance", "frequency_hz": "disturbance"}
+"""The effects that a vector of :func:`attach` is a short form of."""
+STILL: Tables = {"current": Current(speed=0.0), "disturbance": Disturbance()}
+"""The effects of still water."""
+WORLD = World()
+
+
 def attach(
     model: mujoco.MjModel,
     data: mujoco.MjData,
@@ -153,8 +159,6 @@ def attach(
     bias: Sequence[float] = (0.0,) * 6,
     amplitude: Sequence[float] = (0.0,) * 6,
     frequency_hz: Sequence[float] = (0.0,) * 6,
-    current: Current | None = None,
-    disturbance: Disturbance | None = None,
     seed: int = 0,
     **effects: Any,
 ) -> Attachment:
@@ -180,11 +184,11 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
-        current, disturbance: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. They replace
-            ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
-        seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
-        effects: the further effects of the water, each by the name of its table in a scenario: ``tether=Tether(...)``,
-            ``fins=[Fin(...), ...]``, ``drag=[Drag(...), ...]``; one table, or a list of them.
+        seed: of Gauss-Markov processes. It and the time of ``data`` alone decide them.
+        effects: the effects of the water, each by the name of its table in a scenario: ``current=Current(speed=0.3,
+            deviation=(0.1, 0.1, 0.0))`` in place of ``current_W``, ``disturbance=Disturbance(...)`` in place of
+            ``bias``, ``amplitude`` and ``frequency_hz``, ``tether=Tether(...)``, ``fins=[Fin(...), ...]``,
+            ``drag=[Drag(...), ...]``; one table, or a list of them.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -204,9 +208,14 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    motion = Motion.checked(vectors, current, disturbance, effects, vehicle, seed, model.opt)
-    attachment = immerse(model, data, vehicle, effects=motion.effects)
-    motion.apply(attachment.water)
+    tables = tables_checked(vectors, effects, seed)
+    joints, g = len(vehicle.arm.links), float(np.linalg.norm(model.opt.gravity))
+    world = World(seed, g, timestep=model.opt.timestep, joints=joints)
+    if faults := effect_faults(tables, world):
+        raise InputError(faults, "attach")
+    attachment = immerse(model, data, vehicle, tables=tables, world=world)
+    if effects.get("current") is None:
+        attachment.current_W = current_W
     return attachment
 
 
@@ -216,23 +225,27 @@ def immerse(
     vehicle: Vehicle,
     image: Image | None = None,
     code: int = 0,
-    effects: np.ndarray | None = None,
+    tables: Tables | None = None,
+    world: World = WORLD,
 ) -> Attachment:
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop and with the records (1,) of effects, or its own products alone.
+    default, those of a vehicle without a closed loop and with the effects of tables in a world, without them in still
+    water.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
+    effects, rows = effect_records(tables or STILL, world, vehicle.products), effect_rows(tables or STILL)
+    alone = image is None
     if image is None:
-        effects = products_alone(vehicle) if effects is None else effects
-        counts = counted(effects)
-        image, code = Image({"run": alone_dtype(n, counts)}, water_rooms()), evaluation(n, counts)
+        counts, rooms = counted(effects), water_rooms()
+        rooms |= {key: max(rooms[key], table.size) for key, table in rows.items()}
+        image, code = Image({"run": alone_dtype(n, counts)}, rooms), evaluation(n, counts)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
-    if effects is not None:
-        water.affect(effects)
+    if alone:
+        water.affect(effects, rows)
     _fill_border(plant[0], model, data, body_id, vehicle)
     return Attachment(vehicle, model, data, body_id, water, image, code)
 
@@ -321,83 +334,46 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
     return bool(np.allclose(L, scratch.qLD[block]) and np.allclose(D_inverse, scratch.qLDiagInv[dof : dof + 6]))
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Valid arguments of :func:`attach`. ``vectors`` has current_W, bias, amplitude and frequency_hz, which
-    act where ``current`` or ``disturbance`` is None, and ``effects`` are the records (1,) of effects."""
+def tables_checked(vectors: Mapping[str, Any], effects: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """The tables of the effects in arguments of :func:`attach`, in still water without them; the mean of the current
+    is set afterwards.
 
-    vectors: Mapping[str, np.ndarray]
-    current: Current | None
-    disturbance: Disturbance | None
-    effects: np.ndarray
-    seed: int
-
-    @classmethod
-    def checked(
-        cls,
-        vectors: Mapping[str, Any],
-        current: Current | None,
-        disturbance: Disturbance | None,
-        effects: Mapping[str, Any],
-        vehicle: Vehicle,
-        seed: int,
-        option: mujoco.MjOption,
-    ) -> "Motion":
-        """Raises InputError if an argument is unknown or of another kind, if one of them is given in two ways, or if a
-        time step does not resolve the motion of the water."""
-        kinds: list[tuple[str, Any, Any]] = [("current", current, Current), ("disturbance", disturbance, Disturbance)]
-        effects = {name: tuple(each) if isinstance(each, list | tuple) else (each,) for name, each in effects.items()}
-        choices = (*EFFECT_TABLES, *vectors, "current", "disturbance", "seed")
-        faults = [
-            Fault(name, f"is no effect of the water and no other argument; {suggestion(name, choices)}")
-            for name in effects
-            if name not in EFFECT_TABLES
-        ]
-        kinds += [
-            (name, each, EFFECT_TABLES[name]) for name in effects if name in EFFECT_TABLES for each in effects[name]
-        ]
-        faults += [
-            Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}")
-            for name, value, kind in kinds
-            if not isinstance(value, kind if name in effects else kind | None)
-        ]
-        if not isinstance(seed, int) or not 0 <= seed < 2**63:
-            faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
-        faults += [
-            Fault(key, "is moved by an actuator, which follows the tau_cmd of a run's law: leave mixing_deg out")
-            for key in advancing(effects)
-        ]
-        if faults:
-            raise InputError(faults, "attach")
-        numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
-        faults = water_faults(current or Current(), disturbance or Disturbance(), option.timestep)
-        for name, vector in numbers.items():
-            table, instead = ("current", current) if name == "current_W" else ("disturbance", disturbance)
-            if instead is not None and vector.any():
-                faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
-        g, joints = float(np.linalg.norm(option.gravity)), len(vehicle.arm.links)
-        for sea in effects.get("sea", ()):
-            faults += sea_faults(sea, option.timestep, g, joints, False, np.nan)  # where it begins is not known
-        faults += pad_faults(effects.get("pads", ()), wall=False)
-        if faults:
-            raise InputError(faults, "attach")
-        records = effect_records({**effects, "products": vehicle.products}, lambda: World(seed, g))
-        return cls(numbers, current, disturbance, records, seed)
-
-    def apply(self, water: Water) -> None:
-        """Set the motion of the water of a vehicle."""
-        water.flow(self.current or Current(speed=0.0))
-        water.push(self.disturbance or Disturbance())
-        water.seed(self.seed)
-        if self.current is None:
-            water.mean_W = self.vectors["current_W"]
-        if self.disturbance is None:
-            water.disturb(*(self.vectors[name] for name in ("bias", "amplitude", "frequency_hz")))
-
-
-def products_alone(vehicle: Vehicle) -> np.ndarray:
-    """The records (1,) of the effects of a vehicle in water without others."""
-    return effect_records({"products": vehicle.products}, World)
+    Raises:
+        InputError: an argument is unknown or of another kind, an effect is given in two ways, or an attached vehicle
+            can't carry one.
+    """
+    tables = {name: given for name, given in effects.items() if given is not None}
+    choices, faults = (*EFFECT_TABLES, *vectors, "seed"), []
+    for name, given in tables.items():
+        if name not in EFFECT_TABLES:
+            faults.append(Fault(name, f"is no effect of the water and no other argument; {suggestion(name, choices)}"))
+            continue
+        kind, several = EFFECT_TABLES[name], isinstance(given, list | tuple) and name not in TABLES
+        wrong = [value for value in (given if several else (given,)) if not isinstance(value, kind)]
+        faults += [Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}") for value in wrong]
+    if not isinstance(seed, int) or not 0 <= seed < 2**63:
+        faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
+    if faults:
+        raise InputError(faults, "attach")
+    numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
+    faults += [
+        Fault(key, "is moved by an actuator, which follows the tau_cmd of a run's law: leave mixing_deg out")
+        for key in advancing(tables)
+    ]
+    faults += [
+        Fault(name, f"is given by {_GIVEN_BY[name]} already; leave one of them out")
+        for name, vector in numbers.items()
+        if _GIVEN_BY[name] in tables and vector.any()
+    ]
+    if faults:
+        raise InputError(faults, "attach")
+    sines: dict[str, Any] = {
+        name: tuple(vector.tolist()) for name, vector in numbers.items() if _GIVEN_BY[name] == "disturbance"
+    }
+    try:
+        return {**STILL, "disturbance": Disturbance(**sines), **tables}
+    except ValidationError as error:
+        raise InputError(faults_of(error), "attach") from None
 
 
 def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

@@ -3,19 +3,18 @@
 The water, the model of a law, a wrist sensor and the walls have their own part of it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ...control.model import estimate_links
-from ...physics.effects import EFFECTS, FLOWS, state_of
+from ...physics.effects import EFFECTS, moving, state_of
 from ...physics.frames import BODY
-from ...physics.random import key_of
 from ...physics.tree import DAMPING, find_diagonals, frame_records, link_records
 from ...plant.arm import Link
 from ...plant.contacts import Carrier
+from ...plant.effects import set_places
 from ...plant.vehicle import Vehicle
-from ...plant.water import Current, Disturbance
 from ...setup.base import Setup
 from ...stages.signals import (
     MANIPULABILITY,
@@ -149,99 +148,51 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         yield MANIPULABILITY, run["model"]["manipulability"]
 
 
-Numbers = Sequence[float] | np.ndarray
-
-
 class Water:
-    """The links of a vehicle, the current, the disturbance and the effects in the record ``plant`` (1,) of an image,
-    and their tables in its rooms."""
+    """The links of a vehicle and the effects of the water in the record ``plant`` (1,) of an image, and their tables in
+    its rooms."""
 
     def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
         self._image, self._plant, self._water = image, plant, plant["water"]
-        self._series = {name: plant[name] for name in ("current", "disturbance")}
-        self._there = [name for name in EFFECTS if plant["effects"][name].size]
+        self._effects = plant["effects"]
+        self._there = [name for name in EFFECTS if self._effects[name].size]
+        self._noisy = [name for name in self._there if "nodes" in (EFFECTS[name].names or ())]
         plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
 
-    def flow(self, current: Current) -> None:
-        """Set the current. A call of :meth:`seed` must follow."""
-        series = self._series["current"]
-        series["mean"] = current.velocity_W
-        series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
-        self._vary("current", current)
-        self._plant["shear"], self._plant["shear_rows"] = self._table("current.shear", current.shear)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Say whether the water is computed at each instant, which it is from the next one on."""
-        water, current = self._water, self._series["current"]
-        varies = current["rows"][0] or current["noisy"][0] or self._plant["shear_rows"][0] or current["amplitude"].any()
-        moved = (self._plant["effects"][name].view(np.uint8).any() for name in FLOWS if name in self._there)
-        water["unsteady"] = bool(varies) or any(moved)
-        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = current["mean"], 0.0, 0.0
-        water["fresh"] = False
-
-    def push(self, disturbance: Disturbance) -> None:
-        """Set the disturbance. A call of :meth:`seed` must follow."""
-        self.disturb(disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
-        self._vary("disturbance", disturbance)
-        self._water["fresh"] = False
-
-    def affect(self, effects: np.ndarray) -> None:
-        """Set the records (1,) of the effects, at most as many of each as there is room for."""
+    def affect(self, effects: np.ndarray, rows: Mapping[str, np.ndarray]) -> None:
+        """Set the records (1,) of the effects, at most as many of each as there is room for, and their tables of
+        numbers."""
+        drawn = self.drawn()
         for name in self._there:  # and not their states, which go on
-            room = self._plant["effects"][name][0]
+            room = self._effects[name][0]
             room[:] = np.zeros((), room.dtype)
             room[: effects[name].size] = effects[name][0]
-        self._begin()
+        set_places(self._effects, rows, lambda key, table: self._image.put(key, table)[0])
+        for name in self._noisy:
+            self._effects[name]["nodes"] = self._image.room(f"{name}.nodes")[0]
+        self.keep(drawn)
+        water = self._water
+        water["unsteady"], water["fresh"] = moving(self._effects), False
+        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = self.mean_W, 0.0, 0.0
 
-    def disturb(self, bias: Numbers, amplitude: Numbers, frequency_hz: Numbers) -> None:
-        """Set the constant and the sinusoidal part of the disturbance, (6,) each, in B [N, N m, Hz]."""
-        series = self._series["disturbance"]
-        series["mean"], series["amplitude"], series["frequency"] = bias, amplitude, frequency_hz
+    def drawn(self) -> dict[str, np.ndarray]:
+        """The records of the processes whose nodes are in memory."""
+        return {name: self._effects[name].copy() for name in self._noisy if self._effects[name]["noisy"].any()}
 
-    def seed(self, seed: int) -> None:
-        """Set the seed of the Gauss-Markov processes."""
-        for name, series in self._series.items():
-            if series["noisy"][0]:
-                series["key"], series["block"] = key_of(seed, name), -1
-
-    def drawn(self) -> list[tuple[str, tuple[int, float, bytes], int]]:
-        """The Gauss-Markov processes with what decides their nodes, and the block of nodes in memory."""
-        found = []
-        for name, series in self._series.items():
-            if series["noisy"][0]:
-                decided = int(series["key"][0]), float(series["kept"][0]), series["deviation"].tobytes()
-                found.append((name, decided, int(series["block"][0])))
-        return found
-
-    def keep(self, drawn: list[tuple[str, tuple[int, float, bytes], int]]) -> None:
+    def keep(self, drawn: Mapping[str, np.ndarray]) -> None:
         """Keep the blocks of :meth:`drawn`, which the rooms still have, for the processes that are the same."""
-        now = {name: decided for name, decided, _ in self.drawn()}
-        for name, decided, block in drawn:
-            if now.get(name) == decided:
-                self._series[name]["block"] = block
+        for name, before in drawn.items():
+            now = self._effects[name]
+            if all(np.array_equal(now[field], before[field]) for field in ("noisy", "key", "kept", "deviation")):
+                now["block"] = before["block"]
 
     @property
     def mean_W(self) -> np.ndarray:
         """(3,) constant part of the current in W [m/s]. Setting it takes effect at the next step."""
-        return self._series["current"]["mean"][0].copy()
+        return self._effects["current"]["mean"][0, 0].copy()
 
     @mean_W.setter
     def mean_W(self, value: np.ndarray) -> None:
-        self._series["current"]["mean"] = value
+        self._effects["current"]["mean"] = value
         if not self._water["unsteady"][0]:
             self._water["v_c_W"] = value
-
-    def _vary(self, name: str, motion: Current | Disturbance) -> None:
-        """Set the table and the Gauss-Markov process of a series."""
-        series = self._series[name]
-        series["table"], series["rows"] = self._table(f"{name}.table", motion.table)
-        series["noisy"], series["deviation"] = any(motion.deviation), motion.deviation
-        if series["noisy"][0]:
-            series["spacing"], kept = motion.spacing, np.exp(-motion.spacing / motion.correlation_time)
-            series["kept"], series["kick"] = kept, np.sqrt(1.0 - kept**2)
-            series["nodes"], _ = self._image.room(f"{name}.nodes")
-
-    def _table(self, name: str, rows: tuple[tuple[float, ...], ...] | None) -> tuple[int, int]:
-        """The place of a table and its number of rows."""
-        return self._image.put(name, np.array(rows, dtype=float)) if rows else (0, 0)

@@ -17,12 +17,12 @@ import numpy as np
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
-from ...physics.effects import INERTIAS, effects_dtype
-from ...physics.flow import ROWS, varying
+from ...physics.effects import EFFECTS, INERTIAS, TABLES, WRENCHES, effects_dtype
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
+from ...physics.varying import ROWS
 from ...stages.signals import (
     CLOCK,
     GIVEN,
@@ -154,14 +154,15 @@ def plant_dtype(
             ("solved", "f8", (4,)),  # whether the probe touched [wall] in the last step, and the normal force in W
             # the water
             ("water", WATER),
-            ("effects", effects_dtype(dict(effects))),
-            ("affected", "i8", (int(bool(effects)),)),  # empty without any effect
+            ("effects", effects_dtype(effects)),
+            (
+                "affected",
+                "i8",
+                (int(any(name in WRENCHES for name, _ in effects)),),
+            ),  # empty without one of the velocity
             ("inert", "i8", (sum(n for name, n in effects if name in INERTIAS),)),  # empty without one that has inertia
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
-            ("current", varying(3)),  # in W [m/s]
-            ("disturbance", varying(6)),  # in B [N, N m]
-            *_whole("shear", "shear_rows"),  # rows of [depth, factor]
             ("nu", "f8", (6,)),
             ("nu_r", "f8", (6,)),
             ("work", "f8", (6,)),
@@ -399,6 +400,7 @@ class Image:
 
 def water_rooms() -> dict[str, int]:
     """The rooms for the tables of the water, and for the nodes of its Gauss-Markov processes."""
-    widths = {"current.table": 4, "disturbance.table": 7, "current.shear": 2}
-    nodes = {"current.nodes": 3 * ROWS, "disturbance.nodes": 6 * ROWS}
-    return {name: MOST_ROWS * width for name, width in widths.items()} | nodes
+    rooms = {f"{name}.{field}": MOST_ROWS * width for name, each in TABLES.items() for field, width in each.items()}
+    kinds: dict[str, Any] = {name: kind.fields for name, kind in EFFECTS.items()}
+    processes = {name: fields["deviation"][0].shape[0] for name, fields in kinds.items() if "nodes" in fields}
+    return rooms | {f"{name}.nodes": n * ROWS for name, n in processes.items()}

@@ -16,6 +16,7 @@ from ...errors import Fault, InputError
 from ...physics.effects import counted
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
+from ...plant.effects import effect_rows, effect_tables
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...setup.reads import ANYTHING, Change
@@ -159,14 +160,9 @@ def shape_of(setup: Setup) -> Shape:
 
 def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     """The tables of a scenario that a run reads, by their rooms: their keys, and their rows (n, width)."""
-    scenario = setup.scenario
-    tables: dict[str, tuple[str, Any]] = {
-        "current.table": ("current.table", scenario.current.table),
-        "current.shear": ("current.shear", scenario.current.shear),
-        "disturbance.table": ("disturbance.table", scenario.disturbance.table),
-    }
-    tables |= {motion_room(k): (f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)}
-    return {room: (key, np.array(table, float)) for room, (key, table) in tables.items() if table}
+    walls = [(motion_room(k), f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)]
+    of_walls = {room: (key, np.array(table, float)) for room, key, table in walls if table}
+    return {key: (key, rows) for key, rows in effect_rows(effect_tables(setup.scenario)).items()} | of_walls
 
 
 @functools.cache
@@ -286,7 +282,6 @@ class RunMemory:
         self.engine.clear()
         drawn = self.engine.water.drawn()  # noise of the same seed and constants is not drawn again
         self.image.fixed[:] = self._start
-        self.engine.water.keep(drawn)
         self.engine.write_time(setup)
         self.engine.write_wall(setup)
         if self._has_other_tables:
@@ -297,6 +292,7 @@ class RunMemory:
             write_time(self, setup)
             write_initial(self, setup)
             self._write(setup, constants, change)
+        self.engine.water.keep(drawn)
         self.stages.start(setup.scenario)
 
     def begin(self, setup: Setup) -> None:
@@ -422,15 +418,8 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
     )
 
 
-def write_water(memory: RunMemory, setup: Setup) -> None:
-    water, scenario = memory.engine.water, setup.scenario
-    water.flow(scenario.current)
-    water.push(scenario.disturbance)
-    water.seed(scenario.simulation.seed)
-
-
 def write_effects(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.affect(setup.effects)
+    memory.engine.water.affect(setup.effects, effect_rows(effect_tables(setup.scenario)))
 
 
 def write_keys(memory: RunMemory, setup: Setup) -> None:
@@ -442,7 +431,7 @@ def write_periods(memory: RunMemory, setup: Setup) -> None:
 
 
 WRITERS: tuple[Callable[[RunMemory, Setup], None], ...] = (
-    *(write_water, write_effects, write_contact, write_impedance, write_estimates, write_inertia),
+    *(write_effects, write_contact, write_impedance, write_estimates, write_inertia),
     *(write_sensor, write_epsilon, write_limits, write_keys, write_periods),
 )
 """What sets the numbers of a setup that may change during a run. Each depends on the setup alone, and on no number in

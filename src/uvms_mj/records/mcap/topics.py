@@ -218,7 +218,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     values = {
         "face": np.array([wall_face(header), 0.0, 0.0]),
         "turn.xyzw": np.array([0.0, 0.0, 1.0, 0.0]),
-        "v_c_W": np.array(header.scenario.current.velocity_W),
+        "v_c_W": header.scenario.mean_flow_W,
     }
     if isinstance(analytic, SteadyState):
         if "f_normal" not in header.by_name:  # the force is along x

@@ -51,7 +51,7 @@ def scene(scenario: Scenario) -> Figure:
     for wall in (each for each in walls if np.linalg.norm(each.position - start) < _NEAR):
         parts += _placed(Geometry((wall,), {}), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(0))
     figure, view = _picture(parts, looks.AZIMUTH, looks.ELEVATION), _view(looks.AZIMUTH, looks.ELEVATION)
-    speed = np.array(scenario.current.velocity_W)
+    speed = scenario.mean_flow_W
     if speed.any():
         (ax,) = figure.axes
         tail = start + np.array([0.0, 0.0, 0.45])

@@ -188,7 +188,7 @@ class _Frames:
             row = {name: trace[name][at_force : at_force + 1] for name in trace}
             start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
             _arrow(pen, self._renderer.place(start), self._renderer.place(tip), 9.0 * s, force.colour, _LEAST_PX * s)
-        current = np.array(trace.scenario.current.velocity_W)
+        current = trace.scenario.mean_flow_W
         speed = float(np.linalg.norm(current))
         if speed > 0.0:
             part = "" if trace.scenario.constant_flow else "constant part of the "

@@ -7,7 +7,8 @@ from scipy.stats import chi2, kstest
 
 from plain_noise import with_own_functions
 from uvms_mj.engine.native.compilation import native_function
-from uvms_mj.physics.flow import (
+from uvms_mj.physics.random import key_of
+from uvms_mj.physics.varying import (
     FINEST,
     NODES,
     ROWS,
@@ -17,7 +18,6 @@ from uvms_mj.physics.flow import (
     rate_deviation,
     varying,
 )
-from uvms_mj.physics.random import key_of
 
 PHI = np.exp(-1.0 / FINEST)
 SIZE = 3 * ROWS

@@ -1,0 +1,163 @@
+"""The one list of the effects of the water (:mod:`uvms_mj.physics.effects`), each with its table of a scenario.
+
+Both engines, ``attach``, the plugin, the FMU, fleets, resets, checks and closed forms take the effects from here.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import Fault
+from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
+from ..physics.kernels import record_of
+from ..stages.setup import ScenarioLike
+from .sea import Sea
+from .settings import EffectTable, World
+from .water import Current, Disturbance, Drag, Fin, Pad, Tether
+
+EFFECT_TABLES: dict[str, type[EffectTable]] = {
+    "current": Current,
+    "disturbance": Disturbance,
+    "sea": Sea,
+    "pads": Pad,
+    "tether": Tether,
+    "fins": Fin,
+    "drag": Drag,
+}
+"""The table of each effect, or of each one of a list."""
+
+Tables = Mapping[str, EffectTable | Sequence[EffectTable]]
+"""A table of each effect by its name, or a list of them."""
+
+
+class _World:
+    """The :class:`.settings.World` of a scenario with a plant. It reads what a table asks for, and no more."""
+
+    def __init__(self, scenario: ScenarioLike, plant: Any) -> None:
+        self._scenario, self._plant = scenario, plant
+
+    @property
+    def seed(self) -> int:
+        return self._scenario.simulation.seed
+
+    @property
+    def gravity(self) -> float:
+        return float(np.linalg.norm(self._plant.mjcf.gravity_W))
+
+    @property
+    def face(self) -> float | None:
+        wall = self._scenario.wall
+        return wall.position + self._plant.probe.radius if wall.present else None
+
+    @property
+    def timestep(self) -> float:
+        return self._scenario.simulation.timestep
+
+    @property
+    def joints(self) -> int:
+        return len(self._plant.vehicle.arm.links)
+
+    @property
+    def start_z(self) -> float:
+        return self._scenario.initial.position[2]
+
+
+def world_of(scenario: ScenarioLike, plant: Any) -> Any:
+    """The :class:`.settings.World` of a scenario with a plant."""
+    return _World(scenario, plant)
+
+
+def effect_tables(scenario: ScenarioLike) -> Tables:
+    """The tables of the effects of a scenario."""
+    return {name: getattr(scenario, name) for name in EFFECT_TABLES}
+
+
+def each_table(tables: Tables) -> Iterator[tuple[str, str, EffectTable]]:
+    """The name of each effect, the key of each of its tables, and the table."""
+    for name, given in tables.items():
+        if isinstance(given, EffectTable):
+            yield name, name, given
+        else:
+            yield from ((name, f"{name}[{k}]", table) for k, table in enumerate(given))
+
+
+def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -> np.ndarray:
+    """The records (1,) of effects in a world, and of the products of velocities of a vehicle."""
+    found: dict[str, list[tuple]] = {"products": [product.record for product in products]}
+    for name, _, table in each_table(tables):
+        found.setdefault(name, []).extend(table.records(world))
+    records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
+    for name, rows in found.items():
+        if rows:
+            records[name] = rows
+    return records
+
+
+def effects_of(scenario: ScenarioLike, plant: Any) -> np.ndarray:
+    """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
+    return effect_records(effect_tables(scenario), world_of(scenario, plant), plant.vehicle.products)
+
+
+def effect_rows(tables: Tables) -> dict[str, np.ndarray]:
+    """The tables of numbers (n, width) of effects, by the keys ``current.shear``."""
+    return {
+        f"{key}.{field}": np.array(rows, float)
+        for _, key, table in each_table(tables)
+        for field, rows in table.tables.items()
+        if rows
+    }
+
+
+def set_places(records: np.ndarray, rows: Mapping[str, np.ndarray], put: Callable[[str, np.ndarray], int]) -> None:
+    """Put the tables of numbers of :func:`effect_rows` into memory, and set their places in the records (1,)."""
+    for key, table in rows.items():
+        name, _, field = key.partition(".")
+        records[name][field] = put(key, table)
+
+
+def effect_faults(tables: Tables, world: World) -> list[Fault]:
+    """The errors of effects in a world."""
+    return [
+        Fault(f"{key}.{fault.key}", fault.message)
+        for _, key, table in each_table(tables)
+        for fault in table.faults(world)
+    ]
+
+
+def advancing(tables: Tables) -> list[str]:
+    """The keys of the effects whose states advance from step to step."""
+    return [key for _, key, table in each_table(tables) if table.advances]
+
+
+class MeanWater:
+    """The water of a scenario without what varies with time, as a vehicle at rest at the end of a run has it.
+
+    Attributes:
+        push: (6,) wrench of the effects of the time alone in B [N, N m].
+    """
+
+    def __init__(self, scenario: ScenarioLike, plant: Any) -> None:
+        given = {name: getattr(scenario, name) for name in (*FLOWS, *PUSHES)}
+        tables = {
+            name: table.at_rest if isinstance(table, EffectTable) else [each.at_rest for each in table]
+            for name, table in given.items()
+        }
+        records, numbers = effect_records(tables, world_of(scenario, plant)), [np.zeros(1)]
+
+        def put(key: str, table: np.ndarray) -> int:
+            numbers.append(table.reshape(-1))
+            return sum(each.size for each in numbers[:-1])
+
+        set_places(records, effect_rows(tables), put)
+        self._effects, self._numbers = record_of(records), np.concatenate(numbers)
+        self._constant, self.push = scenario.mean_flow_W if scenario.constant_flow else None, np.zeros(6)
+        add_pushes(self._effects, self._numbers, 0.0, self.push)
+
+    def flow(self, p_W: np.ndarray) -> np.ndarray:
+        """The velocity (3,) of the water at a place (3,) in W [m, m/s]."""
+        if self._constant is not None:
+            return self._constant.copy()
+        v = np.zeros(3)
+        add_flows(self._effects, self._numbers, 0.0, p_W, v, np.zeros(3), np.zeros((3, 3)))
+        return v
