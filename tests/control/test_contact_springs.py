@@ -3,6 +3,7 @@
 import numpy as np
 
 from uvms_mj import Scenario
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.control.theory.terms import ContactSprings
 from uvms_mj.physics.contacts import pair_force
 from uvms_mj.physics.frames import rotation_matrix
@@ -52,3 +53,23 @@ def test_forces_and_moments_of_all_shapes_are_those_of_the_kernel():
         assert (expected[1] > 0.0).sum() > 100
         for found, kernel in zip(at_once, expected, strict=True):
             np.testing.assert_allclose(found, kernel, rtol=1e-9, atol=1e-9)
+
+
+def test_the_wall_is_the_first_of_all_walls():
+    """``[wall]`` and a plane of ``[[walls]]`` in its place give one rest, one thrust and one loop."""
+    wall, plane = {"position": 1.1, "stiffness": 3e3, "damping": 40.0}, {"stiffness": 3e3, "damping": 40.0}
+    over = {"vehicle.model": "bluerov2_heavy", "reference.target": [1.2, 0.1, 0.0], "current.speed": 0.2}
+    for law in ("impedance", "gsta", "parallel"):
+        first = set_up(Scenario.load("push_wall", over | {f"wall.{key}": value for key, value in wall.items()}, law))
+        plane["position"] = [wall["position"] + first.plant.probe.radius, 0.0, 0.0]
+        second = set_up(
+            Scenario.load("push_wall", over | {"wall.present": False, "walls": [{"shape": "plane", **plane}]}, law)
+        )
+        ours, theirs = steady_state(first), steady_state(second)
+        assert ours.force > 1.0
+        for name in ("force", "position", "quat", "tau"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-10, atol=1e-10)
+        (one,), (other,) = first.contacts_at_rest, second.contacts_at_rest
+        assert (one.stiffness, one.damping) == (other.stiffness, other.damping) == (3e3, 40.0)
+        np.testing.assert_allclose(one.normal, other.normal, atol=1e-12)
+        np.testing.assert_allclose(np.abs(one.normal), np.abs(first.design.normal), atol=1e-12)

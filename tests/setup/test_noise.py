@@ -10,6 +10,7 @@ import pytest
 
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.summary import summary
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.navigation import Perfect
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.linear_loop import Deviations, RestingVehicle, deviations
@@ -86,6 +87,21 @@ def test_every_axis_of_a_vehicle_without_contact():
     assert np.allclose(trace.p_WB[settled].std(axis=0), found.position, rtol=0.03)
     assert np.allclose(2.0 * trace.quat_WB[settled, 1:].std(axis=0), found.attitude, rtol=0.03)
     assert np.allclose(trace.nu[settled].std(axis=0), found.nu, rtol=0.03)
+
+
+def test_without_a_wall_the_deviations_are_those_far_away_from_one():
+    """A wall that is not there is not touched, wherever its position is; a wall that is there is."""
+    noise = {"navigation.position_noise": 1e-3, "navigation.velocity_noise": 1e-3}
+    far, absent = (deviations(setup_of(FREE | noise | other)) for other in ({}, {"wall.present": False}))
+    beside = deviations(setup_of(FREE | noise | {"wall.present": False, "wall.position": 1.3}))
+    x = steady_state(setup_of(FREE | noise)).position[0]
+    near, clear = (deviations(setup_of(FREE | noise | {"wall.position": x + k * far.position[0]})) for k in (3.5, 4.5))
+    assert near == "the vehicle would touch the wall at times"
+    assert clear.push == 0.0
+    for found in (absent, beside):
+        assert found.push == 0.0
+        for name in ("position", "attitude", "nu", "tau"):
+            assert np.allclose(getattr(found, name), getattr(far, name), rtol=1e-9, atol=0.0), name
 
 
 def test_another_law_is_linearised_by_its_own_function():

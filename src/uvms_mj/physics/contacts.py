@@ -131,24 +131,24 @@ AT_REST = np.dtype(
     [
         ("p_WC", "f8", (3,)),
         ("R_WC", "f8", (3, 3)),
+        ("nu", "f8", (6,)),  # velocity of C, in C [m/s, rad/s]
         ("tau_C", "f8", (6,)),  # of the contact on its body, at C's origin in C [N, N m]
         ("f_n", "f8"),  # [N]
         ("depth", "f8"),  # [m]
     ],
     align=True,
 )
-"""A contact body at a pose of its frame C, and the force on it."""
+"""A contact body at a pose and a velocity of its frame C, and the force on it."""
 
 
 @kernel
 def press_at_rest(pairs, surfaces, at_rest, pair_count, pose_count):
-    """Set the forces of contacts without friction in ``at_rest`` (m, n): of each pair at each pose, without motion.
-    After an infinite time a bumper has settled."""
-    still = np.zeros(6)
+    """Set the forces of contacts without friction in ``at_rest`` (m, n): of each pair at each pose and velocity. After
+    an infinite time a bumper has settled."""
     for i in range(pose_count):
         for k in range(pair_count):
             pair, found = pairs[k], at_rest[i, k]
-            pair_force(pair, surfaces[pair.surface], found.p_WC, found.R_WC, still, np.inf)
+            pair_force(pair, surfaces[pair.surface], found.p_WC, found.R_WC, found.nu, np.inf)
             found.f_n, found.depth, found.tau_C[:] = pair.f_n, pair.depth, 0.0
             if pair.contact.touching != 0:
                 found.tau_C[:] = pair.contact.tau_B

@@ -103,7 +103,8 @@ class Pair:
 @dataclass(frozen=True, eq=False)
 class ContactAtRest:
     """A contact as a law meets it at the desired pose: the key of its wall, the normal (6,) out of the wall as a wrench
-    in the frame of the task, and stiffness [N/m] and damping [N s/m] of wall and bumper together."""
+    in the frame of the task, and stiffness [N/m] and damping [N s/m] of wall and bumper together. ``[wall]`` has the
+    key "wall"."""
 
     key: str
     normal: np.ndarray
@@ -161,12 +162,12 @@ class Contacts:
         return surfaces, pairs
 
     def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
-        """The springs at a pose of the probe's frame C: the contacts in each wall together, or the nearest one; without
-        those of other links."""
+        """The contacts of bodies on the probe's frame C at a pose of it: all that are in one wall together, or the one
+        that is nearest to it."""
         surfaces, records = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, ContactAtRest]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
-            if pair.carrier != 0 or pair.solved:
+            if pair.carrier != 0:
                 continue
             surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
             c, end = position + pair.ends_C @ R_WC.T

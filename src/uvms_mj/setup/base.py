@@ -151,12 +151,8 @@ class Setup:
     @functools.cached_property
     def contacts_at_rest(self) -> tuple[ContactAtRest, ...]:
         """All contacts, as the law meets them at the desired pose."""
-        wall = self.scenario.wall
-        probe = ContactAtRest("wall", self.design.normal, wall.stiffness, wall.damping)
         target = np.array(self.rest_pose[0] or self.initial.position)
-        return *((probe,) if self.contacts.paper else ()), *self.contacts.at_rest(
-            target, rotation_matrix(self.design.quat_d)
-        )
+        return tuple(self.contacts.at_rest(target, rotation_matrix(self.design.quat_d)))
 
     @property
     def certificate(self) -> Any:

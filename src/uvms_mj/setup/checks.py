@@ -28,7 +28,7 @@ from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
-from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of, impossible
@@ -97,7 +97,7 @@ def wall_faults(setup: Setup) -> Iterator[Fault]:
 
 def wall_notes(setup: Setup) -> Iterator[str]:
     """Warnings for a wall that the time step resolves badly, and for a start inside a wall."""
-    h, wall = setup.scenario.simulation.timestep, setup.scenario.wall
+    h = setup.scenario.simulation.timestep
     for each in directions(setup):
         w = math.sqrt(each.k / each.m)
         if h * w > RESOLVED:
@@ -113,22 +113,12 @@ def wall_notes(setup: Setup) -> Iterator[str]:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
-    frame = setup.scenario.task.frame
-    start = setup.scenario.initial.position[0] if frame == BODY else float(setup.initial_poses()[0][0][0])
-    depth = start - wall.position if setup.contacts.paper else 0.0
-    if depth > 0.0 and wall.stiffness * depth > START_FORCE:
-        what, where = ("the vehicle", "initial.position[0]") if frame == BODY else (f"the {frame}", f"x of the {frame}")
-        yield (
-            f"{what} starts {depth:.4g} m inside the wall, which pushes it out with "
-            f"{wall.stiffness * depth:.4g} N at once: {where} is {start:g} m, "
-            f"wall.position {wall.position:g} m"
-        )
     yield from _starts_inside(setup)
 
 
 def _starts_inside(setup: Setup) -> Iterator[str]:
-    """Warnings for springs that start deep inside their wall."""
-    pairs, springs = setup.contacts.springs, ContactSprings(setup)
+    """Warnings for contacts that start deep inside their wall."""
+    pairs, springs = setup.contacts.pairs, ContactSprings(setup)
     if not pairs:
         return
     poses = setup.initial_poses()
@@ -136,8 +126,9 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
     _, normal, depths = springs.wrenches(p, R)
     for pair, force, depth in zip(pairs, normal, depths, strict=True):
         if force > START_FORCE:
+            wall = "the wall" if pair.wall_key == "wall" else pair.wall_key
             yield (
-                f"{pair.body_key} starts {depth:.4g} m inside {pair.wall_key}, which pushes it out with {force:.4g} N "
+                f"{pair.body_key} starts {depth:.4g} m inside {wall}, which pushes it out with {force:.4g} N "
                 "at once: change initial.position or the wall's position"
             )
 

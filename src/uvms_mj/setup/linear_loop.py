@@ -30,6 +30,7 @@ from ..control.task import tracking_errors
 from ..control.theory.loop import Line
 from ..control.theory.own_effects import OwnEffects
 from ..control.theory.predictions import steady_state
+from ..control.theory.terms import ContactSprings
 from ..navigation.channel import Channel
 from ..physics.effects import add_effects
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
@@ -50,28 +51,34 @@ class RestingVehicle:
     def __init__(self, setup: Setup, rest: SteadyState) -> None:
         self.setup, self.rest = setup, rest
         self.effects, self.water = record_of(setup.effects), setup.mean_water
-        self.own_effects = OwnEffects(setup.scenario.effects, setup)
+        self.own_effects, self.springs = OwnEffects(setup.scenario.effects, setup), ContactSprings(setup)
         self.position, self.quat, self.tau = (np.asarray(each) for each in (rest.position, rest.quat, rest.tau))
         self.R_WB = rotation_matrix(self.quat)
         zero = np.zeros(12)
-        self.acceleration_by_state = jacobian(lambda x: self.acceleration(x, self.tau), zero, np.full(12, 1e-6))
+        depths = self.springs.wrenches(self.position[None], self.R_WB[None])[2]
+        small = min(1e-6, 0.25 * depths[depths > 0.0].min(initial=math.inf))  # a contact stays one
+        self.acceleration_by_state = jacobian(lambda x: self.acceleration(x, self.tau), zero, np.full(12, small))
         self.acceleration_by_thrust = np.linalg.inv(setup.vehicle.M)
-        self.contact_by_state = jacobian(self.contact, zero, np.full(12, 1e-7))
+        self.contact_by_state = jacobian(self.contact, zero, np.full(12, 0.1 * small))
+        self.push_by_state = jacobian(lambda x: np.array([self.push(x)]), zero, np.full(12, 0.1 * small))[0]
 
     def pose(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and R_WB (3, 3)."""
         return self.position + x[:3], rotation_matrix(quat_turned(self.quat, x[3:6]))
 
+    def pressed(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Contact wrench (6,) in B at its origin, eq. (34), and the normal force (n,) of each contact [N]."""
+        position, R_WB = self.pose(x)
+        wrenches, push, _ = self.springs.wrenches(position[None], R_WB[None], x[6:])
+        return wrenches.sum(axis=0), push
+
     def push(self, x: np.ndarray) -> float:
-        """Pushing force on the wall [N], zero for a vehicle that rests away from it."""
-        if not self.rest.force:
-            return 0.0
-        (position, R_WB), wall = self.pose(x), self.setup.scenario.wall
-        return wall.stiffness * (position[0] - wall.position) + wall.damping * float(R_WB[0] @ x[6:9])
+        """Pushing force on the walls [N]."""
+        return float(self.pressed(x)[1].sum())
 
     def contact(self, x: np.ndarray) -> np.ndarray:
-        """Contact wrench (6,) in B at its origin, eq. (34)."""
-        return np.concatenate([-self.push(x) * self.pose(x)[1][0], np.zeros(3)])
+        """Contact wrench (6,) in B at its origin."""
+        return self.pressed(x)[0]
 
     def acceleration(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """nu_dot (6,) by eq. (10), with a constant current in W and the effects of the water."""
@@ -365,7 +372,7 @@ class _Loop:
 
     def _checked(self, means: Mapping[str, Any], largest: float) -> Deviations | str:
         """The deviations, or the reason why the loop is not linear over them."""
-        by_state = jacobian(lambda x: np.array([self.vehicle.push(x)]), np.zeros(12), np.full(12, 1e-7))[0]
+        by_state = self.vehicle.push_by_state
         push, x = math.sqrt(max(0.0, by_state @ means["x"] @ by_state)), np.sqrt(np.maximum(np.diag(means["x"]), 0.0))
         y, states, tau = (np.sqrt(np.maximum(means[name], 0.0)) for name in ("y", "states", "u"))
         rest, label = self.vehicle.rest, self.setup.scenario.controller.label()
@@ -373,7 +380,7 @@ class _Loop:
             return f"{label} is not linear over {_REACH:g} standard deviations of its measurements"
         if rest.force and rest.force < _CLEAR * push:
             return f"the push of {rest.force:.4g} N would lose contact at times: its deviation would be {push:.3g} N"
-        if not rest.force and self.vehicle.position[0] + _CLEAR * x[0] > self.setup.scenario.wall.position:
+        if not rest.force and self.vehicle.push(np.concatenate([_CLEAR * x[:3], np.zeros(9)])) > 0.0:
             return "the vehicle would touch the wall at times"
         allocate = pseudoinverse(self.setup.nominal.B)
         u, spread = allocate @ self.vehicle.tau, np.abs(allocate) @ (_REACH * tau)

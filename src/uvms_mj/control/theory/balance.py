@@ -18,8 +18,8 @@ For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
 the wrench of the effects in it.
-The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
-force of its springs with its moment (:class:`.terms.ContactSprings`). For GSTA with the attitude reference
+Each contact gives the force of its springs with its moment (:class:`.terms.ContactSprings`); of the frictionless wall
+``[wall]`` it is tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
 
@@ -267,7 +267,7 @@ def _reached(
         passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
-        alone = len(balance.springs) + setup.contacts.paper == 1
+        alone = len(balance.springs) == 1
         beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
         across = _across(way[1][-1] - start.position)
         others = [_followed(motion, start, beside * e, limits=clipped) for e in across]
@@ -316,12 +316,11 @@ def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
     """The velocity (6,) with which walls throw out a rigid vehicle that starts inside them, with all their energy; zero
     if they hardly press. The reason why its motion is not known if that is fast."""
     push = balance.contacts(start.position, start.R_WB)[1]
-    if push.max() <= START_FORCE:
+    if push.max(initial=0.0) <= START_FORCE:
         return np.zeros(6)
     if not balance.setup.not_rigid:
-        wall, at = balance.setup.scenario.wall, (start.position[None], start.R_WB[None])
-        _, forces, depths = balance.springs.wrenches(*at)
-        energy = 0.5 * float(forces @ depths + push[0] ** 2 / wall.stiffness)
+        _, forces, depths = balance.springs.wrenches(start.position[None], start.R_WB[None])
+        energy = 0.5 * float(forces @ depths)
         acceleration = np.linalg.solve(balance.setup.design.M, start.tau_c)
         velocity: np.ndarray = acceleration * np.sqrt(2.0 * energy / (acceleration @ start.tau_c))
         if np.abs(velocity).max() < _SLOWLY:

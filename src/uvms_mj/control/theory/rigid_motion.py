@@ -79,9 +79,8 @@ MOTION = np.dtype(
         *((name, "f8", (3,)) for name in ("p_d", "p_end", "v_c_W", "beside")),
         *((name, "f8", (4,)) for name in ("quat_d", "quat_end")),
         *((name, "f8") for name in ("t", "step", "ends", "largest", "sharp", "h", "limited_s", "first")),
-        *((name, "f8") for name in ("wall_stiffness", "wall_position")),
         *((name, "i8") for name in ("uses_truth", "integrates", "follows", "scheduled", "led_on", "limits", "memory")),
-        *((name, "i8") for name in ("paper", "pairs", "samples", "steps", "rows", "thrusters", "delivered")),
+        *((name, "i8") for name in ("pairs", "samples", "steps", "rows", "thrusters", "delivered")),
         *((name, "i8") for name in ("known", "known_before", "known_water")),
         *((name, "f8", (STATES,)) for name in ("value", "next")),
         *(("B", "f8", (6, _THRUSTERS)), ("shares", "f8", (_THRUSTERS, 6))),
@@ -145,8 +144,6 @@ def press(motion, world, x):
     """Set the contact wrench at a pose."""
     pairs, surfaces, still = world[3], world[4], np.zeros(6)
     x.tau_c[:] = 0.0
-    if motion.paper != 0:
-        x.tau_c[:3] = -motion.wall_stiffness * max(0.0, x.position[0] - motion.wall_position) * x.R_WB[0]
     for k in range(motion.pairs):
         pair = pairs[k]
         pair_force(pair, surfaces[pair.surface], x.position, x.R_WB, still, np.inf)
@@ -694,9 +691,6 @@ class RigidMotion(TaskMotion):
         record["largest"], record["sharp"] = self.largest, self.sharp
         record["p_end"], record["quat_end"] = self._end
         record["memory"], record["pairs"] = self.memory is not None, len(balance.springs)
-        if setup.contacts.paper:
-            wall = scenario.wall
-            record["paper"], record["wall_stiffness"], record["wall_position"] = 1, wall.stiffness, wall.position
         own = record["nominal"]
         for name in ("M_A", "M_RB", "D_linear", "D_quadratic", "mass", "displaced_mass", "r_g", "r_b"):
             own[name] = getattr(nominal, name)

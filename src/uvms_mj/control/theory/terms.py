@@ -41,7 +41,8 @@ _AT_ONCE = 16
 
 
 class ContactSprings:
-    """The walls and bumpers of a run's :class:`uvms_mj.plant.contacts.Contacts` at rest, without dampers and friction.
+    """All contacts of a run, :class:`uvms_mj.plant.contacts.Contacts`, at rest and without friction: ``[wall]`` is the
+    first wall, and its contact with the probe is a spring as any other one.
 
     Attributes:
         carriers: (n,) index of the frame that the body of each contact is fixed to.
@@ -54,7 +55,6 @@ class ContactSprings:
 
     def __init__(self, setup: SetupLike) -> None:
         surfaces, pairs = setup.contacts.records(lambda _: 1.0)
-        pairs = pairs[pairs["solved"] == 0]
         contact, shapes = pairs["contact"], list(SHAPES.values())
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
         self.damping = np.where(pairs["bumper_stiffness"] > 0.0, 0.0, contact["damping"])
@@ -72,26 +72,32 @@ class ContactSprings:
     def __len__(self) -> int:
         return self._n
 
-    def wrenches(self, p_WC: np.ndarray, R_WC: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def wrenches(
+        self, p_WC: np.ndarray, R_WC: np.ndarray, nu: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The forces of all contacts on their bodies, by :func:`uvms_mj.physics.contacts.pair_force`.
 
         Args:
             p_WC: (..., n, 3) position in W of the frame C that the body of each contact is fixed to [m].
             R_WC: (..., n, 3, 3) its attitude.
+            nu: (..., n, 6) its velocity, in its own axes [m/s, rad/s]; default: at rest.
 
         Returns:
             The wrench (..., n, 6) of each contact in C at its origin, its normal force (..., n) [N] and depth
             (..., n), zero without contact [m].
         """
         n, shape = self._n, p_WC.shape[:-2]
+        if n == 0:
+            return np.zeros((*shape, 0, 6)), np.zeros((*shape, 0)), np.zeros((*shape, 0))
         p, R = p_WC.reshape(-1, p_WC.shape[-2], 3), R_WC.reshape(-1, R_WC.shape[-3], 3, 3)
+        moving = np.zeros((len(p), n, 6)) if nu is None else np.broadcast_to(nu, (*shape, n, 6)).reshape(-1, n, 6)
         found = np.empty((len(p), n), AT_REST)
         arrays = self._pairs, self._surfaces, self._at_rest
         press = self._press = self._press or called_on(press_at_rest, *arrays)
         for first in range(0, len(p), _AT_ONCE):
             m = min(_AT_ONCE, len(p) - first)
             at = self._at_rest[:m, :n]
-            at["p_WC"], at["R_WC"] = p[first : first + m], R[first : first + m]
+            at["p_WC"], at["R_WC"], at["nu"] = (each[first : first + m] for each in (p, R, moving))
             press(n, m)
             found[first : first + m] = at
         f_n, depth = (found[name].reshape(*shape, n) for name in ("f_n", "depth"))
@@ -234,17 +240,10 @@ class Balance:
         return self.pose(pose.position + pose.R_WB @ change[:3], quat_turned(pose.quat, change[3:]))
 
     def contacts(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """tau_c (..., 6) of all contacts, eq. (34) and :class:`ContactSprings`, and the normal force (..., 1 + n) of
-        ``[wall]`` and of each contact of the list, at positions (..., 3) and attitudes (..., 3, 3)."""
-        wall, tau_c = self.setup.scenario.wall, np.zeros((*position.shape[:-1], 6))
-        push = np.zeros((*position.shape[:-1], 1 + len(self.springs)))
-        if self.setup.contacts.paper:
-            push[..., 0] = wall.stiffness * np.maximum(0.0, position[..., 0] - wall.position)
-            tau_c[..., :3] = -push[..., :1] * R_WB[..., 0, :]
-        if len(self.springs):
-            wrench, push[..., 1:], _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
-            tau_c += wrench.sum(axis=-2)
-        return tau_c, push
+        """tau_c (..., 6) of all contacts, eq. (34), and the normal force (..., n) of each, at positions (..., 3) and
+        attitudes (..., 3, 3)."""
+        wrench, push, _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
+        return wrench.sum(axis=-2), push
 
     def contact_damping(self, x: Pose) -> np.ndarray:
         """The damping (6, 6) of the contacts that press at a pose, by nu in B. Bumpers have none."""
@@ -253,14 +252,11 @@ class Balance:
         for w, force, b in zip(wrench, push, self.springs.damping, strict=True):
             if force > 0.0:
                 damping += b * np.outer(w, w) / force**2
-        if self.setup.contacts.paper and x.position[0] > self.setup.scenario.wall.position:
-            damping[:3, :3] += self.setup.scenario.wall.damping * np.outer(x.R_WB[0], x.R_WB[0])
         return damping
 
     def rubs(self, push: np.ndarray) -> bool:
-        """Whether friction acts in contacts with the normal forces (..., 1 + n)."""
-        friction = np.concatenate([[self.setup.scenario.wall.friction > 0.0], self.springs.friction])
-        return bool((friction & (push > 0.0)).any())
+        """Whether friction acts in contacts with the normal forces (..., n)."""
+        return bool((self.springs.friction & (push > 0.0)).any())
 
     def error(self, x: Pose) -> np.ndarray:
         """eta_e (6,) as the law measures it."""
