@@ -11,9 +11,9 @@ import numpy as np
 
 from ...control.base import PORT
 from ...stages.foreign import is_c_name
-from ..udp import LAYOUT, SIGNALS
+from ..udp import LAYOUT, SIGNALS, STATUSES
 from .as_law import SUFFIX, AsLaw
-from .border import LONGEST_GAP, PRESENT, STATUSES, Border, Entry
+from .border import LONGEST_GAP, PRESENT, Border, Entry
 from .linking import MACHINES
 from .vectors import Vectors
 
