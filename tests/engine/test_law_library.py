@@ -22,8 +22,7 @@ from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
-from uvms_mj.engine.law_library.border import STATUSES
-from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS
+from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS, STATUSES
 
 pytest.importorskip("ziglang")
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -30,6 +30,22 @@ SIGNALS = record_dtype(GIVEN)
 """The record in a request."""
 LAYOUT = int.from_bytes(hashlib.sha256(repr([(s.name, s.shape) for s in GIVEN]).encode()).digest()[:8], "little") >> 1
 """A number of this record's fields."""
+STATUSES = {
+    "OK": (0, "the command is that of the law"),
+    "LATE": (1, "the command is that of the law, but the time since the last one is not a period within half of it"),
+    "NULL": (-1, "a pointer is null"),
+    "OTHER_HEADER": (-2, "the program was compiled with the header of another library"),
+    "NOT_BEGUN": (-3, "init was not called, or refused"),
+    "NOT_FINITE": (-4, "a number that was given is not finite"),
+    "MISSING": (-5, "a measurement is missing that the law needs"),
+    "NO_ATTITUDE": (-6, "the quaternion has not the length 1"),
+    "TIME_BACK": (-7, "the time is not after that of the last call; reset begins anew"),
+    "GAP": (-8, "the last call was too long ago; the next one goes on"),
+    "FAULT": (-9, "a stage ended early, or a command was out of bounds; only reset goes on"),
+    "OTHER_ARITHMETIC": (-10, "the processor does not round to the nearest, or flushes small numbers to zero"),
+    "DAMAGED": (-11, "what came is no whole frame; the program loop.c alone says so"),
+}
+"""What the functions of a law's library return, by the words of its header: below zero the command is neutral."""
 _REQUEST, _ANSWER, _OF_EXPORT = struct.Struct("<8sQ"), struct.Struct("<Q6d"), struct.Struct("<qQQ")
 _AGAIN_S = 0.2
 """Wall time after which a request is sent again [s]."""
@@ -100,8 +116,6 @@ class UdpLaw:
         if layout != LAYOUT or thrusts.size != in_run.size:
             raise self._wrong("the law{} expects other signals or thrusters than this run has; export it anew")
         if status:
-            from .law_library.border import STATUSES
-
             said = next((words for number, words in STATUSES.values() if number == status), "an unknown status")
             said += "; controller.period must be the export's" if status == STATUSES["LATE"][0] else ""
             raise self._wrong(f"the law{{}} has status {status} at t = {sim.t:.6g} s: {said}")

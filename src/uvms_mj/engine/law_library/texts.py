@@ -11,9 +11,9 @@ import numpy as np
 
 from ...control.base import PORT
 from ...stages.foreign import is_c_name
-from ..udp import LAYOUT, SIGNALS
+from ..udp import LAYOUT, SIGNALS, STATUSES
 from .as_law import SUFFIX, AsLaw
-from .border import LONGEST_GAP, PRESENT, STATUSES, Border, Entry
+from .border import LONGEST_GAP, PRESENT, Border, Entry
 from .linking import MACHINES
 from .vectors import Vectors
 
@@ -258,7 +258,7 @@ def test(name: str) -> str:
 
 
 def loop(border: Border, name: str) -> str:
-    """The program that answers a run over UDP."""
+    """The program that answers a run over UDP, and frames of measurements over UDP or a serial line."""
     fields: Any = SIGNALS.fields
 
     def taken(entries: Iterable[Entry], struct: str) -> str:
@@ -276,6 +276,7 @@ def loop(border: Border, name: str) -> str:
         "TARGET": "armv7",
         "REFERENCE_STRUCT": "    law_reference reference;\n" if border.reference else "",
         "REFERENCE_ARGUMENT": "&reference, " if border.reference else "",
+        "FRAME_ARGUMENT": "&given.reference, " if border.reference else "",
         "SETTINGS": taken((each for each in border.settings if each.name in fields), "settings"),
         "MEASUREDREFERENCE": taken(border.measured, "measured") + taken(border.reference, "reference"),
     }.items():

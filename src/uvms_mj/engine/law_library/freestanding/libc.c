@@ -32,10 +32,13 @@ static long call(long number, long a, long b, long c, long d, long e, long f)
 
 #if defined(__x86_64__)
 enum { WRITE = 1, EXIT = 231, SOCKET = 41, BIND = 49, SEND_TO = 44, RECEIVE_FROM = 45 };
+enum { READ = 0, OPEN_AT = 257, CONTROL = 16, POLL = 271 };
 #elif defined(__aarch64__)
 enum { WRITE = 64, EXIT = 94, SOCKET = 198, BIND = 200, SEND_TO = 206, RECEIVE_FROM = 207 };
+enum { READ = 63, OPEN_AT = 56, CONTROL = 29, POLL = 73 };
 #else
 enum { WRITE = 4, EXIT = 248, SOCKET = 281, BIND = 282, SEND_TO = 290, RECEIVE_FROM = 292 };
+enum { READ = 3, OPEN_AT = 322, CONTROL = 54, POLL = 336 };
 #endif
 
 /* Sockets. A result below zero is the negative of the error's number. */
@@ -57,6 +60,52 @@ long sendto(int peer, const void *data, size_t n, int flags, const void *place, 
 long recvfrom(int peer, void *data, size_t n, int flags, void *place, unsigned *size)
 {
     return call(RECEIVE_FROM, peer, (long)data, (long)n, flags, (long)place, (long)size);
+}
+
+/* A serial line. struct termios begins with four words, the third of which has the baud. */
+int open(const char *path, int flags, ...)
+{
+    return (int)call(OPEN_AT, -100, (long)path, flags, 0, 0, 0);
+}
+
+long read(int file, void *data, size_t n)
+{
+    return call(READ, file, (long)data, (long)n, 0, 0, 0);
+}
+
+long write(int file, const void *data, size_t n)
+{
+    return call(WRITE, file, (long)data, (long)n, 0, 0, 0);
+}
+
+int poll(void *files, unsigned long n, int ms)
+{
+    long wait[2];
+    wait[0] = ms < 1000 ? 0 : 1; /* a second at most */
+    wait[1] = ms < 1000 ? ms * 1000000l : 0;
+    return (int)call(POLL, (long)files, (long)n, (long)wait, 0, 0, 0);
+}
+
+int tcgetattr(int file, void *how)
+{
+    return (int)call(CONTROL, file, 0x5401, (long)how, 0, 0, 0);
+}
+
+int tcsetattr(int file, int when, const void *how)
+{
+    return (int)call(CONTROL, file, 0x5402 + when, (long)how, 0, 0, 0);
+}
+
+int cfsetospeed(void *how, unsigned speed)
+{
+    unsigned *words = how;
+    words[2] = (words[2] & ~010017u) | speed;
+    return 0;
+}
+
+int cfsetispeed(void *how, unsigned speed)
+{
+    return cfsetospeed(how, speed);
 }
 
 unsigned short htons(unsigned short x)
