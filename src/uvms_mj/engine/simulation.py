@@ -223,6 +223,24 @@ class Simulation:
             self._begin_plain(functions)
             self._prepare()
 
+    def begin(self, setup: Setup) -> None:
+        """Return to the start with the numbers of another setup of the same shape, also with another vehicle, until the
+        next reset. An identification tries thousands of vehicles so.
+
+        Raises:
+            InputError: the engine has the vehicle in MuJoCo's model, or the setup needs a new Simulation.
+        """
+        if self._engine.name != FreeEngine.name:
+            raise InputError([Fault("engine", f"{self._engine.name} can't change its vehicle; use {FreeEngine.name}")])
+        with self._alone:
+            functions = functions_again([type(stage.stage) for stage in self._plain_users])
+            self._memory.begin(setup)
+            self._stages.start(setup.scenario)
+            self._net.begin()
+            self.setup = setup
+            self._begin_plain(functions)
+            self._prepare()
+
     def _begin_plain(self, functions: Sequence[Callable]) -> None:
         """Begin a run of the users' stages that run as plain Python, with their functions."""
         keys = dict(zip(self._stages.running, self._stages.rows["key"].tolist(), strict=True))

@@ -93,7 +93,8 @@ class _Columns:
         return t, values
 
 
-def _columns(path: Path, time: str, scale: float) -> _Columns:
+def _columns(path: Path, time: str | None, scale: float) -> _Columns:
+    """The columns of a file. Without a time, the rows of a table are numbered instead."""
     kind = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path}: there is no such file")
@@ -102,9 +103,9 @@ def _columns(path: Path, time: str, scale: float) -> _Columns:
     if kind not in (".csv", ".parquet"):
         raise InputError(f"{path}: the name of a log must end in .csv, .parquet or .mcap")
     names, cells, first = _csv(path) if kind == ".csv" else _parquet(path)
-    if time not in names:
+    if time is not None and time not in names:
         raise InputError(f"{path}: has no column {time!r} of the time; {suggestion(time, names)}")
-    if list(names).count(time) > 1:
+    if time is not None and list(names).count(time) > 1:
         raise InputError(f"{path}: {list(names).count(time)} columns are called {time!r}; rename them")
     numbers: dict[str, np.ndarray] = {}
 
@@ -114,7 +115,7 @@ def _columns(path: Path, time: str, scale: float) -> _Columns:
             numbers[name] = np.array([_number(path, name, first + i, cell) for i, cell in enumerate(each)], float)
         return numbers[name]
 
-    t = column(time) * scale
+    t = np.arange(len(cells(names[0])), dtype=float) if time is None else column(time) * scale
     if (gone := np.flatnonzero(np.isnan(t))).size:
         raise InputError(f"{path}: column {time!r}, row {first + gone[0]}: the time is missing")
     if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
@@ -219,26 +220,27 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float]]:
         yield name, value
 
 
-class _Log:
-    """A table with its file and its run."""
+class LogTable:
+    """A table of signals with the file that has their columns.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        table = tables_of(path, "table of a log")
-        self._known("", table, ("name", "log", "run", "time", "clock", "signals", "touch_above"))
-        for key in ("log", "run", "signals"):
-            if key not in table:
-                raise InputError(f"{path}: the key {key} is missing")
-        if not isinstance(table["signals"], Mapping) or not table["signals"]:
-            raise InputError(f"{path}: signals: needs a table of each signal, [signals.push]")
-        self.table, self.file = table, path.parent / str(table["log"])
+    Attributes:
+        path: of the table, for messages.
+        table: its keys, ``signals`` among them.
+        file: the file.
+        columns: its columns.
+        signals: the signals that it may have by name.
+    """
+
+    signals: Mapping[str, Signal]
+
+    def __init__(self, path: Path, table: Mapping[str, Any], file: Path, timed: bool = True) -> None:
+        """``timed``: whether the table may name a column of times; otherwise the rows are numbered. Raises InputError
+        if the file or its column of times can't be read."""
+        self.path, self.table, self.file = path, table, file
         time = table.get("time", {"column": "t"})
         self._known("time", time, ("column", "unit"))
         scale = self._factor("time.unit", time.get("unit", "s"), "s")
-        header, rows, *_ = read(path.parent / str(table["run"]))
-        self.header = header
-        self.run = {s.name: rows[:, header.places[s.name]].reshape(-1, *s.shape) for s in header.signals}
-        self.columns = _columns(self.file, str(time.get("column", "t")), scale)
+        self.columns = _columns(file, str(time.get("column", "t")) if timed else None, scale)
 
     def _known(self, name: str, table: Any, keys: Sequence[str]) -> None:
         if not isinstance(table, Mapping):
@@ -255,38 +257,7 @@ class _Log:
             raise InputError(f"{self.path}: {key}: {unit!r} is no unit of it; choose from {', '.join(known)}")
         return known[unit]
 
-    def trace(self) -> tuple[Header, np.ndarray, Outcome]:
-        series = {name: self._series(name) for name in self.table["signals"]}
-        offset, said = self._offset(series)
-        h = self.header.scenario.simulation.timestep
-        spacing = min(float(np.median(np.diff(t))) for parts in series.values() for t, _ in parts if len(t))
-        steps = max(1, round(spacing / h))
-        first = max(max(t[0] for parts in series.values() for t, _ in parts if len(t)) + offset, 0.0)
-        last = min(t[-1] for parts in series.values() for t, _ in parts if len(t)) + offset
-        grid = steps * h * np.arange(math.ceil(first / (steps * h) - 1e-9), math.floor(last / (steps * h) + 1e-9) + 1)
-        if len(grid) < 2 or grid[0] > self.run["t"][-1]:
-            raise InputError(
-                f"{self.path}: the log and the run have no time in common with an offset of {offset:.6g} s"
-            )
-        there, gaps = np.ones(len(grid), bool), dict[str, float]()
-        arrays: dict[str, np.ndarray] = {}
-        for name, parts in series.items():
-            values = []
-            for t, each in parts:
-                at = grid - offset
-                values.append(np.interp(at, t, each) if len(t) else np.full(len(grid), np.nan))
-                missing = _in_gap(t, at)
-                if missing.any():
-                    gaps[name] = float(missing.sum() * steps * h)
-                    there &= ~missing
-            arrays[name] = np.stack(values, axis=1)
-        if there.sum() < 2:
-            raise InputError(f"{self.file}: the signals have no two samples in common between their gaps")
-        arrays = {name: values[there] for name, values in arrays.items()}
-        header, rows = self._filled(grid[there], arrays, steps, self._notes(said, offset, series, gaps, there, arrays))
-        return header, rows, Outcome(Status.completed, "", round(float(grid[there][-1]) / h), 0.0)
-
-    def _series(self, name: str) -> list[Series]:
+    def series(self, name: str) -> list[Series]:
         """The components of a signal in its unit and frame, each with its times; none of a missing one."""
         key, table, path = f"signals.{name}", self.table["signals"][name], self.path
         self._known(key, table, ("column", "columns", "unit", "frame", "sign", "offset"))
@@ -319,14 +290,6 @@ class _Log:
         if any(sign not in (1, -1) for sign in signs):
             raise InputError(f"{path}: {key}.sign: {table['sign']!r} must be 1 or -1, or a list of them")
         return [(t, s * v + o) for (t, v), s, o in zip(turned, signs, offsets, strict=True)]
-
-    @property
-    def signals(self) -> dict[str, Signal]:
-        """The signals that a log may have by name: those of the run, ``push`` and the pulse widths."""
-        n = self.header.by_name["u"].size
-        return {"push": _PUSH, "pwm": pulse_signal(n)} | {
-            name: s for name, s in self.header.by_name.items() if s.kind == "f8" and s not in RUNNING and name != "t"
-        }
 
     @staticmethod
     def _halves(unit: Any, size: int) -> list[str]:
@@ -380,6 +343,63 @@ class _Log:
         same = np.sign(np.einsum("ij,ij->i", values[1:], values[:-1]))
         values[1:] *= np.cumprod(np.where(same < 0.0, -1.0, 1.0))[:, None]
         return [(t, values[:, i]) for i in range(4)]
+
+
+class _Log(LogTable):
+    """A table with its file and its run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        table = tables_of(path, "table of a log")
+        self._known("", table, ("name", "log", "run", "time", "clock", "signals", "touch_above"))
+        for key in ("log", "run", "signals"):
+            if key not in table:
+                raise InputError(f"{path}: the key {key} is missing")
+        if not isinstance(table["signals"], Mapping) or not table["signals"]:
+            raise InputError(f"{path}: signals: needs a table of each signal, [signals.push]")
+        header, rows, *_ = read(path.parent / str(table["run"]))
+        self.header = header
+        self.run = {s.name: rows[:, header.places[s.name]].reshape(-1, *s.shape) for s in header.signals}
+        super().__init__(path, table, path.parent / str(table["log"]))
+
+    def trace(self) -> tuple[Header, np.ndarray, Outcome]:
+        series = {name: self.series(name) for name in self.table["signals"]}
+        offset, said = self._offset(series)
+        h = self.header.scenario.simulation.timestep
+        spacing = min(float(np.median(np.diff(t))) for parts in series.values() for t, _ in parts if len(t))
+        steps = max(1, round(spacing / h))
+        first = max(max(t[0] for parts in series.values() for t, _ in parts if len(t)) + offset, 0.0)
+        last = min(t[-1] for parts in series.values() for t, _ in parts if len(t)) + offset
+        grid = steps * h * np.arange(math.ceil(first / (steps * h) - 1e-9), math.floor(last / (steps * h) + 1e-9) + 1)
+        if len(grid) < 2 or grid[0] > self.run["t"][-1]:
+            raise InputError(
+                f"{self.path}: the log and the run have no time in common with an offset of {offset:.6g} s"
+            )
+        there, gaps = np.ones(len(grid), bool), dict[str, float]()
+        arrays: dict[str, np.ndarray] = {}
+        for name, parts in series.items():
+            values = []
+            for t, each in parts:
+                at = grid - offset
+                values.append(np.interp(at, t, each) if len(t) else np.full(len(grid), np.nan))
+                missing = _in_gap(t, at)
+                if missing.any():
+                    gaps[name] = float(missing.sum() * steps * h)
+                    there &= ~missing
+            arrays[name] = np.stack(values, axis=1)
+        if there.sum() < 2:
+            raise InputError(f"{self.file}: the signals have no two samples in common between their gaps")
+        arrays = {name: values[there] for name, values in arrays.items()}
+        header, rows = self._filled(grid[there], arrays, steps, self._notes(said, offset, series, gaps, there, arrays))
+        return header, rows, Outcome(Status.completed, "", round(float(grid[there][-1]) / h), 0.0)
+
+    @property
+    def signals(self) -> dict[str, Signal]:
+        """The signals that a log may have by name: those of the run, ``push`` and the pulse widths."""
+        n = self.header.by_name["u"].size
+        return {"push": _PUSH, "pwm": pulse_signal(n)} | {
+            name: s for name, s in self.header.by_name.items() if s.kind == "f8" and s not in RUNNING and name != "t"
+        }
 
     def _offset(self, series: Mapping[str, list[Series]]) -> tuple[float, str]:
         """The offset of the clocks [s], and how it was found."""
