@@ -12,7 +12,7 @@ from sphinx_gallery.scrapers import figure_rst
 
 from uvms_mj import InputError, Scenario, simulate, still
 
-ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts")
+ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts", "waves")
 """Programs that come first; the others follow by name."""
 NOT_RUN = {"learn_push.py": "learns for minutes", "udp_law.py": "answers another program until Ctrl-C"}
 """Examples that the gallery shows and does not run, each with the reason."""

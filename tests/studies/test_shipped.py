@@ -15,7 +15,7 @@ SHORT = {"simulation.duration": 0.3, "initial.position": [0.995, 0.0, 0.0], "ref
 
 
 def test_the_studies_are_those_of_the_docs():
-    assert sorted(shipped("studies")) == sorted(["gain_map", "monte_carlo", *tasks()])
+    assert sorted(shipped("studies")) == sorted(["gain_map", "monte_carlo", "waves", *tasks()])
 
 
 def test_monte_carlo_is_a_thousand_draws_of_the_papers_laws():
@@ -26,7 +26,7 @@ def test_monte_carlo_is_a_thousand_draws_of_the_papers_laws():
     assert all(plan.scenario(index).vehicle.mass == plan.scenario(index).vehicle.displaced_mass for index in (0, 2999))
 
 
-@pytest.mark.parametrize("name", ["gain_map", "monte_carlo"])
+@pytest.mark.parametrize("name", ["gain_map", "monte_carlo", "waves"])
 def test_a_shipped_study_runs(name):
     plan = Plan.load(name, SHORT)
     for index in (0, plan.runs // 2, plan.runs - 1):
