@@ -19,11 +19,11 @@ import numpy as np
 from ..control.base import delay_faults
 from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
-from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
 from ..control.theory.own_effects import OwnEffects, longest_step, shipped_slopes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
+from ..control.theory.task_motion import Track
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples

@@ -57,11 +57,11 @@ from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ...stages.setup import SetupLike
 from ..base import SteadyState
-from .approach import TaskMotion, way_of
 from .free_motion import tool_rest
 from .loop import ContactsAtRest
 from .own_effects import OwnEffects
 from .rigid_motion import KEEPING, NOMINAL, Compiled, RigidMotion
+from .task_motion import TaskMotion, way_of
 from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001

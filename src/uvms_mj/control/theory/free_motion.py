@@ -45,7 +45,8 @@ import numpy as np
 from ...physics.frames import attitude, quat_turned, rotation_matrix
 from ...stages.setup import SetupLike
 from ..base import SteadyState
-from .approach import UNSTABLE, Track, approach, between, decays
+from .approach import UNSTABLE, approach, decays
+from .task_motion import Track, between
 from .terms import Balance, Pose, ThrustMap
 from .tree_at_rest import TreeAtRest
 
