@@ -187,13 +187,13 @@ class Scenario:
         value of a table may also be its object, or a stage.
 
         Args:
-            folder: that of relative paths in ``tables``; those in ``overrides`` are relative to the working directory.
+            folder: of relative paths in ``tables``; paths in ``overrides`` are relative to the working directory.
             place: name of the tables in error messages.
             known: classes of stages that are already loaded, by table.
             note: is called with a sentence for each stage that is replaced and whose settings are left out.
             trusted: names of users' stages whose files may be imported; default: all. Others have placeholders, as in a
                 log, which can be shown and not run.
-            valid: names of tables whose values are those of a scenario, and which no override changes.
+            valid: names of tables that have the values of a scenario, and that no override changes.
         """
         tables = dict(tables)
         for name in tables.keys() - valid:

@@ -72,7 +72,7 @@ def shipped_stages(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
 
 
 def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[type[Stage]]":
-    """The stages of a name among these choices, those of a room if one is given. Raises InputError if there is none."""
+    """The stages of a name among these choices, in a room if one is given. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
     from ..stages.foreign import parted
     from ..stages.loader import USERS, give_one, stages_in, users_stages

@@ -262,7 +262,7 @@ class Fleet:
         return every.tolist(), values
 
     def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
-        """Return to the start of all runs, whose words are those of :class:`Starts`, (n, ...). ``varying`` are further
+        """Return to the start of all runs, with the words of :class:`Starts`, (n, ...). ``varying`` are further
         words in which they may differ; those that do are added to it."""
         if varying is not None and varying != self._varying:
             self._varying, self._code = varying, None

@@ -202,7 +202,7 @@ int fmi2EnterInitializationMode(void *c)
     return OK;
 }
 
-/* Whether symplectic Euler is stable on the walls, by the same comparison as that of a run. */
+/* Whether symplectic Euler is stable on the walls, by the same comparison as in a run. */
 static int walls_stable(const plant *p)
 {
     for (int i = 0; i < WALLS; i++) {

@@ -43,7 +43,7 @@ PARAMETERS = {
     **{f"initial.velocity[{i}]": "m/s" if i < 3 else "rad/s" for i in range(6)},
     **{f"disturbance.bias[{i}]": "N" if i < 3 else "N.m" for i in range(6)},
 }
-"""Keys of a scenario that may become parameters, with their units. An index counts from 0, that of FMI from 1."""
+"""Keys of a scenario that may become parameters, with their units. An index counts from 0, an index of FMI from 1."""
 SEED = "simulation.seed"
 RANGES = {
     "wall.position": (-1e6, 1e6),
@@ -57,7 +57,7 @@ RANGES = {
     "disturbance.bias": (-1e6, 1e6),
     SEED: (0.0, 2.0**53),
 }
-"""The least and the greatest value of a parameter: those of its key. A double has each seed up to 2^53."""
+"""The least and the greatest value of a parameter, as its key has them. A double has each seed up to 2^53."""
 _STOPPED = {
     STOP_STATE: "the state left its bounds",
     STOP_COMMAND: "the commanded wrench is too large, or not finite",

@@ -19,8 +19,8 @@ it is compared with::
 A signal has the name, the components and the frame of the run's own one; ``push`` is the pushing force. Its numbers are
 interpolated at equal times. An empty cell is a missing sample. Rows in which a signal has a gap are left out.
 
-The clock of the log is ``offset`` behind that of the run: t_run = t_log + offset. A shared signal gives the offset of
-the greatest correlation of the samples that both have, refined by a parabola.
+The clock of the log is ``offset`` behind the clock of the run: t_run = t_log + offset. A shared signal gives the offset
+of the greatest correlation of the samples that both have, refined by a parabola.
 """
 
 import csv
@@ -322,7 +322,7 @@ class _Log:
 
     @property
     def signals(self) -> dict[str, Signal]:
-        """The signals that a log may have by name: those of the run, ``push`` and the pulse widths."""
+        """The signals that a log may have by name: the signals of a run, ``push`` and the pulse widths."""
         n = self.header.by_name["u"].size
         return {"push": _PUSH, "pwm": pulse_signal(n)} | {
             name: s for name, s in self.header.by_name.items() if s.kind == "f8" and s not in RUNNING and name != "t"

@@ -244,7 +244,7 @@ _MOST_EFFECTS = 8
 
 
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario and its stages, and build its plant and its design. The arguments are those of
+    """Check a scenario and its stages, and build its plant and its design. The arguments are as for
     :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)

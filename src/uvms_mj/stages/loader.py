@@ -130,7 +130,7 @@ class Choice(Generic[_Stage]):
         settings if it has no name. Otherwise it has those that every stage of
         the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
         sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
-        is that of :meth:`load`."""
+        is as for :meth:`load`."""
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:

@@ -135,7 +135,7 @@ class StudyFolder:
 
 def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any]) -> None:
     """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun. The
-    arguments are those of :func:`refuse_another`, which comes first."""
+    arguments are as for :func:`refuse_another`, which comes first."""
     for each, text in ((path.with_name(VERSION), json.dumps(about, indent=1)), (path, tomli_w.dumps(tables))):
         data = text.encode()
         if not each.exists() or each.read_bytes() != data:

@@ -1,7 +1,7 @@
 r"""The way to a rest: from the start, through free water, into contact.
 
 A static balance may have several roots: on both sides of a pile, behind a wall, on top of a sphere. The vehicle rests
-at the one that its motion reaches. With the coordinates y from the latest pose, this motion is
+at the root that its motion reaches. With the coordinates y from the latest pose, this motion is
 
 .. math:: I (\ddot y - \ddot y_d) + C (\dot y - \dot y_d) = F(y),
 
@@ -28,7 +28,7 @@ FORCE_AT_REST = 1e-8
 MOST_HALVES = 12
 """Number of times that a step of Newton's method is halved where the set of contacts changes."""
 _FASTEST = 1e4
-"""Rates above this are those of walls and of algebraic rows [1/s]."""
+"""Walls and algebraic rows have rates above this [1/s]."""
 GROWS = 1e-3
 """A slower growth is not seen in a run of minutes [1/s]."""
 LOST = "the motion from the start can't be followed"
@@ -71,7 +71,7 @@ class Motion(Protocol):
         """Called after each step. Returns the reason why the motion can't go on, or an empty text."""
 
     def lead(self, y: Any, t: float, step: float, /) -> np.ndarray:
-        """Set the reference to that of t + step. Returns its change (n,) since t in the coordinates from y."""
+        """Set the reference to its pose at t + step. Returns its change (n,) since t in the coordinates from y."""
 
 
 def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = FIRST_STEP, steps: int = MOST_STEPS) -> Any:

@@ -1,6 +1,6 @@
 """The residuals of laws that do not keep eq. (7), as machine code: :mod:`.rigid_motion`.
 
-Each is that of the law's ``at_rest`` in Python, with a record of its gains. States are in ``motion.value``.
+Each is the residual of the law's ``at_rest`` in Python, with a record of its gains. States are in ``motion.value``.
 """
 
 import math

@@ -60,7 +60,7 @@ class RigidMotion(TaskMotion):
 
     Args:
         compiled: the residual of the law.
-        balance, memory, thrust_map, wrench: those of :class:`.task_motion.TaskMotion`.
+        balance, memory, thrust_map, wrench: as of :class:`.task_motion.TaskMotion`.
     """
 
     def __init__(

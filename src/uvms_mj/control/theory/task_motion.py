@@ -285,8 +285,8 @@ class TaskMotion:
         return "" if comes_back(rates, pushes, shares, u, least, most) else _CIRCLES
 
     def jacobian(self, pose: Pose) -> np.ndarray:
-        """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed
-        again where they do not predict the force any more."""
+        """The law's derivatives by the pose and by the contact wrench, with the wrench's derivatives. The law's are
+        computed again where they do not predict the force any more."""
         force = self._free(pose)
         if self._law is not None:
             there, by_pose, by_wrench = self._law
@@ -303,7 +303,8 @@ class TaskMotion:
         return self._at_limits(pose, force, J, stiffness) if self.limits else J
 
     def _at_limits(self, pose: Pose, force: np.ndarray, J: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """The derivatives J of a force without limits with those of what the thrusters at their limits add to it."""
+        """The derivatives J of a force without limits with the derivatives of what the thrusters at their limits add to
+        it."""
         answering = self.answering(pose)
         if answering.all():
             return J

@@ -1,5 +1,5 @@
 r"""The terms of the static balance, which :mod:`.balance` explains: the wrenches at rest, the thrust behind a commanded
-wrench, integrals with a limit, and the static force of the list of contacts at many poses at once, which is that of the
+wrench, integrals with a limit, and the static force of the list of contacts at many poses at once, by the
 kernel :func:`uvms_mj.physics.contacts.pair_force` without velocity, dampers and friction.
 
 The allocation gives the commands, :math:`u_{cmd} = \hat B^+ \tau_{cmd}`, the thrusters turn each into a thrust by their
@@ -393,7 +393,7 @@ class Balance:
         return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
 
     def restoring(self, vehicle: VehicleLike, R_WB: np.ndarray) -> np.ndarray:
-        """g(eta) (6,) of a vehicle, the true one or that of the file."""
+        """g(eta) (6,) of a vehicle, the true one or the file's."""
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta

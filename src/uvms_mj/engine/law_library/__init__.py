@@ -82,7 +82,7 @@ def write_library(
     """Write the control system of a scenario into a folder as libraries for the targets, keys of :data:`.MACHINES`.
 
     Args:
-        name: of the library and of its functions; default: that of the law.
+        name: of the library and of its functions; default: the law's name.
         guided: whether the scenario's guidance is in the library; otherwise each call is given the reference.
         test: whether the test runs where this machine, or qemu-user, can run it.
 
@@ -226,7 +226,7 @@ def _write(path: Path, content: str) -> None:
 
 
 def _license() -> str:
-    """The licence of this package, which is that of its libraries."""
+    """The licence of this package and of its libraries."""
     beside = Path(__file__).parents[4] / "LICENSE"
     found = importlib.metadata.distribution("uvms-mj").read_text("licenses/LICENSE")
     return found or beside.read_text(encoding="utf-8")

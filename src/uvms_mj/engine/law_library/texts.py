@@ -60,7 +60,7 @@ def header(border: Border, name: str, about: str) -> str:
         for word, (n, said) in STATUSES.items()
     )
     guided = not border.reference
-    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after that of the last call */"
+    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after the time of the last call */"
     present = "    uint64_t present;".ljust(36) + " /* which of them are there: the sum of the constants above */"
     saturated = "    uint64_t saturated;".ljust(36) + " /* 1 if a thrust is at its limit */"
     structs = [

@@ -15,7 +15,7 @@ from .border import PRESENT, Border, Entry
 LENGTH = 400
 """Recorded periods of each segment."""
 NEAR = 1e-6
-"""Largest difference of a command from that of the run, over the largest of its kind."""
+"""Largest difference of a command from the command of the run, over the largest of its kind."""
 _PRESSING_S = 1.0
 """Time from the touch to the last segment [s]."""
 

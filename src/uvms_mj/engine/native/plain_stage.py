@@ -42,7 +42,7 @@ class PlainStage:
     """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
     in C, and calls it.
 
-    A function in Python may keep what it is given, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
+    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
     kept stays as it was at its instant.
     """
 

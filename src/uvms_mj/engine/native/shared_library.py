@@ -138,7 +138,7 @@ class Library:
     """A copy of a library of its own for one run, with static data of its own, and the stage's function in it.
 
     Attributes:
-        address: that of the function.
+        address: of the function.
         kind: the dtype of its record in a stage's own memory.
     """
 
