@@ -35,9 +35,9 @@ def controllers(laws: tuple[str, ...]) -> None:
 @command()
 @click.argument("names", nargs=-1, metavar="[ROOM] [STAGE]...")
 def stages(names: tuple[str, ...]) -> None:
-    """List stages with their settings, units, defaults and states: all of them, those of ROOM (guidance, navigation,
-    control, actuation, a table of a scenario, or a word for its stages such as law or sensor), or each STAGE by its
-    name or path/to/file.py:ClassName.
+    """List stages with their settings, units, defaults and states: all of them, the stages of ROOM (guidance,
+    navigation, control, actuation, a table of a scenario, or a word for its stages such as law or sensor), or each
+    STAGE by its name or path/to/file.py:ClassName.
 
     \b
     uvms-mj stages navigation

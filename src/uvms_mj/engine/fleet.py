@@ -1,6 +1,6 @@
 """``Fleet``: many runs of one scenario at once, on a GPU or on this processor.
 
-A run of a fleet computes what the engine free_body computes, bit for bit, on a GPU, too: its functions are those of
+A run of a fleet computes what the engine free_body computes, bit for bit, on a GPU, too: it has the functions of
 :mod:`uvms_mj.compiler.libm`, whose bits are the same on every processor.
 """
 

@@ -153,7 +153,7 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
     if sea.spectrum != "jonswap" and (idle := [key for key in many_only if getattr(sea, key) != getattr(Sea(), key)]):
         yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
     if sensors:
-        yield f"the depth of {sensors} has no pressure of the waves in it: it is that of still water"
+        yield f"the depth of {sensors} has no pressure of the waves in it, as in still water"
 
 
 def wave_number(omega: float, gravity: float, depth: float | None) -> float:

@@ -304,9 +304,7 @@ class _Log:
         ]
         if empty:
             notes.append(f"missing components: {', '.join(empty)}")
-        notes.append(
-            f"measured signals: {', '.join(arrays)}; the reference is that of the run, and nothing else is known"
-        )
+        notes.append(f"measured signals: {', '.join(arrays)}; the reference is the run's, and nothing else is known")
         return tuple(notes)
 
     def _filled(

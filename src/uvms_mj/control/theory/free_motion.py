@@ -8,7 +8,7 @@ them. The tree is at rest where the posture balances what pushes it,
     r(q) = \left[ M^{-1} \left( J^\top F + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) \right) \right]_q = 0, \qquad
     J M^{-1} (\dots) = 0,
 
-with the current on all links in d, and F from the second equation. Of all rests the one counts that the slow motion
+with the current on all links in d, and F from the second equation. The rest counts that the slow motion
 
 .. math:: 2\, \mathrm{s}^{-1} (\dot q - \bar J_q \nu_T) = r(q)
 
@@ -30,8 +30,8 @@ joint positions q and F. The balance of the tree has 6 + n further equations,
 
 .. math:: J^\top (F + \tau_c) + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) = 0,
 
-with the current on all links in d. The root is the one that the slow motion :math:`M \dot y` on the right side of these
-equations reaches from the rest of a law that integrates (:mod:`.approach`).
+with the current on all links in d. The slow motion :math:`M \dot y` on the right side of these equations
+reaches the root from the rest of a law that integrates (:mod:`.approach`).
 """
 
 import functools

@@ -229,8 +229,8 @@ class TaskMotion:
         return self.thrust_map is not None and any(self.thrust_map.missing(tau).any() for tau in found)
 
     def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it, with that of the
-        thrust that its thrusters at their limits lack."""
+        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it, with the
+        acceleration of the thrust that its thrusters at their limits lack."""
         steps = range(1, len(self.track.times))
         found = [self.balance.unmodelled_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
         lacked = np.array(self._lacked[1:]) @ self.balance.M_d_inv.T

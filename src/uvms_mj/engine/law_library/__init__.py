@@ -301,7 +301,7 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
         else ("It has not run yet: neither this machine nor an emulator on it was asked.")
     )
     made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
-    bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."
+    bits = "It computes the numbers of the run, bit for bit, on every processor that keeps IEEE arithmetic."
     foreign = sorted({word for each in library.targets for word in each.foreign})
     if foreign:
         bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."

@@ -326,14 +326,14 @@ def readme(
     again: Sequence[str],
     asked: int,
 ) -> str:
-    """The page beside a library. ``rows`` are those of the table of targets; ``again`` are the targets whose
+    """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
     library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
     stages = ", ".join(link.name for link in chain.links)
     guidance = (
-        "The reference is that of the scenario's guidance."
+        "The reference comes from the scenario's guidance."
         if not border.reference
         else ("You give the reference to each call, as `law_reference`.")
     )
@@ -403,7 +403,7 @@ It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the fi
 
 {law}## What is not promised
 
-The numbers are those of the simulation, for the same measurements. That the law is stable on your vehicle, with your
+The simulation has the same numbers for the same measurements. That the law is stable on your vehicle, with your
 sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
 the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 

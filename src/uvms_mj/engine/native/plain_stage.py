@@ -189,7 +189,7 @@ def _record(name: str) -> type:
 
 class _Generators:
     """A context with states of their own of the random numbers of Python and NumPy, ``random`` and ``np.random``, for a
-    function whose file names them. They begin each run from its key; those of the process stay as they are.
+    function whose file names them. They begin each run from its key; the generators of the process stay as they are.
 
     The process has one of each. So a run in another thread waits until the call in hand has given them back."""
 

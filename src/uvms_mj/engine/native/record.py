@@ -93,7 +93,7 @@ BODY = np.dtype(
 STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
-        *_whole("settings", "state", "given", "state_dot", "out"),  # places; of a user's stage, that of its own memory
+        *_whole("settings", "state", "given", "state_dot", "out"),  # places; of a user's stage, in its own memory
         *_whole("states", "period_steps"),  # numbers in state; time steps from one call to the next
         ("period", "f8"),
         *_whole("instant", "key"),  # number of its calls, and key of its random numbers

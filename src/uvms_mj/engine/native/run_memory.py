@@ -65,8 +65,8 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory in the record of a run: those of every run, of its plant, of
-    its stages, and the states. Raises InputError if two states have one name, or a state's name is taken
+    """The signals of a row in order, each with its memory in the record of a run: the signals of every run, of its
+    plant, of its stages, and the states. Raises InputError if two states have one name, or a state's name is taken
     or is not an identifier."""
     contact = run["pairs"][0][:1]["contact"] if setup.contacts.paper else run["no_contact"]
     records = [run["row"], run["true"], contact, stages.signals, run[stages.law]]

@@ -38,7 +38,7 @@ _MOST_LINES = 6
 
 
 def compiler() -> list[str]:
-    """The command of the C compiler: $CC, cc, gcc, clang, or that of the package ziglang. Raises InputError if there is
+    """The command of the C compiler: $CC, cc, gcc, clang, or the package ziglang's. Raises InputError if there is
     none."""
     try:
         if given := shlex.split(os.environ.get("CC", "")):
