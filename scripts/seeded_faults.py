@@ -42,14 +42,15 @@ class SeededFault:
     new: str
 
     def place(self, root: Path = ROOT) -> Path:
-        """The file, or if it has moved, the one in src that has the text. Raises ValueError unless the text occurs
-        exactly once in it."""
+        """The file. Raises ValueError unless it is there and has the text exactly once."""
         path = root / self.file
         if not path.is_file():
-            found = [each for each in (root / "src").rglob("*.py") if self.old in each.read_text("utf-8")]
-            if len(found) != 1:
-                raise ValueError(f"{self.name}: {self.file} has gone, and {len(found)} files have its text")
-            (path,) = found
+            found = [
+                str(each.relative_to(root))
+                for each in (root / "src").rglob("*.py")
+                if self.old in each.read_text("utf-8")
+            ]
+            raise ValueError(f"{self.name}: {self.file} has gone; its text is in {', '.join(found) or 'no file'}")
         if (n := path.read_text("utf-8").count(self.old)) != 1:
             raise ValueError(f"{self.name}: {self.file} has its text {n} times")
         return path

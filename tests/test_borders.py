@@ -114,6 +114,6 @@ def test_a_flipped_bit_of_a_journal_is_refused_or_changes_no_trial(journal, tmp_
 def test_a_damaged_version_of_a_study_is_said(text, tmp_path):
     (tmp_path / VERSION).write_text(text)
     (tmp_path / STUDY).write_text('name = "mine"\n')
-    with pytest.raises(InputError, match=r"is not that of a study|can't be read"):
+    with pytest.raises(InputError, match=r"is of no study|can't be read"):
         check_same(tmp_path / STUDY, {"name": "mine"}, {"study": "", "code": {}, "files": {}})
     assert units_of(tmp_path, ["wall.stiffness"]) == {}

@@ -1,6 +1,7 @@
 """Limits on the layout of the source: entries at the top, the import contract, public names, extras."""
 
 import ast
+import dataclasses
 import re
 import subprocess
 import sys
@@ -73,6 +74,13 @@ def test_every_seeded_fault_can_be_put_into_the_sources():
         text = fault.place().read_text(encoding="utf-8")
         wrong = text.replace(fault.old, fault.new)
         assert ast.dump(ast.parse(wrong)) != ast.dump(ast.parse(text)), fault.name
+
+
+def test_a_seeded_fault_of_a_file_that_moved_is_refused():
+    fault = seeded_faults()[0]
+    moved = dataclasses.replace(fault, file="src/uvms_mj/physics/elsewhere.py")
+    with pytest.raises(ValueError, match=f"elsewhere.py has gone; its text is in {re.escape(fault.file)}"):
+        moved.place()
 
 
 def test_another_error_inside_an_extra_is_not_hidden():

@@ -197,13 +197,13 @@ class Scenario:
         value of a table may also be its object, or a stage.
 
         Args:
-            folder: that of relative paths in ``tables``; those in ``overrides`` are relative to the working directory.
+            folder: of relative paths in ``tables``; paths in ``overrides`` are relative to the working directory.
             place: name of the tables in error messages.
             known: classes of stages that are already loaded, by table.
             note: is called with a sentence for each stage that is replaced and whose settings are left out.
             trusted: names of users' stages whose files may be imported; default: all. Others have placeholders, as in a
                 log, which can be shown and not run.
-            valid: names of tables whose values are those of a scenario, and which no override changes.
+            valid: names of tables that have the values of a scenario, and that no override changes.
         """
         tables = dict(tables)
         for name in tables.keys() - valid:
@@ -280,7 +280,7 @@ class Scenario:
         return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted, valid)
 
     def with_fresh_stages(self) -> "Scenario":
-        """The scenario with the stages of users' files loaded anew, those of a folder together: what an earlier run
+        """The scenario with the stages of users' files loaded anew, the files of a folder together: what an earlier run
         left in their modules is not in them, and an edited file is seen. Raises InputError if a file has changed so
         that its stage can't be made."""
         namespaces: dict[Path, Any] = {}

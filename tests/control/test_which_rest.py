@@ -7,8 +7,8 @@ import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
-from uvms_mj.control.theory.approach import _comes_back
 from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.control.theory.task_motion import comes_back
 from uvms_mj.setup.base import set_up
 
 QUICK = {"simulation.timestep": 1e-3}
@@ -267,7 +267,7 @@ def test_motions_across_a_limit_are_followed():
     push[6], shares[0, 0] = 1.0, -5.0  # x'' = -4 x' + 4 x + thrust
     rates[6, 0], most = 4.0 - 5.0, np.array([1.0])
     for u, decays in ((0.0, True), (0.97, False)):  # 4 x = thrust at x = (most - u) / 4, 7.5 mm in the second
-        assert _comes_back(rates, push, shares, np.array([u]), -most, most) is decays
+        assert comes_back(rates, push, shares, np.array([u]), -most, most) is decays
 
 
 def test_weak_thrusters_are_named_where_an_allocation_shares_what_they_lack():

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.records.measured import aligned
+from uvms_mj.records.clocks import aligned
 
 LATE = 12.34567
 """The clock of the log is ahead of that of the run by this [s]."""

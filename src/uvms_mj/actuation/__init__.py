@@ -1,6 +1,6 @@
 """Actuation: the thrusts and the joints' torques. :mod:`uvms_mj.actuation.base` has the contract of an allocation,
-:mod:`uvms_mj.actuation.thrusters` the contract of a thruster model, and :mod:`uvms_mj.actuation.joints` that of a joint
-interface."""
+:mod:`uvms_mj.actuation.thrusters` the contract of a thruster model, and :mod:`uvms_mj.actuation.joints` the contract of
+a joint interface."""
 
 from .allocation import Constrained, Scaled, Weighted
 from .base import Actuation, Autopilot, External, PseudoInverse, Pwm

@@ -35,9 +35,9 @@ def controllers(laws: tuple[str, ...]) -> None:
 @command()
 @click.argument("names", nargs=-1, metavar="[ROOM] [STAGE]...")
 def stages(names: tuple[str, ...]) -> None:
-    """List stages with their settings, units, defaults and states: all of them, those of ROOM (guidance, navigation,
-    control, actuation, a table of a scenario, or a word for its stages such as law or sensor), or each STAGE by its
-    name or path/to/file.py:ClassName.
+    """List stages with their settings, units, defaults and states: all of them, the stages of ROOM (guidance,
+    navigation, control, actuation, a table of a scenario, or a word for its stages such as law or sensor), or each
+    STAGE by its name or path/to/file.py:ClassName.
 
     \b
     uvms-mj stages navigation
@@ -72,7 +72,7 @@ def shipped_stages(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
 
 
 def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[type[Stage]]":
-    """The stages of a name among these choices, those of a room if one is given. Raises InputError if there is none."""
+    """The stages of a name among these choices, in a room if one is given. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
     from ..stages.foreign import parted
     from ..stages.loader import USERS, give_one, stages_in, users_stages

@@ -35,7 +35,7 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 def info(log: str, show: str | None, as_json: bool) -> None:
     """Print the contents of a log: the run's table, signals, topics, versions, files.
 
-    LOG is that of a run, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
+    LOG is a run's log, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
     export log take it, too.
 
     \b
@@ -224,7 +224,7 @@ def export_plugin(vehicle: str, out: str | None) -> None:
 @click.option("--name", metavar="NAME", help="Name of the library and its functions [default: the law's].")
 @click.option(
     "--reference", type=click.Choice(["guidance", "caller"]), default="guidance", show_default=True,
-    help="Whose reference: that of the scenario's guidance, inside, or one that you give to each call.",
+    help="Whose reference: of the scenario's guidance, inside, or one that you give to each call.",
 )  # fmt: skip
 @click.option("--no-test", is_flag=True, help="Do not run the test here, natively or in qemu-user.")
 @force_option
@@ -293,7 +293,7 @@ def export_law(
         for each in library.targets:
             if each.foreign:
                 of = f"{each.target}: the law's C takes {', '.join(each.foreign)} from the C library there"
-                warn(f"{of}; test.c says on the target whether its bits are those of the run")
+                warn(f"{of}; test.c says on the target whether it has the bits of the run")
             sizes = f"code {each.code} bytes, constants {each.constants}, record {library.record}"
             ran = f"; {each.equal} of {library.steps} steps equal, stack {each.stack}" if each.equal is not None else ""
             click.echo(f"{folder / next(iter(each.files))}: {sizes}{ran}")

@@ -95,7 +95,7 @@ def chosen(
     as_deployed: bool = False,
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
-    is that of a log. Raises InputError if the input is invalid."""
+    is a log's. Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 

@@ -164,7 +164,7 @@ class Emission:
         entries.end = block, block.instructions[-1] if block.instructions else None
 
     def _number_of(self, array: Value, indices: Sequence[ir.Value]) -> int:
-        """The place of an entry among those of a small array, by constant indices."""
+        """The place of an entry in a small array, by constant indices."""
         at = sum(i.constant * stride for i, stride in zip(indices, array.kind.strides, strict=True))
         return at // array.kind.base.itemsize
 

@@ -248,7 +248,7 @@ class Expressions(Forms):
 
     def merged(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block) -> Value:
         """The value of whichever block is left for ``end``, where the code then goes on: an array is a pointer, and
-        remains the one that it is."""
+        remains what it was."""
         values = [value for value, _ in found]
         kind = self.unified(values)
         if kind.is_array and all(value.fresh for value in values):

@@ -430,7 +430,7 @@ class Function(Assignments):
         self.written_out, self.copies = self.written_out - 1, around
         self.at.position_at_end(end)
         self.assigned = set.intersection(*ways) if ways else self.assigned
-        for name in inside:  # its place is that of one turn
+        for name in inside:  # it has a place for one turn
             if (its := self.variables.get(name)) is not None and its.at_place:
                 self.assigned.discard(name)
 

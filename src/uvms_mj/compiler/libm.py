@@ -251,7 +251,7 @@ def scaled(y, y_low, e):
     scale = from_bits((e + 1023 + 128) << 52)
     y, y_low = y * scale, y_low * scale
     big = 2.0**-894
-    if y < big:  # added to a number whose last place is that of the result
+    if y < big:  # added to a number with the last place of the result
         h = big + y
         return ((h + (((big - h) + y) + y_low)) - big) * 2.0**-128
     return (y + y_low) * 2.0**-128

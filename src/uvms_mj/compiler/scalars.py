@@ -85,7 +85,7 @@ class Scalars(Emission):
     # operators
 
     def operation(self, name: str, left: Value, right: Value) -> Value:
-        """``left + right`` and so on; ``name`` is that of the operator's class in ast."""
+        """``left + right`` and so on; ``name`` is the name of the operator's class in ast."""
         a, b = left.constant, right.constant
         base = self.common([left, right])
         if base == BOOL and name in _KNOWN and self.unit.checked:
@@ -266,7 +266,7 @@ class Scalars(Emission):
             code = self.at.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE] * 2))
         elif name in _INSTRUCTIONS:
             code = self.at.module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
-        elif all(isinstance(number, ir.Constant) for number in numbers):  # the bits are those of plain Python
+        elif all(isinstance(number, ir.Constant) for number in numbers):  # with the bits of plain Python
             return self.constant(self.unit.own[name](*(number.constant for number in numbers)))
         else:
             name, part = _PARTS.get(name, (name, None))

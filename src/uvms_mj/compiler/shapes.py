@@ -162,7 +162,7 @@ def _append(at: Arrays, arr: Array, values: Array, axis: Known = None) -> Value:
 @entry(np.insert)
 def _insert(at: Arrays, arr: Array, obj: Known, values: Array, axis: Known = None) -> Value:
     if at.base_of([arr, values]) != arr.kind.base:
-        at.lack("np.insert makes the new numbers those of the array's type; write np.concatenate")
+        at.lack("np.insert turns the new numbers into the array's type; write np.concatenate")
     with at.refused_by_numpy():
         old, new = at.numbered([arr, values])
         order = np.insert(old, obj, new, axis)

@@ -151,7 +151,7 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 
 def _is_users(node: ast.expr | None) -> bool:
-    """Whether a call may be of a user's function, which may keep or give back what it is given."""
+    """Whether a call may be of a user's function, which may keep or give back its arguments."""
     if not isinstance(node, ast.Call):
         return False
     if isinstance(node.func, ast.Name):

@@ -194,8 +194,8 @@ def _inertia(given: Any) -> tuple[np.ndarray, ...]:
 
 @_remembered
 def _factor(M_d: Any) -> np.ndarray:
-    """The Cholesky factor L of M_d = L L^T, its inverse, and that of M_d, which is rows of numbers or bytes. Raises
-    ValueError if there is none."""
+    """The Cholesky factor L of M_d = L L^T, its inverse, and the inverse of M_d, which is rows of numbers or bytes.
+    Raises ValueError if there is none."""
     found = np.empty((3, 6, 6))
     found[2] = _matrix(M_d)
     try:

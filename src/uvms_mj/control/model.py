@@ -92,7 +92,8 @@ def model_dtype(n: int) -> np.dtype:
 
 
 def estimate_links(links: np.ndarray, vehicle: Any, estimates: Estimates) -> None:
-    """Set the coefficients of LINK records (1 + n,) to those of a vehicle's file with the factors of the estimates."""
+    """Set the coefficients of LINK records (1 + n,) to the coefficients of a vehicle's file with the factors of the
+    estimates."""
     bodies: list[tuple[Any, Estimates]] = [(vehicle, estimates)]
     bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
     for record, (body, factors) in zip(links, bodies, strict=True):
@@ -106,7 +107,8 @@ def estimate_links(links: np.ndarray, vehicle: Any, estimates: Estimates) -> Non
 
 
 def estimate(model: np.ndarray, vehicle: Any, estimates: Estimates) -> None:
-    """Set the coefficients of a law's model (1,) to those of a vehicle's file with the factors of the estimates."""
+    """Set the coefficients of a law's model (1,) to the coefficients of a vehicle's file with the factors of the
+    estimates."""
     links = model["links"][0]
     estimate_links(links, vehicle, estimates)
     find_diagonals(links)
@@ -401,7 +403,7 @@ def estimate_lambda(model):
 
 @kernel
 def estimate_at_tool(model, out):
-    """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
+    """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term stands for C."""
     tool, link, J_bar = model.tool, model.links[model.tool.link], model.J_bar
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)

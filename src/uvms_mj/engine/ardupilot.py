@@ -97,7 +97,7 @@ def motors_of(B: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
     """The frame of ArduSub with this allocation matrix (6, n) in B, and of each thruster its motor, from 0, and the
     sign of its command.
 
-    A motor is found by the signs of its forces and moments. Raises InputError: the thrusters are not those of a frame.
+    A motor is found by the signs of its forces and moments. Raises InputError if no frame has these thrusters.
     """
     n = B.shape[1]
     # roll, pitch, yaw; throttle is up, against z of FRD; forward; lateral is right
@@ -114,7 +114,7 @@ def motors_of(B: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
         if sorted(motors.tolist()) == list(range(len(factors))):
             return name, motors, signs
     known = ", ".join(f"{name} of {len(factors)}" for name, factors in FRAMES.items())
-    raise InputError(f"the {n} thrusters are those of none of ArduSub's frames, {known}; give --motors")
+    raise InputError(f"none of ArduSub's frames, {known}, has the {n} thrusters; give --motors")
 
 
 def given_motors(text: str, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -70,10 +70,10 @@ class Engine(ABC):
     def clear(self) -> None:  # noqa: B027  # free_body has nothing beside the record
         """Forget everything of the run but its initial state."""
 
-    def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the record
+    def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads it from the record
         """Set the time step."""
 
-    def write_wall(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the record
+    def write_wall(self, setup: Setup) -> None:  # noqa: B027  # free_body reads it from the record
         """Set the wall's position, and the spring and damper that the engine applies."""
 
     def write_initial(self, setup: Setup) -> None:

@@ -1,6 +1,6 @@
 """``Fleet``: many runs of one scenario at once, on a GPU or on this processor.
 
-A run of a fleet computes what the engine free_body computes, bit for bit, on a GPU, too: its functions are those of
+A run of a fleet computes what the engine free_body computes, bit for bit, on a GPU, too: it has the functions of
 :mod:`uvms_mj.compiler.libm`, whose bits are the same on every processor.
 """
 
@@ -262,7 +262,7 @@ class Fleet:
         return every.tolist(), values
 
     def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
-        """Return to the start of all runs, whose words are those of :class:`Starts`, (n, ...). ``varying`` are further
+        """Return to the start of all runs, with the words of :class:`Starts`, (n, ...). ``varying`` are further
         words in which they may differ; those that do are added to it."""
         if varying is not None and varying != self._varying:
             self._varying, self._code = varying, None

@@ -163,7 +163,7 @@ void *fmi2Instantiate(const char *name, int type, const char *guid, const char *
         p->called = *called;
     snprintf(p->name, sizeof p->name, "%s", name ? name : "plant");
     if (!p->numbers || type != 1 || !guid || strcmp(guid, GUID) != 0) {
-        say(p, FAILED, type != 1 ? "only co-simulation" : "the guid is not that of the model description");
+        say(p, FAILED, type != 1 ? "only co-simulation" : "the model description has another guid");
         free(p->numbers);
         free(p);
         return NULL;
@@ -202,7 +202,7 @@ int fmi2EnterInitializationMode(void *c)
     return OK;
 }
 
-/* Whether symplectic Euler is stable on the walls, by the same comparison as that of a run. */
+/* Whether symplectic Euler is stable on the walls, by the same comparison as in a run. */
 static int walls_stable(const plant *p)
 {
     for (int i = 0; i < WALLS; i++) {

@@ -200,10 +200,10 @@ class Simulation:
         """Return to the start without compiling or building anything.
 
         Args:
-            overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
-                ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
-                those of ``vehicle``, the names of stages, the integrator, the frame of the task, and those that decide
-                which contacts, delay or schedule there are.
+            overrides: dotted keys with values that replace the values of the scenario that the Simulation was made
+                with, ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario
+                but those of ``vehicle``, the names of stages, the integrator, the frame of the task, and those that
+                decide which contacts, delay or schedule there are.
             seed: replaces ``simulation.seed``.
 
         Raises:
@@ -502,8 +502,8 @@ class Signals:
     """The signals of a Simulation by name: ``signals.nu``, ``signals["nu"]``.
 
     A scalar is a float. A vector is a live, read-only view: copy what you keep. Between steps the state, the
-    measurements, the reference, the errors and the task are those of the instant in hand; tau_cmd, u, tau, nu_dot,
-    f_contact_W and the running signals are those of the step before it.
+    measurements, the reference, the errors and the task are of the instant in hand; tau_cmd, u, tau, nu_dot,
+    f_contact_W and the running signals are of the step before it.
     """
 
     def __init__(self, memories: Mapping[str, np.ndarray]) -> None:

@@ -104,9 +104,9 @@ class PushWallVec(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in all environments, or in those of ``options["reset_mask"]``, (n,) truth values. The other
-        options are dotted keys of the scenario with values for these episodes. Environment i has the seed ``seed + i``,
-        or seed i of a list."""
+        """Begin an episode in all environments, or where ``options["reset_mask"]``, (n,) truth values, says so. The
+        other options are dotted keys of the scenario with values for these episodes. Environment i has the seed ``seed
+        + i``, or seed i of a list."""
         given = dict(options or {})
         mask = _mask(given.pop("reset_mask", None), self.num_envs)
         single = seed is None or isinstance(seed, int | np.integer)

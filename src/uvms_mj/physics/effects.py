@@ -41,7 +41,7 @@ stall angle without a jump:
     C_D = \begin{cases} C_{D0} + k\, C_L^2 & |\alpha| \le \alpha_s \\
         C_s + (C_{90} - C_s) \dfrac{\sin^2\alpha - \sin^2\alpha_s}{\cos^2\alpha_s} & \text{beyond} \end{cases}
 
-A plate has no front: the coefficients are those of :math:`\alpha` up to half a turn. The lift does no work, and the
+A plate has no front: the coefficients repeat after half a turn of :math:`\alpha`. The lift does no work, and the
 drag takes energy out at every angle.
 
 A fin may be moved by an actuator. Its deflection :math:`\delta`, beyond the fixed one, is a state of the effect. It

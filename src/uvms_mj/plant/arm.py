@@ -155,7 +155,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The links of a vehicle, each behind the one that carries it, as MuJoCo orders its joints, and the sites of the
+    """The links of a vehicle, each behind the link that carries it, as MuJoCo orders its joints, and the sites of the
     whole vehicle by name. A rigid vehicle has no links."""
 
     links: tuple[Link, ...] = ()

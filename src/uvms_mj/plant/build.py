@@ -16,7 +16,7 @@ same instant.
 
 The probe is centred on the origin of the frame of the task, so that the wall's normal force gives no moment there. In
 B, its radius is the vehicle's reach forward; at a site, it is the size of the site. Contact begins when the origin is
-at x_c, and in pictures the front of the vehicle or of the tool is then at the wall's face. At a site, w is that of the
+at x_c, and in pictures the front of the vehicle or of the tool is then at the wall's face. At a site, w belongs to the
 link that carries it.
 """
 

@@ -114,8 +114,8 @@ class ContactAtRest:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """The walls with their keys, ``[wall]`` first, the pairs, and the frames that contact bodies are fixed to, that of
-    the probe first. A pair that the engine solves is the first."""
+    """The walls with their keys, ``[wall]`` first, the pairs, and the frames that contact bodies are fixed to, the
+    frame of the probe first. A pair that the engine solves is the first."""
 
     walls: tuple[tuple[str, Surface], ...]
     pairs: tuple[Pair, ...]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 MATRICES = ("M_RB", "M_A", "D_linear", "D_quadratic")
 REMARKS = ("description", "source", "licence", "trust")
-"""``<text>`` entries of a vehicle's file that say what it is and where its numbers come from."""
+"""``<text>`` entries of a vehicle's file with its description and the sources of its numbers."""
 
 
 def described(mjcf: "Mjcf") -> dict[str, Any]:

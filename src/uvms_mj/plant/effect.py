@@ -1,7 +1,7 @@
 r"""Effects of the water of a user's own, each a stage: a force on the true vehicle that no law sees.
 
 An effect is a frozen dataclass of settings that derives from :class:`Effect`. Its static method ``wrench`` sets the
-wrench tau (6,) about B's origin in B from what it is given: the time, the pose, the velocity, the velocity relative to
+wrench tau (6,) about B's origin in B from its arguments: the time, the pose, the velocity, the velocity relative to
 the water, the current and the thrusts::
 
     @dataclass(frozen=True)

@@ -9,11 +9,12 @@ The spectra have the significant height :math:`H_s = 4 \sqrt{m_0}` and the peak 
         e^{-\frac54 (\omega/\omega_p)^{-4}}\, \gamma^{\exp(-\frac12 (\frac{\omega - \omega_p}{\sigma \omega_p})^2)},
     \qquad A_\gamma = 1 - 0.287 \ln \gamma,
 
-with :math:`\sigma` = 0.07 below the peak and 0.09 above. With :math:`\gamma = 1` it is that of Pierson and Moskowitz.
+with :math:`\sigma` = 0.07 below the peak and 0.09 above. With :math:`\gamma = 1` it is the spectrum of Pierson and
+Moskowitz.
 
 Between :math:`\omega_p/2` and :math:`4 \omega_p` there are bins of equal width. Each has one component, whose frequency
 is drawn in it, so that the sum does not repeat, and whose amplitude has the energy of its bin. Phases are uniform.
-Directions are those of the density :math:`\cos^n` about the mean one.
+Directions have the density :math:`\cos^n` about the mean one.
 """
 
 import functools
@@ -173,7 +174,7 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
     if sea.spectrum != "jonswap" and (idle := [key for key in many_only if getattr(sea, key) != getattr(Sea(), key)]):
         yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
     if sensors:
-        yield f"the depth of {sensors} has no pressure of the waves in it: it is that of still water"
+        yield f"the depth of {sensors} has no pressure of the waves in it, as in still water"
 
 
 def wave_number(omega: float, gravity: float, depth: float | None) -> float:

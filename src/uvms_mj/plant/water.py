@@ -229,8 +229,8 @@ def _series_faults(series: Current | Disturbance, h: float) -> Iterator[Fault]:
 
 @dataclass(frozen=True, config=STRICT)
 class Tether(EffectTable):
-    """A cable whose drag acts on the vehicle. The diameter is that of Blue Robotics' Fathom tether, the drag
-    coefficient that of a smooth cylinder across the flow (Hoerner, 1965): assumptions for any other cable."""
+    """A cable whose drag acts on the vehicle. It has the diameter of Blue Robotics' Fathom tether and the drag
+    coefficient of a smooth cylinder across the flow (Hoerner, 1965): assumptions for any other cable."""
 
     length: Annotated[Number, within(0.0, 1e5, "m")] = doc("length whose drag the vehicle bears; 0: no tether [m]", 0.0)
     diameter: Annotated[Number, within(1e-4, 1.0, "m")] = doc("diameter of the tether [m]", 7.6e-3)

@@ -19,17 +19,14 @@ it is compared with::
 A signal has the name, the components and the frame of the run's own one; ``push`` is the pushing force. Its numbers are
 interpolated at equal times. An empty cell is a missing sample. Rows in which a signal has a gap are left out.
 
-The clock of the log is ``offset`` behind that of the run: t_run = t_log + offset. A shared signal gives the offset of
-the greatest correlation of the samples that both have, refined by a parabola.
+The clock of the log is ``offset`` behind the clock of the run: t_run = t_log + offset. A shared signal gives the offset
+of the greatest correlation of the samples that both have, refined by a parabola.
 """
 
-import csv
 import dataclasses
-import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +37,11 @@ from ..errors import InputError, suggestion
 from ..files import tables_of
 from ..physics.frames import quat_from_euler_deg
 from ..stages.signals import FINAL_WINDOW_S, RUNNING, Signal, pulse_signal
+from .clocks import LEAST, aligned, in_gap
+from .columns import Series, columns_of
 from .header import MEASURED, Header, Outcome, Status
 from .mcap import read
 
-_GAP = 2.5
-"""Times the median distance of two samples from which there is a gap between them."""
-_LEAST = 0.5
-"""Least correlation of a shared signal with which clocks are aligned, and least share of the shorter record that both
-must have."""
 _TOUCH = 0.5
 """Push from which a measured one counts as a touch [N], by default."""
 _UNITS: Mapping[str, Mapping[str, float]] = {
@@ -64,160 +58,12 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 _PUSH = Signal("push", (), "N", "-", "pushing force of the vehicle on the wall")
 _REFERENCE = ("p_d", "quat_d")
 """Signals that the log takes from the run: what was demanded of both."""
-Series = tuple[np.ndarray, np.ndarray]
-"""Times and values of a column, without missing samples."""
 
 
 def load(path: str | os.PathLike) -> tuple[Header, np.ndarray, Outcome]:
     """Header, rows (n, width) and outcome of the log that a table in TOML describes. Raises InputError, with file,
     column and row."""
     return _Log(Path(path)).trace()
-
-
-@dataclass
-class _Columns:
-    """The columns of a file by name: each a function that reads it."""
-
-    path: Path
-    names: Sequence[str]
-    of: Callable[[str], Series]
-
-    def __getitem__(self, name: str) -> Series:
-        if name not in self.names:
-            raise InputError(f"{self.path}: has no column {name!r}; {suggestion(name, self.names)}")
-        if (n := list(self.names).count(name)) > 1:
-            raise InputError(f"{self.path}: {n} columns are called {name!r}; rename them")
-        t, values = self.of(name)
-        if len(t) < 2:
-            raise InputError(f"{self.path}: column {name!r} has fewer than two samples")
-        return t, values
-
-
-def _columns(path: Path, time: str | None, scale: float) -> _Columns:
-    """The columns of a file. Without a time, the rows of a table are numbered instead."""
-    kind = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
-    if kind == ".mcap":
-        return _of_mcap(path)
-    if kind not in (".csv", ".parquet"):
-        raise InputError(f"{path}: the name of a log must end in .csv, .parquet or .mcap")
-    names, cells, first = _csv(path) if kind == ".csv" else _parquet(path)
-    if time is not None and time not in names:
-        raise InputError(f"{path}: has no column {time!r} of the time; {suggestion(time, names)}")
-    if time is not None and list(names).count(time) > 1:
-        raise InputError(f"{path}: {list(names).count(time)} columns are called {time!r}; rename them")
-    numbers: dict[str, np.ndarray] = {}
-
-    def column(name: str) -> np.ndarray:
-        if name not in numbers:
-            each = cells(name)
-            numbers[name] = np.array([_number(path, name, first + i, cell) for i, cell in enumerate(each)], float)
-        return numbers[name]
-
-    t = np.arange(len(cells(names[0])), dtype=float) if time is None else column(time) * scale
-    if (gone := np.flatnonzero(np.isnan(t))).size:
-        raise InputError(f"{path}: column {time!r}, row {first + gone[0]}: the time is missing")
-    if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
-        i = int(back[0]) + 1
-        raise InputError(
-            f"{path}: column {time!r}, row {first + i}: the time goes back or stands still, {t[i]:.9g} s after "
-            f"{t[i - 1]:.9g} s"
-        )
-
-    def of(name: str) -> Series:
-        values = column(name)
-        there = ~np.isnan(values)
-        return t[there], values[there]
-
-    return _Columns(path, names, of)
-
-
-def _number(path: Path, name: str, row: int, cell: Any) -> float:
-    """The number in a cell; NaN for a missing sample. A NaN that is written there is an error."""
-    if cell is None or (isinstance(cell, str) and not cell.strip()):
-        return math.nan
-    try:
-        value = float(cell if "_" not in str(cell) else "")  # Python reads 1_0 as ten
-    except (TypeError, ValueError):
-        raise InputError(f"{path}: column {name!r}, row {row}: {str(cell)[:40]!r} is not a number") from None
-    if not math.isfinite(value):
-        raise InputError(f"{path}: column {name!r}, row {row}: {value:g} is not finite; leave a missing sample empty")
-    return value
-
-
-def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], int]:
-    """Names of columns, a function for the cells of one, and the number of the first row in the file, from 1."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            table = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: can't read it as CSV: {error}") from None
-    if len(table) < 3:
-        raise InputError(f"{path}: has fewer than two rows below its names of columns")
-    names, body = [name.strip() for name in table[0]], table[1:]
-    if len(names) == 1 and (other := next((each for each in ";\t|" if each in names[0]), "")):
-        raise InputError(f"{path}: its cells are separated by {other!r}; write it with commas, and points in numbers")
-    for i, row in enumerate(body):
-        if len(row) != len(names):
-            raise InputError(f"{path}: row {i + 2}: has {len(row)} cells, and the first row names {len(names)} columns")
-    return names, lambda name: [row[names.index(name)] for row in body], 2
-
-
-def _parquet(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], int]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: can't read it as Parquet: {error}") from None
-    return table.column_names, lambda name: table.column(name).to_pylist(), 1
-
-
-def _of_mcap(path: Path) -> _Columns:
-    """A log of this project by the components of its signals, ``p_WB.x``; another one by topic and field of its
-    messages in JSON, ``/load.force.x``, at their log time."""
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-
-    with open(path, "rb") as file:
-        try:
-            reader = make_reader(file)
-            if reader.get_header().library.startswith("uvms-mj") or reader.get_header().profile == "ros2":
-                header, rows, *_ = read(path)
-                arrays = {s.name: rows[:, header.places[s.name]].reshape(-1, *s.shape) for s in header.signals}
-                own = {column.name: column.values for column in header.columns(arrays)}
-                return _Columns(path, list(own), lambda name: (own["t"], own[name]))
-            found: dict[str, tuple[list[float], list[float]]] = {}
-            for _, channel, message in reader.iter_messages():
-                if channel.message_encoding != "json":
-                    encoding = f"the messages of {channel.topic} are in {channel.message_encoding or 'no encoding'}"
-                    raise InputError(f"{path}: {encoding}, and only JSON is read; export them as CSV or Parquet")
-                for name, value in _leaves(json.loads(message.data), channel.topic):
-                    t, values = found.setdefault(name, ([], []))
-                    t.append(1e-9 * message.log_time)
-                    values.append(_number(path, name, len(t), value))
-        except (McapError, ValueError, OSError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{path}: can't read it as MCAP: {error}") from None
-    for name, (t, _) in found.items():
-        if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
-            raise InputError(f"{path}: column {name!r}, row {back[0] + 2}: the time goes back or stands still")
-    return _Columns(path, list(found), lambda name: (np.array(found[name][0]), np.array(found[name][1])))
-
-
-def _leaves(value: Any, name: str) -> Iterator[tuple[str, float]]:
-    """The numbers in a message by dotted names."""
-    if isinstance(value, Mapping):
-        for key, each in value.items():
-            yield from _leaves(each, f"{name}.{key}")
-    elif isinstance(value, list):
-        for i, each in enumerate(value):
-            yield from _leaves(each, f"{name}.{i}")
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield name, value
 
 
 class LogTable:
@@ -231,16 +77,16 @@ class LogTable:
         signals: the signals that it may have by name.
     """
 
-    signals: Mapping[str, Signal]
-
-    def __init__(self, path: Path, table: Mapping[str, Any], file: Path, timed: bool = True) -> None:
+    def __init__(
+        self, path: Path, table: Mapping[str, Any], file: Path, signals: Mapping[str, Signal], timed: bool = True
+    ) -> None:
         """``timed``: whether the table may name a column of times; otherwise the rows are numbered. Raises InputError
         if the file or its column of times can't be read."""
-        self.path, self.table, self.file = path, table, file
+        self.path, self.table, self.file, self.signals = path, table, file, signals
         time = table.get("time", {"column": "t"})
         self._known("time", time, ("column", "unit"))
         scale = self._factor("time.unit", time.get("unit", "s"), "s")
-        self.columns = _columns(file, str(time.get("column", "t")) if timed else None, scale)
+        self.columns = columns_of(file, str(time.get("column", "t")) if timed else None, scale)
 
     def _known(self, name: str, table: Any, keys: Sequence[str]) -> None:
         if not isinstance(table, Mapping):
@@ -360,7 +206,11 @@ class _Log(LogTable):
         header, rows, *_ = read(path.parent / str(table["run"]))
         self.header = header
         self.run = {s.name: rows[:, header.places[s.name]].reshape(-1, *s.shape) for s in header.signals}
-        super().__init__(path, table, path.parent / str(table["log"]))
+        n = header.by_name["u"].size
+        signals = {"push": _PUSH, "pwm": pulse_signal(n)} | {
+            name: s for name, s in header.by_name.items() if s.kind == "f8" and s not in RUNNING and name != "t"
+        }
+        super().__init__(path, table, path.parent / str(table["log"]), signals)
 
     def trace(self) -> tuple[Header, np.ndarray, Outcome]:
         series = {name: self.series(name) for name in self.table["signals"]}
@@ -382,7 +232,7 @@ class _Log(LogTable):
             for t, each in parts:
                 at = grid - offset
                 values.append(np.interp(at, t, each) if len(t) else np.full(len(grid), np.nan))
-                missing = _in_gap(t, at)
+                missing = in_gap(t, at)
                 if missing.any():
                     gaps[name] = float(missing.sum() * steps * h)
                     there &= ~missing
@@ -392,14 +242,6 @@ class _Log(LogTable):
         arrays = {name: values[there] for name, values in arrays.items()}
         header, rows = self._filled(grid[there], arrays, steps, self._notes(said, offset, series, gaps, there, arrays))
         return header, rows, Outcome(Status.completed, "", round(float(grid[there][-1]) / h), 0.0)
-
-    @property
-    def signals(self) -> dict[str, Signal]:
-        """The signals that a log may have by name: those of the run, ``push`` and the pulse widths."""
-        n = self.header.by_name["u"].size
-        return {"push": _PUSH, "pwm": pulse_signal(n)} | {
-            name: s for name, s in self.header.by_name.items() if s.kind == "f8" and s not in RUNNING and name != "t"
-        }
 
     def _offset(self, series: Mapping[str, list[Series]]) -> tuple[float, str]:
         """The offset of the clocks [s], and how it was found."""
@@ -440,7 +282,7 @@ class _Log(LogTable):
                 f"{self.path}: clock.signal: {clock['signal']} does not move, or too few samples of it are in a stretch"
                 " as long as half of the shorter record; is time.unit right? Else give events or offset"
             )
-        if not correlation >= _LEAST:
+        if not correlation >= LEAST:
             raise InputError(
                 f"{self.path}: clock.signal: {clock['signal']} of the log and of the run do not agree, their greatest "
                 f"correlation is {correlation:.2f}; choose another signal, or give events"
@@ -477,9 +319,7 @@ class _Log(LogTable):
         ]
         if empty:
             notes.append(f"missing components: {', '.join(empty)}")
-        notes.append(
-            f"measured signals: {', '.join(arrays)}; the reference is that of the run, and nothing else is known"
-        )
+        notes.append(f"measured signals: {', '.join(arrays)}; the reference is the run's, and nothing else is known")
         return tuple(notes)
 
     def _filled(
@@ -515,16 +355,6 @@ def _seconds(offset: float) -> str:
     return f"{round(float(offset), 4):.15g}"
 
 
-def _in_gap(t: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Whether times lie between two samples that are further apart than :data:`_GAP` of them usually are."""
-    if len(t) < 2:
-        return np.zeros(len(at), bool)
-    apart = np.diff(t)
-    k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(apart) - 1)
-    on = (np.abs(at - t[k]) < 1e-9) | (np.abs(at - t[k + 1]) < 1e-9)
-    return (apart[k] > _GAP * np.median(apart)) & ~on
-
-
 def running(t: np.ndarray, push: np.ndarray, above: float) -> dict[str, np.ndarray]:
     """The running signals (n, 1) of a push (n,) [N] at times (n,) [s]; it touches above a push [N]."""
     touching = push > above
@@ -542,45 +372,3 @@ def running(t: np.ndarray, push: np.ndarray, above: float) -> dict[str, np.ndarr
         "final_high": np.full(len(t), push[late].max()),
     }
     return {name: values[:, None] for name, values in found.items()}
-
-
-def aligned(ours: Series, theirs: Series) -> tuple[float, float]:
-    """The offset [s] that is added to our times, with the greatest correlation of two records, and this correlation.
-
-    Both are sampled at the smaller of their usual distances; samples in gaps do not count. At least half of the shorter
-    record must be in both, and eight samples of each. NaN if no offset has a correlation.
-    """
-    dt, coarse = sorted(float(np.median(np.diff(t))) for t, _ in (ours, theirs))
-    if min(t[-1] - t[0] for t, _ in (ours, theirs)) < 7.0 * coarse:
-        return 0.0, math.nan
-    (x, m), (y, w) = (_sampled(t, v, dt) for t, v in (ours, theirs))
-    size = 1 << (len(x) + len(y) - 1).bit_length()
-    X, M, Y, W, XX, YY = (np.fft.rfft(each, size) for each in (x, m, y, w, x * x, y * y))
-
-    def crossed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.fft.irfft(np.conj(a) * b, size)
-
-    n = np.maximum(crossed(M, W), 0.0)
-    enough = n >= max(_LEAST * min(m.sum(), w.sum()), 8.0 * coarse / dt)
-    n = np.where(enough, n, 1.0)
-    sum_x, sum_y = crossed(X, W), crossed(M, Y)
-    variance = np.maximum((crossed(XX, W) - sum_x**2 / n) * (crossed(M, YY) - sum_y**2 / n), 0.0)
-    scale = np.sqrt(variance)
-    whole = np.sqrt((x * x).sum() * (y * y).sum())
-    usable = enough & (scale > 1e-6 * whole)
-    r = np.where(usable, (crossed(X, Y) - sum_x * sum_y / n) / np.where(usable, scale, 1.0), -np.inf)
-    k = int(np.argmax(r))
-    if not np.isfinite(r[k]):
-        return 0.0, math.nan
-    before, at, after = r[k - 1], r[k], r[(k + 1) % size]
-    bend = before - 2.0 * at + after
-    fine = 0.5 * (before - after) / bend if np.isfinite(bend) and bend < 0.0 else 0.0
-    lag = (k if k < len(y) else k - size) + fine
-    return float(theirs[0][0] - ours[0][0] + lag * dt), float(min(r[k], 1.0))
-
-
-def _sampled(t: np.ndarray, values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """A record at equal times from its first one on, about its mean, and 1 where it is known; 0 in gaps."""
-    at = t[0] + dt * np.arange(int((t[-1] - t[0]) / dt + 1e-9) + 1)
-    known = np.where(_in_gap(t, at), 0.0, 1.0)
-    return (np.interp(at, t, values) - values.mean()) * known, known

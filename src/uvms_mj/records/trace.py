@@ -74,7 +74,7 @@ class Trace:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "Trace":
-        """Load the trace of a log, ``run.mcap``, or that of a real vehicle, by a table in TOML
+        """Load the trace of a log, ``run.mcap``, or of a real vehicle's log, by a table in TOML
         (:mod:`uvms_mj.records.measured`).
 
         A log that was cut off gives the rows that it has. The status is then ``truncated``, and the message names the

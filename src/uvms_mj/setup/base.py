@@ -192,7 +192,7 @@ class Setup:
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Build the plant of a scenario and compute its design. The arguments are those of
+    """Build the plant of a scenario and compute its design. The arguments are as for
     :func:`uvms_mj.plant.build.build`. Raises InputError as it does, or if the desired impedance is not physical."""
     plant, contacts, inertias = build(scenario, mjcf)
     return Setup(scenario, plant, Design.of(scenario, *inertias), contacts)

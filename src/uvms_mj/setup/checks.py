@@ -18,11 +18,11 @@ import numpy as np
 from ..control.base import delay_faults
 from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
-from ..control.theory.approach import Track
 from ..control.theory.free_motion import FreeMotion
 from ..control.theory.own_effects import OwnEffects, longest_step, shipped_slopes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
+from ..control.theory.task_motion import Track
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
@@ -242,7 +242,7 @@ _MOST_EFFECTS = 8
 
 
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario and its stages, and build its plant and its design. The arguments are those of
+    """Check a scenario and its stages, and build its plant and its design. The arguments are as for
     :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)

@@ -5,7 +5,7 @@ c_k = n^T a_k, has the pulse width p_k at which its true curve gives u_k. One st
 
 .. math:: \Delta F = q \sum_k |c_k| f'(p_k),
 
-with the slope of the curve's piece in which p_k is. The smallest push that can be held is that of the first step
+with the slope of the curve's piece in which p_k is. The smallest push that can be held belongs to the first step
 beyond the dead band, of every thruster that takes part.
 """
 

@@ -1,7 +1,7 @@
 """The contract of a stage: settings, states, one function.
 
 A stage is a frozen dataclass of settings that derives from the base class of its room: ``Guidance``, ``Navigation``,
-``Controller`` or ``Actuation``. Its static method sets ``out`` from what it is given::
+``Controller`` or ``Actuation``. Its static method sets ``out`` from its arguments::
 
     @dataclass(frozen=True)
     class Circle(Guidance):

@@ -287,7 +287,7 @@ class OfUnit:
 
     def _wrong_unit(self: Any, variable: Any, unit: str) -> str:
         """What is wrong with the unit that a variable declares for an entry in ``unit``, as a predicate; empty if it is
-        that of SI, or none is declared."""
+        the SI unit, or none is declared."""
         name = _declared(variable, "unit")
         if name in (None, "", "1", "-"):
             return ""

@@ -2,7 +2,7 @@
 
 A file ``my_law.c`` has the stage's function and ``my_law.toml`` its description; of a library, ``libmy_law.so:NAME``,
 ``NAME.toml`` beside it is the description. ``uvms_stage.h`` has the records of the stage as C structs: settings,
-states, what it is given, and its output. The engine loads the machine code.
+states, its inputs, and its output. The engine loads the machine code.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ BASES: dict[str, type[Stage]] = {}
 
 
 def parted(source: Any) -> tuple[str, str]:
-    """File and name of a user's stage, ``path/to/file.py:ClassName`` or ``path/to/file.c``, whose name is that of the
+    """File and name of a user's stage, ``path/to/file.py:ClassName`` or ``path/to/file.c``, which has the name of the
     file; two empty texts for a text of another kind."""
     if not isinstance(source, str):
         return "", ""

@@ -130,7 +130,7 @@ class Choice(Generic[_Stage]):
         settings if it has no name. Otherwise it has those that every stage of
         the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
         sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
-        is that of :meth:`load`."""
+        is as for :meth:`load`."""
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:
@@ -228,8 +228,8 @@ def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str
 
 
 def stages_in(file: str, key: str, name: str = "", namespace: Namespace | None = None) -> dict[str, type[Stage]]:
-    """The classes of stages in a user's file, by name; of a library, that of the function ``name``. Raises InputError
-    with this key if it can't be loaded."""
+    """The classes of stages in a user's file, by name; of a library, the class of the function ``name``. Raises
+    InputError with this key if it can't be loaded."""
     path = Path(file)
     try:
         is_there, reason = path.is_file(), "" if path.is_absolute() else f" (looked in {Path.cwd()})"

@@ -134,7 +134,7 @@ class Namespace:
         return spec
 
     def _finder(self, folder: str) -> importlib.machinery.FileFinder:
-        machinery: Any = importlib.machinery  # which calls what it is given, a class or not
+        machinery: Any = importlib.machinery  # which calls its argument, a class or not
         return machinery.FileFinder(
             folder,
             (partial(_Extension, self), machinery.EXTENSION_SUFFIXES),

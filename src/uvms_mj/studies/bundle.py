@@ -178,7 +178,7 @@ def _roots(path: Path) -> list[Path]:
 
 
 def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
-    """Names of the files that a text of a study's table needs and that are not those of ``then``, the digests by name
+    """Names of the files that a text of a study's table needs and that are not in ``then``, the digests by name
     of version.json. Nothing is imported."""
     now: dict[str, bytes] = {}
     file, _ = parted(value)

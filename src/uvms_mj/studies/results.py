@@ -135,7 +135,7 @@ class StudyFolder:
 
 def begin(path: Path, tables: Mapping[str, Any], about: Mapping[str, Any]) -> None:
     """Write the file of a study or of a tuning, and version.json before it: a folder that has the file was begun. The
-    arguments are those of :func:`refuse_another`, which comes first."""
+    arguments are as for :func:`refuse_another`, which comes first."""
     for each, text in ((path.with_name(VERSION), json.dumps(about, indent=1)), (path, tomli_w.dumps(tables))):
         data = text.encode()
         if not each.exists() or each.read_bytes() != data:
@@ -185,9 +185,9 @@ def version_of(folder: Path) -> dict[str, Any]:
         raise InputError(f"{folder}: has results that can't be read: {error}") from None
     tables = [found.get(name) for name in ("code", "files", "units")] if isinstance(found, dict) else [None]
     if not all(isinstance(each, dict) and all(isinstance(x, str) for x in each.values()) for each in tables):
-        raise InputError(f"{folder / VERSION}: is not that of a study: it has no tables code, files and units of texts")
+        raise InputError(f"{folder / VERSION}: is of no study: it has no tables code, files and units of texts")
     if not isinstance(found.get("study"), str):
-        raise InputError(f"{folder / VERSION}: is not that of a study: it has no digest, study")
+        raise InputError(f"{folder / VERSION}: is of no study: it has no digest, study")
     return dict(found)
 
 

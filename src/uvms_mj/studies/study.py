@@ -71,7 +71,7 @@ class Study:
     @classmethod
     def from_dict(cls, tables: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> "Study":
         """Make a study from nested tables, as a study file has them. An entry of ``laws`` may also be a controller, or
-        its class, such as one of a notebook's cell. Errors are those of :meth:`load`."""
+        its class, such as one of a notebook's cell. It raises the errors of :meth:`load`."""
         return cls(Plan.from_dict(tables, None, overrides))
 
     @property

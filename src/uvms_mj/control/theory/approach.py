@@ -1,7 +1,7 @@
 r"""The way to a rest: from the start, through free water, into contact.
 
 A static balance may have several roots: on both sides of a pile, behind a wall, on top of a sphere. The vehicle rests
-at the one that its motion reaches. With the coordinates y from the latest pose, this motion is
+at the root that its motion reaches. With the coordinates y from the latest pose, this motion is
 
 .. math:: I (\ddot y - \ddot y_d) + C (\dot y - \dot y_d) = F(y),
 
@@ -9,43 +9,32 @@ with the force F, which is zero at rest, and the path y_d of the reference. It i
 steps grow as the motion ends (pseudo-transient continuation: Kelley and Keyes, SIAM J. Numerical Analysis 35, 1998), so
 that an impact is plastic and a rest is a root of F. Newton's method then takes the root to rounding. It counts if
 :math:`(I + C) \dot y = \partial F / \partial y \; y` does not grow.
-
-The motion of the frame of the task under a law, as :func:`approach` follows it to a rest: the desired impedance,
-eq. (7), with the residual of the law's balance in place of its stiffness.
 """
 
-import bisect
-import functools
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
 
-from ...physics.frames import quat_error, quat_turned, rotation_matrix
-from ...stages.setup import SetupLike
-from ..task import Schedule
-from .terms import Balance, Memory, Pose, ThrustMap
-
-_STEPS = 2000
-_FIRST, _SHORTEST, LAST = 0.02, 1e-7, 1e3
+MOST_STEPS = 2000
+"""Most steps of a motion."""
+FIRST_STEP, SHORTEST_STEP, LAST_STEP = 0.02, 1e-7, 1e3
 """The first step, the shortest one, and the one after which Newton's method takes over [s]."""
-_LONGEST = 0.25
+LONGEST_STEP = 0.25
 """The longest step while the reference moves [s]."""
-_ITERATIONS, _ROUGH = 8, 1e-3
+MOST_ITERATIONS, ROUGH = 8, 1e-3
 """Most iterations of Newton's method in a step, and the change in one, relative to the whole, that ends them."""
-_AT_REST = 1e-8
+FORCE_AT_REST = 1e-8
 """Largest force at rest [N, N m]."""
-_HALVES = 12
+MOST_HALVES = 12
 """Number of times that a step of Newton's method is halved where the set of contacts changes."""
 _FASTEST = 1e4
-"""Rates above this are those of walls and of algebraic rows [1/s]."""
-_GROWS = 1e-3
+"""Walls and algebraic rows have rates above this [1/s]."""
+GROWS = 1e-3
 """A slower growth is not seen in a run of minutes [1/s]."""
+LOST = "the motion from the start can't be followed"
+ENDLESS = "the motion from the start comes to no rest"
+NO_ROOT = "the static balance has no solution where the motion ends"
 UNSTABLE = "the balance that the motion comes to is unstable"
-_CIRCLES = "a thruster is next to its limit, and motions that take it across the limit do not decay"
 
 
 class Motion(Protocol):
@@ -82,10 +71,10 @@ class Motion(Protocol):
         """Called after each step. Returns the reason why the motion can't go on, or an empty text."""
 
     def lead(self, y: Any, t: float, step: float, /) -> np.ndarray:
-        """Set the reference to that of t + step. Returns its change (n,) since t in the coordinates from y."""
+        """Set the reference to its pose at t + step. Returns its change (n,) since t in the coordinates from y."""
 
 
-def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, steps: int = _STEPS) -> Any:
+def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = FIRST_STEP, steps: int = MOST_STEPS) -> Any:
     """The rest that the motion from y with a velocity (n,) relative to the reference reaches, or the reason why there
     is none. A first step beyond all times of the motion looks for the nearest root instead."""
     t, shortened = 0.0, False
@@ -94,20 +83,20 @@ def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, ste
         change = _implicit(of, y, velocity, lead, step)
         if change is None:
             step, shortened = step / 4.0, True
-            if step < _SHORTEST:
-                return "the motion from the start can't be followed"
+            if step < SHORTEST_STEP:
+                return LOST
             continue
         y, velocity, t = of.moved(y, change), (change - lead) / step, t + step
         if reason := of.passed(t, y):
             return reason
-        if t >= of.ends and step > LAST:
+        if t >= of.ends and step > LAST_STEP:
             return polished(of, y)
         most = 1.0 if shortened else 10.0 if t >= of.ends else 2.0
         step *= min(most, max(1.0, 0.5 / max(np.max(np.abs(change) / of.largest), 1e-9)))
         shortened = False
         if t < of.ends:
-            step = min(step, _LONGEST)
-    return "the motion from the start comes to no rest"
+            step = min(step, LONGEST_STEP)
+    return ENDLESS
 
 
 def _implicit(of: Motion, y: Any, velocity: np.ndarray, lead: np.ndarray, step: float) -> np.ndarray | None:
@@ -120,17 +109,17 @@ def _implicit(of: Motion, y: Any, velocity: np.ndarray, lead: np.ndarray, step: 
         return left
 
     left = missing(change, at)
-    for _ in range(_ITERATIONS):
+    for _ in range(MOST_ITERATIONS):
         try:
             less = np.linalg.solve(both - of.jacobian(at), left)
         except np.linalg.LinAlgError:
             return None
         size = np.abs(left).max()
-        for k in range(_HALVES):
+        for k in range(MOST_HALVES):
             moved = change - 0.5**k * less
             if not np.all(np.abs(moved) <= of.largest):
                 return None
-            if np.abs(less).max() <= max(of.sharp, _ROUGH * np.abs(moved).max()):
+            if np.abs(less).max() <= max(of.sharp, ROUGH * np.abs(moved).max()):
                 return moved
             at = of.moved(y, moved)
             left = missing(moved, at)
@@ -149,16 +138,16 @@ def polished(of: Motion, y: Any) -> Any:
         change = -np.linalg.lstsq(of.jacobian(y), force, rcond=None)[0]
         change *= min(1.0, 1.0 / max(np.max(np.abs(change) / of.largest), 1e-300))
         size = np.abs(force).max()
-        for k in range(_HALVES):
+        for k in range(MOST_HALVES):
             moved = of.moved(y, 0.5**k * change)
             force = of(moved)
             if np.abs(force).max() < size:
                 break
         y = moved
-        if np.abs(change).max() < 1e-14 or (size < _AT_REST and np.abs(force).max() > 0.5 * size):
+        if np.abs(change).max() < 1e-14 or (size < FORCE_AT_REST and np.abs(force).max() > 0.5 * size):
             break
-    if not np.abs(force).max() < _AT_REST:
-        return "the static balance has no solution where the motion ends"
+    if not np.abs(force).max() < FORCE_AT_REST:
+        return NO_ROOT
     return of.leaves(y) or y
 
 
@@ -166,395 +155,4 @@ def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
     """Whether inertia y' = J y does not grow, which is algebraic in the rows without inertia."""
     inverses = np.linalg.eigvals(np.linalg.solve(J - inertia, inertia))  # of the rates minus one
     rates = 1.0 + 1.0 / inverses[np.abs(inverses) > 1.0 / _FASTEST]
-    return bool(rates.real.max(initial=-np.inf) < _GROWS)
-
-
-def _comes_back(
-    rates: np.ndarray, pushes: np.ndarray, shares: np.ndarray, u: np.ndarray, least: np.ndarray, most: np.ndarray
-) -> bool:
-    """Whether motions x (12,) that begin beside a rest decay where thrusters (n,) reach their limits or leave them:
-
-    x' = rates x + pushes (clip(u + shares x) - clip(u) - the part of shares x that answers at rest).
-
-    A rest may be stable and motions across the limit of a thruster circle it all the same."""
-    from scipy.linalg import expm
-
-    answers = ((least <= u) & (u <= most))[:, None]
-    far = np.minimum(np.abs(u - least), np.abs(most - u)) > _BESIDE * np.abs(shares[:, :6]).max(axis=1)
-    if far.all():
-        return True
-    fastest = np.abs(np.linalg.eigvals(np.eye(12, k=6) + pushes @ shares)).max()  # motion that the thrusters give
-    n, h = len(u), 0.2 / max(fastest, 0.2 / _INSTANT)
-    both = expm(h * np.vstack([np.hstack([rates, pushes]), np.zeros((n, 12 + n))]))  # with a constant push for a step
-    step, push = both[:12, :12], both[:12, 12:]
-    u, least, most = (each[:, None] for each in (u, least, most))
-    x, at_rest = _BESIDE * np.hstack([np.eye(12, 6), -np.eye(12, 6)]), np.clip(u, least, most)
-    for _ in range(round(_LASTS / _CHECKED)):
-        for _ in range(round(_CHECKED / h)):
-            changes = shares @ x
-            x = step @ x + push @ (np.clip(u + changes, least, most) - at_rest - answers * changes)
-        if np.abs(x[:6]).max() < _DECAYED * _BESIDE:
-            return True
-    return False
-
-
-_SMALL = 1e-6
-"""Change of a coordinate for a derivative [m, rad]."""
-_STILL = 1e-4
-"""A reference that is nearer to its end is at its end [m, rad]."""
-_WRONG, _ROUNDING = 0.02, 1e-6
-"""Error of a predicted change of the force, relative to this change and absolute [N, N m], after which the law's
-derivatives are computed again."""
-_NEAR = 1e-3
-"""A frame that is nearer to its end may go there in one step [m, rad]."""
-_TURNED = 2.0
-"""Rotation vector of a reference beside its way over its displacement [rad/m]."""
-_WINDS_UP, _KEEPS = 100.0, 2.0
-"""Longest step of a law's states with thrusters at their limits, and that at the rest [s]: what does not wind up has
-come to its rest by then, and a long step would amplify rounding."""
-_DRIFT = 1e-6
-"""Largest change of the force in this step, relative to the contact wrench, or to 1 N and 1 N m."""
-_SAMPLES = 0.05
-"""Time between two samples of the reference [s]."""
-_MOST_SAMPLES = 1200
-_BESIDE, _DECAYED = 0.01, 0.01
-"""Displacements [m, rad] from which the motions about a rest begin that take thrusters across their limits, and the
-part of them that is left of motions that decay [1]."""
-_LASTS, _INSTANT, _CHECKED = 100.0, 0.01, 10.0
-"""Longest time of these motions, their longest step, and the time after which they are looked at [s]."""
-_REACH, _ANY = 0.05, 0.5
-"""Largest step of the motion, and in a convex room [m, rad]."""
-
-
-Way = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""The way of a reference: times (n,) [s], positions (n, 3) [m] and attitudes (n, 4)."""
-
-
-def way_of(setup: SetupLike) -> Way | str:
-    """The way of the reference of a run, or the reason why it is not known."""
-    duration = setup.scenario.simulation.duration
-    times = np.linspace(0.0, duration, 1 + min(_MOST_SAMPLES, math.ceil(duration / _SAMPLES)))
-    found = setup.scenario.reference.way(setup, times)
-    return found if isinstance(found, str) else (times, *found)
-
-
-@dataclass
-class Track:
-    """Poses of a motion at increasing times [s]."""
-
-    times: list[float] = field(default_factory=list)
-    poses: list[Pose] = field(default_factory=list)
-
-    @property
-    def end(self) -> Pose:
-        """The last pose."""
-        return self.poses[-1]
-
-    @property
-    def ends(self) -> float:
-        """When the motion is near its end [s]."""
-        away = [
-            t for t, pose in zip(self.times, self.poses, strict=True) if np.abs(between(pose, self.end)).max() > _NEAR
-        ]
-        return away[-1] if away else 0.0
-
-    def at(self, t: float) -> Pose:
-        """The pose at a time, without its contacts between two of them."""
-        k = bisect.bisect_right(self.times, t)
-        if not 0 < k < len(self.times):
-            return self.poses[min(k, len(self.times) - 1)]
-        a, b = self.poses[k - 1 : k + 1]
-        part = (t - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
-        quat = quat_turned(a.quat, part * between(a, b)[3:])
-        return Pose(a.position + part * (b.position - a.position), quat, rotation_matrix(quat), np.zeros(6))
-
-
-class TaskMotion:
-    """The motion of a frame of mass M_d and damping D_d; a :class:`.approach.Motion` of poses.
-
-    Args:
-        balance: the terms of the static balance.
-        residual: of the law, from the balance and a pose (6,) [N, N m].
-        memory: the law's states in the residual.
-        thrust_map: of a rigid vehicle, with the limits of its thrusters.
-        wrench: the net wrench (6, 6) that a residual of one takes from the vehicle, if its law has no other
-            memory. Default: M M_d^-1, which a law that keeps eq. (7) has.
-    """
-
-    def __init__(
-        self,
-        balance: Balance,
-        residual: Callable[[Balance, Pose], np.ndarray],
-        memory: Memory | None = None,
-        thrust_map: ThrustMap | None = None,
-        wrench: np.ndarray | None = None,
-    ) -> None:
-        self.balance, self.residual, self.memory, self.thrust_map = balance, residual, memory, thrust_map
-        design = balance.setup.design
-        self.wrench = design.M @ design.M_d_inv if wrench is None else wrench
-        self.inertia, self.damping = design.M_d, design.D_d
-        self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
-        self.sharp, self.ends = 1e-7, 0.0
-        self._end = balance.p_d, balance.quat_d
-        self._law: tuple[Pose, np.ndarray, np.ndarray] | None = None
-        self._way: Way | None = None
-        self._schedule: SimpleNamespace | None = None
-        self.begin()
-
-    def __call__(self, pose: Pose, /) -> np.ndarray:
-        force = self._free(pose)
-        return force + self._missing(pose, force, self._nu(pose)) if self.limits else force
-
-    def _free(self, pose: Pose) -> np.ndarray:
-        """The force of the law without limits; at the latest pose it is known."""
-        if pose is not self._latest[0]:
-            self._latest = pose, -self.residual(self.balance, pose)
-        return self._latest[1]
-
-    def _nu(self, pose: Pose) -> np.ndarray:
-        """nu (6,) of the step that ends at a pose, zero at rest."""
-        return between(self._from, pose) / self._step if self._step <= LAST else self._at_rest
-
-    def _missing(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """What the thrusters at their limits add to the force of a law at a pose with a velocity nu (6,)."""
-        assert self.thrust_map is not None
-        missing = self.thrust_map.missing(self._commanded(pose, force, nu))
-        return np.linalg.solve(self.wrench, missing) if missing.any() else missing
-
-    def _commanded(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """The wrench (6,) that a law with a force commands, as in the motion without limits."""
-        net = self.wrench @ (force - self.damping @ (nu - self._nu_d[1])) + self.balance.setup.design.M @ self._led
-        commanded: np.ndarray = self.balance.thrust(pose, nu) + net
-        return commanded
-
-    def answering(self, pose: Pose) -> np.ndarray:
-        """Which thrusters (n,) are not at their limits at a rest of a motion with limits."""
-        assert self.thrust_map is not None
-        u, least, most = self.thrust_map.thrusts(self._commanded(pose, self._free(pose), self._nu(pose)))
-        return (least <= u) & (u <= most)
-
-    def moved(self, pose: Pose, change: np.ndarray) -> Pose:
-        return self.balance.moved(pose, change)
-
-    def begin(self, beside: np.ndarray | None = None, led: bool = True, limits: bool = False) -> None:
-        """Begin a motion: with the reference beside its way (3,) [m, W] and turned, back on it at its end; without the
-        reference's velocity in the law; or with the limits of the thrusters."""
-        self.beside, self.led, self.limits = np.zeros(3) if beside is None else beside, led, limits
-        self.track, self._law, self.limited_s = Track(), None, 0.0
-        self._lacked: list[np.ndarray] = []
-        self._latest: Any = (None, None)
-        self._at_rest = np.zeros(6)
-        self._before: np.ndarray | None = None
-        self._by_water: np.ndarray | None = None
-        self._nu_d, self._led, self._step = (np.zeros(6), np.zeros(6)), np.zeros(6), math.inf
-        if self.memory is not None:
-            self.memory.begin()
-            self.memory.nu_e = lambda pose: self._nu(pose) - self._nu_d[1]
-
-    def rest_from(self, pose: Pose, velocity: np.ndarray, step: float = _FIRST, steps: int = _STEPS) -> Pose | str:
-        """The rest that the motion from a pose reaches, as :func:`approach` finds it."""
-        found: Pose | str = approach(self, pose, velocity, step, steps)
-        return found
-
-    def passed(self, t: float, pose: Pose) -> str:
-        if self.memory is not None:
-            self._latest = None, None
-            self(pose)
-            self.memory.advance()
-            self._latest = None, None
-        self.track.times.append(t)
-        self.track.poses.append(pose)
-        self._lacked.append(self(pose) - self._free(pose) if self.limits else np.zeros(6))
-        self.limited_s += bool(self._lacked[-1].any()) * self._step
-        self._nu_d = self._nu_d[1], self._nu_d[1]
-        return ""
-
-    @property
-    def saturates(self) -> bool:
-        """Whether the thrusters would come to their limits on the track."""
-        found = (self._thrust(k) for k in range(2, len(self.track.times)))
-        return self.thrust_map is not None and any(self.thrust_map.missing(tau).any() for tau in found)
-
-    def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it, with that of the
-        thrust that its thrusters at their limits lack."""
-        steps = range(1, len(self.track.times))
-        found = [self.balance.unmodelled_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
-        lacked = np.array(self._lacked[1:]) @ self.balance.M_d_inv.T
-        return np.array(self.track.times[1:]), np.array(found) + lacked
-
-    def _velocity(self, k: int) -> np.ndarray:
-        """nu (6,) in step k of the track."""
-        times, poses = self.track.times, self.track.poses
-        return between(poses[k - 1], poses[k]) / (times[k] - times[k - 1])
-
-    def _thrust(self, k: int) -> np.ndarray:
-        """tau (6,) of a rigid vehicle in step k of the track."""
-        nu_before, nu = self._velocity(k - 1), self._velocity(k)
-        acceleration: np.ndarray = (nu - nu_before) / (self.track.times[k] - self.track.times[k - 1])
-        return self.balance.thrust(self.track.poses[k], nu) + self.balance.setup.design.M @ acceleration
-
-    def leaves(self, pose: Pose) -> str:
-        """The reason why the motion does not stay at a root, also while the law's states keep their values; empty if it
-        does."""
-        stays = decays(self.jacobian(pose), self.inertia + self.damping)
-        if self.memory is not None:
-            self.memory.step, self._law, self._latest = 0.0, None, (None, None)
-            if self.limits and np.abs(self(pose)).max() > _DRIFT * max(1.0, np.abs(pose.tau_c).max()):
-                return UNSTABLE
-            stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
-        if not stays:
-            return UNSTABLE
-        return self._leaves_at_limits(pose) if self.limits else ""
-
-    def _leaves_at_limits(self, pose: Pose) -> str:
-        """The reason why a small motion about a root does not decay; empty if all do. The thrusters at their limits do
-        not answer, and the drag of the water takes the place of the law's damping."""
-        assert self.thrust_map is not None
-        self.jacobian(pose)
-        assert self._law is not None
-        force, stiffness, still = self._free(pose), self.stiffness(pose), np.zeros(6)
-        needed, by_nu, drag = self.balance.thrust(pose, still), np.empty((6, 6)), np.empty((6, 6))
-        for k, self._at_rest in enumerate(_SMALL * np.eye(6)):
-            by_nu[:, k] = (-self.residual(self.balance, pose) - force) / _SMALL
-            drag[:, k] = (self.balance.thrust(pose, self._at_rest) - needed) / _SMALL
-        self._at_rest = still
-        law = self.wrench @ np.hstack([self._law[1] + self._law[2] @ stiffness, by_nu - self.damping])
-        damped = np.hstack([np.zeros((6, 6)), self.wrench @ self._law[2] @ self.balance.contact_damping(pose)])
-        needs = np.hstack([self._water(pose, still, 0.0) - stiffness, drag])
-        M_inv, shares = np.linalg.inv(self.balance.setup.design.M), self.thrust_map.shares @ (needs + law)
-        u, least, most = self.thrust_map.thrusts(self._commanded(pose, force, still))
-        limited = (u < least) | (most < u)
-        rates = np.vstack([np.eye(6, 12, 6), M_inv @ (law - self.thrust_map.lost(limited) @ (needs + law) - damped)])
-        if np.linalg.eigvals(rates).real.max() >= -_GROWS:
-            return UNSTABLE
-        pushes = np.vstack([np.zeros((6, len(u))), M_inv @ self.balance.setup.vehicle.B])
-        return "" if _comes_back(rates, pushes, shares, u, least, most) else _CIRCLES
-
-    def jacobian(self, pose: Pose) -> np.ndarray:
-        """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed
-        again where they do not predict the force any more."""
-        force = self._free(pose)
-        if self._law is not None:
-            there, by_pose, by_wrench = self._law
-            if self._before is None:
-                self._before = -self.residual(self.balance, there)
-            predicted = by_pose @ between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
-            changed = force - self._before
-            if np.abs(changed - predicted).max() > _WRONG * np.abs(changed).max() + _ROUNDING:
-                self._law = None
-        if self._law is None:
-            self._law, self._before = (pose, *self._derivatives(pose, force)), force
-        stiffness = self.stiffness(pose)
-        J: np.ndarray = self._law[1] + self._law[2] @ stiffness
-        return self._at_limits(pose, force, J, stiffness) if self.limits else J
-
-    def _at_limits(self, pose: Pose, force: np.ndarray, J: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """The derivatives J of a force without limits with those of what the thrusters at their limits add to it."""
-        answering = self.answering(pose)
-        if answering.all():
-            return J
-        assert self.thrust_map is not None
-        nu, moves = self._nu(pose), self._step <= LAST
-        by_command = -self.thrust_map.lost(~answering)
-        if self._by_water is None:
-            self._by_water = self._water(pose, nu, 1.0 / self._step if moves else 0.0)
-        damping = self.wrench @ self.damping / self._step if moves else 0.0
-        by_pose = self._by_water - stiffness + self.wrench @ J - damping
-        return J + np.linalg.solve(self.wrench, by_command @ by_pose)
-
-    def _water(self, pose: Pose, nu: np.ndarray, rate: float) -> np.ndarray:
-        """The derivative (6, 6) of the wrench that the vehicle needs in the water at a pose with a velocity nu (6,),
-        which changes with the pose by a rate [1/s]."""
-        at, changes = self.balance.thrust(pose, nu), _SMALL * np.eye(6)
-        moved = [
-            Pose(pose.position + pose.R_WB @ e[:3], quat, rotation_matrix(quat), pose.tau_c)
-            for e, quat in ((e, quat_turned(pose.quat, e[3:])) for e in changes)
-        ]
-        return np.array(
-            [(self.balance.thrust(x, nu + rate * e) - at) / _SMALL for x, e in zip(moved, changes, strict=True)]
-        ).T
-
-    def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        def at(y: np.ndarray) -> np.ndarray:
-            quat = quat_turned(pose.quat, y[3:6])
-            turned = Pose(pose.position + pose.R_WB @ y[:3], quat, rotation_matrix(quat), pose.tau_c + y[6:])
-            return -self.residual(self.balance, turned)
-
-        small = np.concatenate([np.full(6, _SMALL), np.full(6, 1e-3)])
-        J = np.array([(at(e) - force) / e.max() for e in np.diag(small)]).T
-        return J[:, :6], J[:, 6:]
-
-    def stiffness(self, pose: Pose) -> np.ndarray:
-        """The derivative (6, 6) of the contact wrench by the coordinates from a pose."""
-        if not pose.tau_c.any():
-            return np.zeros((6, 6))
-        changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
-        R = pose.R_WB @ rotation_matrix(_turns())
-        wrenches, _ = self.balance.contacts(pose.position + changes[:, :3] @ pose.R_WB.T, R)
-        return (wrenches[:6] - wrenches[6:]).T / (2.0 * _SMALL)
-
-    def follow(self, way: "Way") -> None:
-        """Let the reference take its way, and K_f and F_d follow their schedule."""
-        times, positions, quats = way
-        left = np.abs(positions - self._end[0]).max(axis=1)
-        turned = np.sqrt(np.maximum(0.0, 1.0 - (quats @ self._end[1]) ** 2))
-        moving = np.flatnonzero(np.maximum(left, turned) > _STILL)
-        self.ends = float(times[moving[-1]] + _SAMPLES) if len(moving) else 0.0
-        self._way = way
-        impedance = self.balance.setup.scenario.impedance
-        if impedance.schedule:
-            self._schedule = SimpleNamespace(**Schedule().constants(self.balance.setup))
-            self.ends = max(self.ends, impedance.schedule[-1].time + impedance.schedule[-1].ramp)
-
-    def velocity(self) -> np.ndarray:
-        """The velocity (6,) at the start, relative to the reference."""
-        setup = self.balance.setup
-        return np.zeros(6) if setup.not_rigid else np.array(setup.scenario.initial.velocity)
-
-    def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
-        balance = self.balance
-        if self.memory is not None:
-            self.memory.step = step if step <= LAST else math.inf
-            if self.limits:  # what winds up does not hold the vehicle
-                self.memory.step = min(step, _WINDS_UP) if step <= LAST else _KEEPS
-        if step > LAST:  # the root needs the derivatives where it is
-            self._law = None
-        self._latest, self._before, self._by_water = (None, None), None, None
-        p_d, quat_d = self.reference(t)
-        balance.p_d, balance.quat_d = self.reference(t + step)
-        if self._schedule is not None:
-            Schedule.step(self._schedule, None, SimpleNamespace(t=t + step), None, balance)
-        moved, quat_e = pose.R_WB.T @ (balance.p_d - p_d), np.empty(4)
-        quat_error(quat_d, balance.quat_d, quat_e)
-        turned = rotation_matrix(quat_d) @ (2.0 * quat_e[1:])
-        lead = np.concatenate([moved, pose.R_WB.T @ turned]) if self.led else np.zeros(6)
-        self._from, self._step, self._nu_d = pose, step, (self._nu_d[0], lead / step)
-        self._led = (self._nu_d[1] - self._nu_d[0]) / step
-        return lead
-
-    def reference(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and attitude (4,) of the reference."""
-        if self._way is None or t >= self.ends:
-            return self._end
-        times, positions, quats = self._way
-        k = min(int(np.searchsorted(times, t, side="right")), len(times) - 1)
-        part = min(1.0, (t - times[k - 1]) / (times[k] - times[k - 1])) if k else 1.0
-        quat = quats[k - 1] + part * (quats[k] * np.sign(quats[k] @ quats[k - 1]) - quats[k - 1])
-        position = positions[k - 1] + part * (positions[k] - positions[k - 1])
-        beside = (1.0 - (t / self.ends) ** 2) * self.beside
-        return position + beside, quat_turned(quat / np.linalg.norm(quat), _TURNED * beside)
-
-
-@functools.cache
-def _turns() -> np.ndarray:
-    """The attitudes (12, 4) after the changes of :meth:`TaskMotion.stiffness`."""
-    changes = _SMALL * np.concatenate([np.eye(6), -np.eye(6)])
-    return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
-
-
-def between(a: Pose, b: Pose) -> np.ndarray:
-    """Displacement (3,) and rotation vector (3,) from a pose to another one, in the axes of the first."""
-    quat_e = np.empty(4)
-    quat_error(a.quat, b.quat, quat_e)
-    return np.concatenate([a.R_WB.T @ (b.position - a.position), 2.0 * quat_e[1:]])
+    return bool(rates.real.max(initial=-np.inf) < GROWS)

@@ -24,8 +24,8 @@ along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - 
 1.5 N neglects the compliance of the wall.
 
 The law sees measurements, with the constant errors that :meth:`uvms_mj.navigation.base.Navigation.rest_errors` gives.
-Then w is that of the measurements, a biased velocity nu_m adds D_d nu_m to it and makes the pose error seem to move, so
-that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
+Then w follows from the measurements, a biased velocity nu_m adds D_d nu_m to it and makes the pose error seem to move,
+so that A s = F_1 eta_e_dot - w, and the estimates follow from the measurements, too:
 
 .. math::
 
@@ -35,10 +35,10 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
 
 An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
 which is then zero.
-The ideal law knows all wrenches but that of the contact and the thrust that is missing:
+The ideal law knows all wrenches but the contact wrench and the thrust that is missing:
 w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau).
 
-The six equations may have several roots. The vehicle rests at the one that its motion from the start reaches
+The six equations may have several roots. The vehicle rests at the root that its motion from the start reaches
 (:mod:`.approach`). In front of planes, and with the origin of the task's frame as the contact, any motion reaches the
 same root: it begins at the reference. Otherwise it begins where the vehicle does and follows the reference through its
 way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
@@ -56,15 +56,15 @@ from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ...stages.setup import SetupLike
 from ..base import SteadyState
-from .approach import TaskMotion, way_of
 from .free_motion import tool_rest
 from .loop import ContactsAtRest
 from .own_effects import OwnEffects
 from .rigid_motion import KEEPING, NOMINAL, Compiled, RigidMotion
+from .task_motion import TaskMotion, way_of
 from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
-"""How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
+"""How far from its way the reference of the motions beside the vehicle's motion is, of a tool, whose way is short, and
 if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
@@ -172,7 +172,7 @@ def _motion(
 
 
 def _clipped(setup: SetupLike, thrust_map: ThrustMap) -> bool:
-    """Whether the thrusts of a run are those of the allocation, each within its limits, and the law's measurements do
+    """Whether the thrusts of a run are as allocated, each within its limits, and the law's measurements do
     not take what is missing for a contact."""
     static, actuation = thrust_map.static, setup.scenario.actuation.name
     exact = static.gain is not None and bool((static.gain == 1.0).all()) and not static.error and not any(static.start)

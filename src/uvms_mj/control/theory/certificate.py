@@ -78,7 +78,7 @@ is conservative: under the worst rate, L sgn(s_dot), the gains k_1 = 2, k_2 = 10
 
 **Sampling.** Sampled by explicit Euler with step h, s and w converge to a band. With beta = 0 the sampled system is the
 same for every h in the coordinates s / h^2, w / h, and so is the set of admissible disturbances, whose increments are
-at most L h. The band of s is therefore proportional to h^2 and that of w to h (Levant 2005, Homogeneity approach to
+at most L h. The band of s is therefore proportional to h^2 and the band of w to h (Levant 2005, Homogeneity approach to
 high-order sliding mode design). With beta > 0, beta h takes the place of beta in these coordinates, so that the same
 proportions hold in the limit of small h.
 """

@@ -8,7 +8,7 @@ them. The tree is at rest where the posture balances what pushes it,
     r(q) = \left[ M^{-1} \left( J^\top F + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) \right) \right]_q = 0, \qquad
     J M^{-1} (\dots) = 0,
 
-with the current on all links in d, and F from the second equation. The rest that counts is the one that the slow motion
+with the current on all links in d, and F from the second equation. The rest counts that the slow motion
 
 .. math:: 2\, \mathrm{s}^{-1} (\dot q - \bar J_q \nu_T) = r(q)
 
@@ -16,7 +16,7 @@ reaches from the initial posture (:mod:`.approach`), within the ranges of the jo
 along its track: about the motion of the levels, which are critically damped. Where the current pushes along a motion
 that no level of the posture holds, there is none, and the arm folds or stretches up to a stop.
 
-**The rest of the tool.** In the frame of the task, the law is that of :mod:`.balance` with Lambda_hat in place of
+**The rest of the tool.** In the frame of the task, the law is as in :mod:`.balance`, with Lambda_hat in place of
 M_hat. At rest its wrench F is
 
 .. math:: w = \frac{A}{A - K}\, a, \qquad a = -\hat\Lambda^{-1} (F + \tau_c - \bar J^\top \hat g).
@@ -30,8 +30,8 @@ joint positions q and F. The balance of the tree has 6 + n further equations,
 
 .. math:: J^\top (F + \tau_c) + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) = 0,
 
-with the current on all links in d. The root is the one that the slow motion :math:`M \dot y` on the right side of these
-equations reaches from the rest of a law that integrates (:mod:`.approach`).
+with the current on all links in d. The slow motion :math:`M \dot y` on the right side of these equations
+reaches the root from the rest of a law that integrates (:mod:`.approach`).
 """
 
 import functools
@@ -45,7 +45,8 @@ import numpy as np
 from ...physics.frames import attitude, quat_turned, rotation_matrix
 from ...stages.setup import SetupLike
 from ..base import SteadyState
-from .approach import UNSTABLE, Track, approach, between, decays
+from .approach import UNSTABLE, approach, decays
+from .task_motion import Track, between
 from .terms import Balance, Pose, ThrustMap
 from .tree_at_rest import TreeAtRest
 
@@ -138,7 +139,7 @@ class FreeMotion:
 
     def too_fast(self, motion: np.ndarray, h: float, share: float = 1.0) -> str:
         """The joints whose speed comes to a share of its limit, with both, as text: a motor there has no torque. The
-        arguments are those of :meth:`speeds`."""
+        arguments are as for :meth:`speeds`."""
         if not any(math.isfinite(link.speed_limit) for link in self.links):
             return ""
         return ", ".join(
@@ -216,7 +217,7 @@ def tool_rest(
 ) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
-    The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
+    The arguments are as for :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
     is zero. ``reached`` gives the reason why the frame does not come to a pose with the acceleration a (6,) that the
     law leaves there, empty if it does."""
     if not type(setup.interface).torque_controlled:

@@ -6,7 +6,7 @@ The vehicle is free, or presses on a contact along its normal n:
 .. math:: M \dot\nu = \tau - D_{linear} \nu + n f, \qquad \dot x = \nu, \qquad f = -n^\top (k_c x + b_c \nu),
 
 with x (6,) = (R^T (p - p_d), rotation vector). Symplectic Euler takes it over the time steps. The law is its own
-function by differences, behind the impedance task if it uses that. Its slope over s is that of the secant to an
+function by differences, behind the impedance task if it uses that. Its slope over s is the slope of the secant to an
 amplitude S, as in a describing function: super-twisting is infinitely steep at S = 0, and a linear law has one slope.
 
 Measurements and commands pass through the stages as in a run: each stage has its period and its delay, and takes the
@@ -107,7 +107,7 @@ class ForceLatency:
         return max(("control", "navigation", "actuation", "thruster"), key=self.periods.__getitem__)
 
     def parts(self, names: tuple[str, ...] = ()) -> str:
-        """The parts of the age, the largest first, as text; only those of ``names`` if it is given."""
+        """The parts of the age, the largest first, as text; only the parts ``names`` if they are given."""
         parts = sorted(self.ages.items(), key=lambda part: -part[1])
         return ", ".join(f"{n} {1e3 * age:.3g} ms" for n, age in parts if age > 1e-9 and (n in names or not names))
 
@@ -214,7 +214,7 @@ class Line:
 
     Attributes:
         taken: (N,) whether a sample that is used is taken at a step.
-        newer: (reads,) number of samples that are newer than the one that a read gets.
+        newer: (reads,) number of samples that are newer than the sample that a read gets.
         kept: number of samples that are on their way from one interval to the next.
     """
 
@@ -284,7 +284,7 @@ class Timing:
 class Loop:
     """The loop of a run's law without contact, or at one of ``setup.contacts_at_rest``.
 
-    Its state has x and nu, the states of the thrusters' lag, those of the law, and samples that are on their way.
+    Its state has x and nu, the states of the thrusters' lag and of the law, and samples that are on their way.
 
     Args:
         setup: the run's :class:`uvms_mj.setup.base.Setup`.
@@ -292,7 +292,7 @@ class Loop:
         about: states of the law at rest.
         amplitudes: B amplitudes of s [m/s]; none for a law without s. With them, the motion along the contact's normal
             counts alone.
-        period: control period [s]; default: that of the run. Its :class:`Timing` must not be too long.
+        period: control period [s]; default: the run's. Its :class:`Timing` must not be too long.
         rest: all contacts at the rest, in place of one contact.
     """
 

@@ -1,6 +1,6 @@
 """The residuals of laws that do not keep eq. (7), as machine code: :mod:`.rigid_motion`.
 
-Each is that of the law's ``at_rest`` in Python, with a record of its gains. States are in ``motion.value``.
+Each is the residual of the law's ``at_rest`` in Python, with a record of its gains. States are in ``motion.value``.
 """
 
 import math
@@ -10,7 +10,10 @@ import numpy as np
 
 from ...physics.kernels import kernel
 from ...physics.linear_algebra import solved
-from .rigid_motion import Compiled, asked, control_wrench, demanded, resistance, unmodelled, velocity_at, within_limit
+from .motion_record import GAINS
+from .motion_steps import asked
+from .motion_terms import control_wrench, demanded, resistance, unmodelled, velocity_at, within_limit
+from .rigid_motion import Compiled
 
 _PID = np.dtype([("k_i", "f8"), ("limit", "f8", (6,))], align=True)
 _PARALLEL = np.dtype([("k_i", "f8"), ("limit", "f8"), ("n", "f8", (6,)), ("F_d", "f8", (6,))], align=True)
@@ -34,7 +37,7 @@ def _pid(motion, world, x, out):
     nu, spring = motion.seen.nu, motion.K_d @ motion.seen_error
     measured = resistance(motion, nu) + motion.D_d @ nu
     xi = -(control_wrench(motion, world, x) + measured + motion.K_f * motion.F_d + spring)
-    out[:] = -within_limit(motion, xi, world[0].k_i * spring, world[0].limit)
+    out[:] = -within_limit(motion, xi, world[GAINS].k_i * spring, world[GAINS].limit)
 
 
 @kernel
@@ -49,7 +52,7 @@ def parallel(k_i: float, limit: float, n: np.ndarray, F_d: np.ndarray) -> Compil
 
 @kernel
 def _parallel(motion, world, x, out):
-    gains = world[0]
+    gains = world[GAINS]
     lacking = motion.M_hat @ (motion.M_d_inv @ demanded(motion) - unmodelled(motion, world, x))
     xi, rate = np.zeros(6), np.zeros(6)
     xi[0], rate[0] = gains.n @ lacking, gains.k_i * (gains.n @ (motion.seen.tau_c - gains.F_d))
@@ -69,7 +72,7 @@ def admittance(k_i: float, k_p: float, k_v: float) -> Compiled:
 
 @kernel
 def _admittance(motion, world, x, out):
-    gains, nu, eta_e, h = world[0], motion.seen.nu, motion.seen_error, motion.h
+    gains, nu, eta_e, h = world[GAINS], motion.seen.nu, motion.seen_error, motion.h
     needed = motion.M_hat_inv @ control_wrench(motion, world, x)
     wanted = demanded(motion) - motion.D_d @ nu  # nu_a = 0
     if math.isinf(h):

@@ -36,7 +36,7 @@ _CHATTERS = 0.02
 """Peak-to-peak force over the force at rest from which super-twisting limit-cycles [1]. Its chatter has 1e-3; the mean
 force of a limit cycle is not that at rest."""
 _SMALLEST, _LARGEST, _AMPLITUDES = 1e-8, 2e-2, 40
-"""Amplitudes of s [m/s], and their number. The largest is that of an impact at a few decimetres per second."""
+"""Amplitudes of s [m/s], and their number. The largest follows an impact at a few decimetres per second."""
 _HALVINGS = 8
 """Number of times that the range of a boundary layer is halved."""
 

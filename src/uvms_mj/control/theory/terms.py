@@ -1,5 +1,5 @@
 r"""The terms of the static balance, which :mod:`.balance` explains: the wrenches at rest, the thrust behind a commanded
-wrench, integrals with a limit, and the static force of the list of contacts at many poses at once, which is that of the
+wrench, integrals with a limit, and the static force of the list of contacts at many poses at once, by the
 kernel :func:`uvms_mj.physics.contacts.pair_force` without velocity, dampers and friction.
 
 The allocation gives the commands, :math:`u_{cmd} = \hat B^+ \tau_{cmd}`, the thrusters turn each into a thrust by their
@@ -51,6 +51,7 @@ class ContactSprings:
         convex: whether all walls are planes in front of the origin of C: then the poses without contact are a convex
             set, and the turn of C does not matter.
         size: least radius or half edge of a wall, infinite for planes [m].
+        pairs, surfaces: PAIR and SURFACE records, with room behind them.
     """
 
     def __init__(self, setup: SetupLike) -> None:
@@ -65,8 +66,8 @@ class ContactSprings:
         # of a few sizes, each of which is machine code of its own
         n, room = len(pairs), 1 << max(3, (max(len(pairs), len(surfaces)) - 1).bit_length())
         self._n, self._at_rest = n, np.zeros((_AT_ONCE, room), AT_REST)
-        self._surfaces, self._pairs = np.zeros(room, SURFACE), np.zeros(room, PAIR)
-        self._surfaces[: len(surfaces)], self._pairs[:n] = surfaces, pairs
+        self.surfaces, self.pairs = np.zeros(room, SURFACE), np.zeros(room, PAIR)
+        self.surfaces[: len(surfaces)], self.pairs[:n] = surfaces, pairs
         self._press: Callable[..., Any] | None = None
 
     def __len__(self) -> int:
@@ -92,7 +93,7 @@ class ContactSprings:
         p, R = p_WC.reshape(-1, p_WC.shape[-2], 3), R_WC.reshape(-1, R_WC.shape[-3], 3, 3)
         moving = np.zeros((len(p), n, 6)) if nu is None else np.broadcast_to(nu, (*shape, n, 6)).reshape(-1, n, 6)
         found = np.empty((len(p), n), AT_REST)
-        arrays = self._pairs, self._surfaces, self._at_rest
+        arrays = self.pairs, self.surfaces, self._at_rest
         press = self._press = self._press or called_on(press_at_rest, *arrays)
         for first in range(0, len(p), _AT_ONCE):
             m = min(_AT_ONCE, len(p) - first)
@@ -205,19 +206,21 @@ class Balance:
     Attributes:
         p_d, quat_d: position (3,) and attitude (4,) of the reference, first those at the end of the run.
         K_f, F_d: (6,) of eq. (7), first those at the end of the run.
+        body: IN_WATER record (1,) of the vehicle.
+        effects: records of the effects of the water.
     """
 
     def __init__(self, setup: SetupLike, K: float, thrust_map: ThrustMap, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
-        self.tau_dist, self._effects = setup.mean_water.push, setup.effects
-        self._body = np.zeros(1, IN_WATER)
+        self.tau_dist, self.effects = setup.mean_water.push, setup.effects
+        self.body = np.zeros(1, IN_WATER)
         self._in_water: Callable[..., Any] | None = None
         vehicle = setup.vehicle
         for name in ("M_A", "D_linear", "D_quadratic", "mass", "displaced_mass", "r_g", "r_b"):
-            self._body[name] = getattr(vehicle, name)
-        self._body["gravity_W"] = setup.gravity_W
+            self.body[name] = getattr(vehicle, name)
+        self.body["gravity_W"] = setup.gravity_W
         self.own_effects = OwnEffects(scenario.effects, setup) if scenario.effects else None
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
@@ -372,13 +375,13 @@ class Balance:
 
     def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
-        body, nu_r = self._body, np.zeros(6) if nu is None else nu.copy()
+        body, nu_r = self.body, np.zeros(6) if nu is None else nu.copy()
         nu_r[:3] -= x.R_WB.T @ self.setup.mean_water.flow(x.position)
         body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
         if self.own_effects is not None:
             body["d"] += self._own(x, nu_r)
         if self._in_water is None:
-            self._in_water = called_on(water_at_rest, body, self._effects)
+            self._in_water = called_on(water_at_rest, body, self.effects)
         self._in_water()
         return body["d"][0].copy(), body["g"][0].copy()
 
@@ -390,7 +393,7 @@ class Balance:
         return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
 
     def restoring(self, vehicle: VehicleLike, R_WB: np.ndarray) -> np.ndarray:
-        """g(eta) (6,) of a vehicle, the true one or that of the file."""
+        """g(eta) (6,) of a vehicle, the true one or the file's."""
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta

@@ -1,6 +1,6 @@
 r"""What acts on a vehicle with joints at rest, and what its law commands there, as machine code.
 
-The kernels are those of the plant and of the law's model: :mod:`uvms_mj.physics.tree`, :mod:`.model` and
+The kernels belong to the plant and to the law's model: :mod:`uvms_mj.physics.tree`, :mod:`.model` and
 :func:`uvms_mj.physics.operational.posture`, at zero velocity. :mod:`.free_motion` has the equations.
 
 Three trees are in the same posture: the true one, with all its inertia and weight; the water on it, which has added

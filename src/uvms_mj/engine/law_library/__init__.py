@@ -82,7 +82,7 @@ def write_library(
     """Write the control system of a scenario into a folder as libraries for the targets, keys of :data:`.MACHINES`.
 
     Args:
-        name: of the library and of its functions; default: that of the law.
+        name: of the library and of its functions; default: the law's name.
         guided: whether the scenario's guidance is in the library; otherwise each call is given the reference.
         test: whether the test runs where this machine, or qemu-user, can run it.
 
@@ -226,7 +226,7 @@ def _write(path: Path, content: str) -> None:
 
 
 def _license() -> str:
-    """The licence of this package, which is that of its libraries."""
+    """The licence of this package and of its libraries."""
     beside = Path(__file__).parents[4] / "LICENSE"
     found = importlib.metadata.distribution("uvms-mj").read_text("licenses/LICENSE")
     return found or beside.read_text(encoding="utf-8")
@@ -301,7 +301,7 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
         else ("It has not run yet: neither this machine nor an emulator on it was asked.")
     )
     made = [str(library.steps), f"{steps.about}: {', '.join(each.name for each in steps.segments)}", ran]
-    bits = "Its numbers are those of the run, bit for bit, on every processor that keeps IEEE arithmetic."
+    bits = "It computes the numbers of the run, bit for bit, on every processor that keeps IEEE arithmetic."
     foreign = sorted({word for each in library.targets for word in each.foreign})
     if foreign:
         bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."

@@ -54,7 +54,7 @@ int main(void)
         for (i = 0; i < segments[s].changes; i++)
             memcpy(&instance.record[change_at[segments[s].change + i]], &change_to[segments[s].change + i], 8);
         instance.last = segments[s].last;
-        instance.begun = 2 * (uint64_t)segments[s].begun; /* the time is that of the run */
+        instance.begun = 2 * (uint64_t)segments[s].begun; /* the time of the run */
         for (k = 0; k < segments[s].steps; k++) {
             const uint64_t *row = rows[segments[s].first + k];
             law_measured measured;

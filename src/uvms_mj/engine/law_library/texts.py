@@ -60,7 +60,7 @@ def header(border: Border, name: str, about: str) -> str:
         for word, (n, said) in STATUSES.items()
     )
     guided = not border.reference
-    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after that of the last call */"
+    time = "    double t;".ljust(36) + " /* [s] time of the measurements, after the time of the last call */"
     present = "    uint64_t present;".ljust(36) + " /* which of them are there: the sum of the constants above */"
     saturated = "    uint64_t saturated;".ljust(36) + " /* 1 if a thrust is at its limit */"
     structs = [
@@ -327,14 +327,14 @@ def readme(
     again: Sequence[str],
     asked: int,
 ) -> str:
-    """The page beside a library. ``rows`` are those of the table of targets; ``again`` are the targets whose
+    """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
     library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
     stages = ", ".join(link.name for link in chain.links)
     guidance = (
-        "The reference is that of the scenario's guidance."
+        "The reference comes from the scenario's guidance."
         if not border.reference
         else ("You give the reference to each call, as `law_reference`.")
     )
@@ -404,7 +404,7 @@ It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the fi
 
 {law}## What is not promised
 
-The numbers are those of the simulation, for the same measurements. That the law is stable on your vehicle, with your
+The simulation has the same numbers for the same measurements. That the law is stable on your vehicle, with your
 sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
 the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 

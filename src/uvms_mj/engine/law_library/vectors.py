@@ -15,7 +15,7 @@ from .border import PRESENT, Border, Entry
 LENGTH = 400
 """Recorded periods of each segment."""
 NEAR = 1e-6
-"""Largest difference of a command from that of the run, over the largest of its kind."""
+"""Largest difference of a command from the command of the run, over the largest of its kind."""
 _PRESSING_S = 1.0
 """Time from the touch to the last segment [s]."""
 
@@ -40,7 +40,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Vectors:
-    """The segments, and what they are of. ``apart``: the largest difference of a command from that of the run, over the
+    """The segments, and what they are of. ``apart``: the largest difference of a command from the run's, over the
     largest of its kind; zero for a rigid vehicle, whose commands are the run's bit for bit."""
 
     about: str
@@ -76,7 +76,7 @@ def recorded(sim: Simulation, border: Border, text: str, entry: str) -> Vectors:
         segments.append(_segment(sim, border, name, min(length, last - start), here))
     scenario, apart = sim.scenario, max(each for _, each in segments)
     if not apart <= NEAR:
-        raise InputError(f"export law: a command is {apart:.2g} of the largest one apart from that of the run")
+        raise InputError(f"export law: a command is {apart:.2g} of the largest one apart from the run's")
     about = f"{scenario.name}, law {scenario.controller.label()}"
     return Vectors(about, tuple(each for each, _ in segments), apart)
 

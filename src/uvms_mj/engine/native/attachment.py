@@ -172,7 +172,7 @@ def attach(
     may have the hydrodynamics in them. The model's settings are read here, and once: gravity for buoyancy, and what is
     refused below. Detach before you change them.
 
-    In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are those of a vehicle without
+    In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are as for a vehicle without
     hydrodynamics. dm_control resets with actuation disabled: after ``physics.reset()``, call ``mj_forward`` before the
     first step. Your own ``mujoco.set_mjcb_control`` replaces the hydrodynamics: ``wrench`` then raises
     :class:`WaterLost`, and ``detach`` warns. They do so for changed settings of the model, too.

@@ -124,7 +124,8 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
 
 def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, np.ndarray]]:
     """The recorded signals of the plant, each with its memory: the motion of the water unless it is constant, the
-    contacts beside that of the probe and ``[wall]``, the thrusts, the deflections of fins, the joints and the tool."""
+    contacts beside the contact of the probe and ``[wall]``, the thrusts, the deflections of fins, the joints and the
+    tool."""
     contacts, u, true = setup.contacts, run["u"], run["true"]
     if not setup.scenario.constant_flow:
         yield from ((signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY)

@@ -52,7 +52,7 @@ class Link:
 
     @property
     def fixed(self) -> bool:
-        """Whether its settings are constants of the library: those of the law and of users' stages are in the
+        """Whether its settings are constants of the library: the settings of the law and of users' stages are in the
         record."""
         return not self.compiled.users and self.name != "controller"
 
@@ -66,12 +66,12 @@ class Chain:
 
     Args:
         memory: the memory of a run that has not begun.
-        guided: whether the reference is that of the run's guidance; otherwise the caller sets it.
+        guided: whether the run's guidance gives the reference; otherwise the caller sets it.
 
     Attributes:
         links: the stages in their order.
         kind: the dtype of the record.
-        image: its bytes before the first period; ``constants`` are those of the settings that nobody changes.
+        image: its bytes before the first period; ``constants`` has the settings that nobody changes.
         steps: time steps of the run in one period of the chain.
         measured: name of the record with the measurements.
 

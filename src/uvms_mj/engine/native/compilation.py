@@ -3,7 +3,7 @@
 A function marked as a kernel (:mod:`uvms_mj.physics.kernels`) stays a plain Python function. The package's own
 functions and users' stages are translated by :mod:`uvms_mj.compiler`. Their machine code is kept as object files, so
 that a warm start loads it in milliseconds: of a function of the package by a fingerprint of all sources that affect it,
-so that a warm start translates nothing; of a user's stage by what it is translated to.
+so that a warm start translates nothing; of a user's stage by its translation.
 """
 
 import atexit
@@ -134,8 +134,8 @@ def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
 
 
 def _digest(name: str, code: bytes, about: dict[str, Any]) -> str:
-    """Digest of an object file with its name and metadata. A damaged file, or that of another function, could crash the
-    process."""
+    """Digest of an object file with its name and metadata. A damaged file, or the file of another function, could crash
+    the process."""
     parts = [name, about["symbols"], about["externals"], *([about["facts"]] if "facts" in about else [])]
     return fingerprint([code, json.dumps(parts).encode()])
 

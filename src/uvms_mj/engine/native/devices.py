@@ -122,7 +122,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def current(self) -> Iterator[None]:
-        """This GPU is that of the thread."""
+        """Let the thread use this GPU."""
         self._checked(self.driver.cuCtxPushCurrent(self._context))
         try:
             yield

@@ -126,7 +126,7 @@ def parsed(data: bytes) -> Elf | None:
 
 
 def own_copies(library: Path, data: bytes, name: str) -> dict[str, bytes]:
-    """The files of a copy of a library, by their names: its own, called ``name``, first, and those of the libraries
+    """The files of a copy of a library, by their names: its own, called ``name``, first, and the files of the libraries
     beside it that it, or one of them, finds there. Raises OSError for a damaged one, or one that can't be copied."""
     whole = parsed(data)
     if whole is None:

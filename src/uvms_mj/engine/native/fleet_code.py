@@ -403,7 +403,7 @@ class _Memory:
                 self.regions[number] = at.gep(self.regions[number], [WORD(self.size)], source_etype=WORD)
 
     def start(self, at: ir.IRBuilder) -> None:
-        """Set all words that are no constants to those of the template, but for those of large regions."""
+        """Set all words that are no constants to the words of the template, but not in large regions."""
         cells = self.cells
         own = cells.words_of_regions(lambda region: cells.is_own(region) and not self.source.is_apart(region))
         every = cells.words_of_regions(lambda region: True)

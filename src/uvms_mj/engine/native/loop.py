@@ -240,7 +240,7 @@ def limit_thrust(run):
 
 @kernel
 def add_columns(columns, u, low, high, wrench):
-    """Set the wrench (6,) B u of n thrusts within their limits; ``columns`` (n, 6) are those of B."""
+    """Set the wrench (6,) B u of n thrusts within their limits; ``columns`` (n, 6) are the columns of B."""
     wrench[:] = 0.0
     for k in range(u.shape[0]):
         wrench += columns[k] * min(high[k], max(low[k], u[k]))

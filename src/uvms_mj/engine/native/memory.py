@@ -127,7 +127,7 @@ else:
 
 
 def settle_modes() -> None:
-    """Set the floating-point modes of this thread to those in which a run is what it is: to the nearest, with numbers
+    """Set the floating-point modes of this thread to the modes of a run: rounding to the nearest, with numbers
     below the normal ones. Every call of a user's machine code may change them, and so does loading a library that was
     linked with -ffast-math."""
     _fesetenv(DEFAULT_MODES)
@@ -192,7 +192,7 @@ class OwnMemory:
         self._numbers("out")[:] = 0
 
     def start(self) -> None:
-        """Prepare for a run. The states are those of the loop at each instant."""
+        """Prepare for a run. At each instant the states are the loop's."""
         self.clear()
         self._numbers("out")[:] = UNSET
         for name in self.room.optional:

@@ -291,7 +291,7 @@ class Place:
         name: its name in the loop: the table of a scenario that chooses it, if there is one.
         when: in which runs it is, in words.
         chosen: the stage of a run, the stages of a list, or None, from its setup.
-        given, out: what it is given and what it sets, parts of the record of the run.
+        given, out: its inputs and its output, parts of the record of the run.
         records: the signals that a run with the stage records besides its states, each with its memory.
         whole: whether its function has the record of the run in place of states.
         term: its name in the field, if that is another one.

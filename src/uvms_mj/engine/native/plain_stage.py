@@ -42,7 +42,7 @@ class PlainStage:
     """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
     in C, and calls it.
 
-    A function in Python may keep what it is given, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
+    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
     kept stays as it was at its instant.
     """
 
@@ -189,7 +189,7 @@ def _record(name: str) -> type:
 
 class _Generators:
     """A context with states of their own of the random numbers of Python and NumPy, ``random`` and ``np.random``, for a
-    function whose file names them. They begin each run from its key; those of the process stay as they are.
+    function whose file names them. They begin each run from its key; the generators of the process stay as they are.
 
     The process has one of each. So a run in another thread waits until the call in hand has given them back."""
 

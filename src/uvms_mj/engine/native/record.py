@@ -93,7 +93,7 @@ BODY = np.dtype(
 STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
-        *_whole("settings", "state", "given", "state_dot", "out"),  # places; of a user's stage, that of its own memory
+        *_whole("settings", "state", "given", "state_dot", "out"),  # places; of a user's stage, in its own memory
         *_whole("states", "period_steps"),  # numbers in state; time steps from one call to the next
         ("period", "f8"),
         *_whole("instant", "key"),  # number of its calls, and key of its random numbers
@@ -261,7 +261,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("frames_m", FRAME, (1 + n,)),  # of the links at the measured positions, if it is not
         ("q_ddot", "f8", (n,)),  # of the last step
         ("tau_q_demand", "f8", (n,)),  # torque that the interface sets
-        ("tau_q", "f8", (n,)),  # and that of the motors
+        ("tau_q", "f8", (n,)),  # and the torque of the motors
         ("motor_index", "i8", (n,)),  # index in ctrl, -1 without a motor
         ("torque_of_ctrl", "f8", (n,)),
         ("saturation", "f8", (n,)),  # time at the motors' limits until t_k

@@ -1,5 +1,5 @@
-"""The memory of one run: its record, those of its stages, its tables and its rows, with the numbers of a scenario in
-them; and the signals that a row records, with where each of them lies."""
+"""The memory of one run: its record, the records of its stages, its tables and its rows, with the numbers of a scenario
+in them; and the signals that a row records, with where each of them lies."""
 
 import functools
 import itertools
@@ -66,8 +66,8 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory in the record of a run: those of every run, of its plant, of
-    its stages, and the states. Raises InputError if two states have one name, or a state's name is taken
+    """The signals of a row in order, each with its memory in the record of a run: the signals of every run, of its
+    plant, of its stages, and the states. Raises InputError if two states have one name, or a state's name is taken
     or is not an identifier."""
     contact = run["pairs"][0][:1]["contact"] if setup.contacts.paper else run["no_contact"]
     records = [run["row"], run["true"], contact, stages.signals, run[stages.law]]
@@ -359,7 +359,7 @@ class RunMemory:
         names = [signal.name for signal in type(self.stages.controller).given()]
         given = {name: signals[name] for name in names} | {s.name: base[s.name] for s in MEASURED}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
-        found["t"] = self.run["t"].reshape(())  # of the instant in hand; the row in memory is that of the step before
+        found["t"] = self.run["t"].reshape(())  # of the instant in hand; the row in memory is of the step before
         for view in found.values():
             view.flags.writeable = False
         return found
@@ -399,7 +399,7 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_inertia(memory: RunMemory, setup: Setup) -> None:
-    if not memory.shape.resolves:  # that of a rigid vehicle at B is constant
+    if not memory.shape.resolves:  # for a rigid vehicle at B it is constant
         memory.run["model"]["M"] = setup.design.M_hat
 
 

@@ -38,7 +38,7 @@ _MOST_LINES = 6
 
 
 def compiler() -> list[str]:
-    """The command of the C compiler: $CC, cc, gcc, clang, or that of the package ziglang. Raises InputError if there is
+    """The command of the C compiler: $CC, cc, gcc, clang, or the package ziglang's. Raises InputError if there is
     none."""
     try:
         if given := shlex.split(os.environ.get("CC", "")):
@@ -138,7 +138,7 @@ class Library:
     """A copy of a library of its own for one run, with static data of its own, and the stage's function in it.
 
     Attributes:
-        address: that of the function.
+        address: of the function.
         kind: the dtype of its record in a stage's own memory.
     """
 

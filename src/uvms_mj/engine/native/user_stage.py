@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # global names of the function below, set for each stage
     ROTATIONS: Any = ()  # places of a quaternion and of its rotation matrix
 
 MAGNITUDE, INFINITE = 0x7FFFFFFFFFFFFFFF, 0x7FF0000000000000
-"""Bits of a number without its sign, and those of infinity; those of a NaN are larger."""
+"""Bits of a number without its sign, and the bits of infinity; a NaN has larger ones."""
 
 
 class _Wrong(Exception):

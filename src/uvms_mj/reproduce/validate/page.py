@@ -228,7 +228,7 @@ def page(results: Comparison, versions: Mapping[str, str]) -> str:
         Text(_LEAD, "lead"),
         Text(
             f"{len(found['trials'])} trials of Kolano and Davidson (2023, UVMS-SysID-with-EAs, MIT). Angles in "
-            "degrees. The measured pitch is that of the motion capture.",
+            "degrees. The motion capture measured the pitch.",
             "soft",
         ),
     ]
@@ -275,7 +275,7 @@ _LEAD = (
 )
 _ERRORS = (
     "Error of the simulated pitch, over the whole record and with the clocks as recorded; nothing is taken off. A "
-    "star: fitted on. “lumped”: one diagonal added mass of the vehicle, with that of the arm in its first posture; the "
+    "star: fitted on. “lumped”: one diagonal added mass of the vehicle, with the arm in its first posture; the "
     "links keep their drag."
 )
 _CLOCKS = (

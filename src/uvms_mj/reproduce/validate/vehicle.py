@@ -93,8 +93,8 @@ def model() -> mujoco.MjModel:
 
 
 def vehicle(variant: Variant, q: np.ndarray) -> Vehicle:
-    """The vehicle's coefficients. The lumped model adds the added mass of all links, at joint angles q (4,), to that of
-    the base, and keeps the diagonal alone; the links keep their drag."""
+    """The vehicle's coefficients. The lumped model adds the added mass of all links, at joint angles q (4,), to the
+    added mass of the base, and keeps the diagonal alone; the links keep their drag."""
     read = Vehicle.from_model(model())
     centre = np.array((*CENTRE_OF_BUOYANCY[:2], variant.height))
     parts = [(DISPLACED, centre), (TUBE, np.add(MOUNT, TUBE_AT))]

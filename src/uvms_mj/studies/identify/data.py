@@ -90,8 +90,7 @@ class _Table(LogTable):
     def __init__(
         self, label: Path, tables: Mapping[str, Any], file: Path, known: Sequence[Signal], timed: bool
     ) -> None:
-        self.signals = {each.name: each for each in known}
-        super().__init__(label, tables, file, timed)
+        super().__init__(label, tables, file, {each.name: each for each in known}, timed)
 
     def read(self, name: str) -> list[Series]:
         if not isinstance(self.table["signals"][name], Mapping):

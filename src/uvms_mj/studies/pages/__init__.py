@@ -81,7 +81,7 @@ class Cell:
 @dataclass(frozen=True)
 class Table:
     """A table: heading of the column of row names, names of the other columns, name and cells of rows. Without names of
-    columns it has no head. ``label`` says what it is to those who can't see it; ``style`` is CSS of this table."""
+    columns it has no head. ``label`` says it to readers who can't see it; ``style`` is CSS of this table."""
 
     kind: ClassVar[str] = "table"
     corner: str

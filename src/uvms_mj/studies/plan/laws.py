@@ -88,7 +88,7 @@ def base_of(
     trusted: Container[str] | None = None,
 ) -> Scenario | None:
     """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
-    error, so that the laws and the keys that vary can be checked; None if there is none. ``trusted`` is that of
+    error, so that the laws and the keys that vary can be checked; None if there is none. ``trusted`` is as in
     :meth:`.Scenario.from_dict`."""
     if any(fault.key.partition(".")[0] == "base" for fault in faults):
         return None
@@ -123,7 +123,7 @@ def laws_of(
     trusted: Container[str] | None = None,
 ) -> list[Law]:
     """The laws of a study; default: the base scenario's. Errors are appended to ``faults``, and to ``notes`` sentences
-    with the settings of the base scenario that a law leaves out. ``trusted`` is that of :meth:`.Scenario.from_dict`."""
+    with the settings of the base scenario that a law leaves out. ``trusted`` is as in :meth:`.Scenario.from_dict`."""
     laws: list[Law] = []
     if given == []:
         faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))

@@ -86,8 +86,8 @@ def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> 
 
 def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:
     """The metric among those that are kept, and the column of the rows, that a name means: the metric's own, its
-    function's alone, or that of a component, ``final.position_m.x``. A path is relative to ``folder``. A vector has no
-    column of its own name. Raises InputError if nothing that is kept has this name."""
+    function's alone, or the name of a component, ``final.position_m.x``. A path is relative to ``folder``. A vector has
+    no column of its own name. Raises InputError if nothing that is kept has this name."""
     for metric in metrics:
         function = metric.rpartition(":")[2]
         for written, called in ((name, function), (absolute(name, folder), metric)):
@@ -142,7 +142,7 @@ def without_unit(column: str) -> str:
 def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, faults: list[Fault]) -> dict[str, Limit]:
     """The limits of the table ``[success]`` by column of the rows: true or false, or the least and the greatest value.
 
-    A name is that of :func:`kept_column`. Errors are appended to ``faults``.
+    A name is as for :func:`kept_column`. Errors are appended to ``faults``.
     """
     found: dict[str, Limit] = {}
     for name, value in leaves(given, lists=False):

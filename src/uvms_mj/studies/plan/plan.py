@@ -137,7 +137,7 @@ class Plan:
         place: str = "study",
     ) -> "Plan":
         """Make a plan from nested tables, as TOML has them. Paths in them are relative to ``folder``; overrides and
-        errors are those of :meth:`load`."""
+        errors are as for :meth:`load`."""
         if not isinstance(tables, Mapping):
             raise InputError(f"{place}: {shortened(tables)} is not a mapping of tables")
         return plan_of(tables, folder or Path.cwd(), overrides, place)
@@ -300,7 +300,7 @@ def plan_of(
     place: str,
     trusted: Container[str] | None = None,
 ) -> Plan:
-    """The plan of a study file. The arguments are those of :meth:`Plan.from_dict` and :meth:`Plan.that_ran`; of a study
+    """The plan of a study file. It has the arguments of :meth:`Plan.from_dict` and :meth:`Plan.that_ran`; of a study
     that ran, which has ``trusted``, what needs its files is not checked again."""
     ran = trusted is not None
     faults: list[Fault] = []

@@ -31,7 +31,7 @@ _RANKS = (
 )
 _PAIRED = (
     "Each draw has the same values and random numbers for all laws. The interval of a median is distribution-free; "
-    "that of success is Agresti and Min’s. Metrics are compared in the draws that both laws completed."
+    "the interval of success is Agresti and Min’s. Metrics are compared in the draws that both laws completed."
 )
 _OVERVIEW = "Success rates with 95 % intervals, and the distributions of the first metrics as in the next section."
 

@@ -86,8 +86,8 @@ def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
 
 
 def sobol_indices(y: np.ndarray, factors: int, seed: int) -> tuple[list[Estimate], list[Estimate], int] | None:
-    """Total Sobol indices of numbers y (n,), one a draw of a design ``sobol_indices``, by SALib; those of first order;
-    and the number of incomplete blocks.
+    """Total Sobol indices of numbers y (n,), one a draw of a design ``sobol_indices``, by SALib; the indices of first
+    order; and the number of incomplete blocks.
 
     The design has blocks of ``factors`` + 2 draws. A block with a value that is not finite is left out as a whole.
     None for fewer than eight complete blocks, or if all values are equal.
@@ -200,7 +200,7 @@ SUCCESS = Metric("success")
 @dataclass(frozen=True)
 class Sensitivity:
     """Of one metric of one law: an estimate for each factor, total Sobol indices or rank correlations; with Sobol
-    indices, also those of first order, and a note on what is left out."""
+    indices, also of first order, and a note on what is left out."""
 
     main: Sequence[Estimate | None]
     first: Sequence[Estimate] = ()

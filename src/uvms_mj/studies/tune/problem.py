@@ -280,7 +280,7 @@ class Problem:
 def fields_of(
     tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str
 ) -> dict[str, Any]:
-    """The fields of a :class:`Problem`, by name. The arguments are those of its ``from_dict``. Raises InputError
+    """The fields of a :class:`Problem`, by name. It has the arguments of its ``from_dict``. Raises InputError
     with every error of the tables and the overrides."""
     faults: list[Fault] = []
     study, own, of_study = _split(tables, overrides, faults)

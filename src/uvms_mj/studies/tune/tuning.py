@@ -41,7 +41,7 @@ class Tuning(Problem):
     Every trial runs all runs of the plan, with the same values and random numbers. Suggestions are made one trial at a
     time, and the runs of a trial in parallel, so that the result is the same for any number of workers.
 
-    Its attributes are those of :class:`.problem.Problem`.
+    It has the attributes of :class:`.problem.Problem`.
     """
 
     @classmethod

@@ -96,8 +96,8 @@ def still(
     plots: Sequence[str] | None = None,
     size: tuple[int, int] = SIZE,
 ) -> "Image":
-    """One picture of a video at a time [s], by default the last; a Pillow image, which a notebook shows. The arguments
-    and the errors are those of :func:`video`."""
+    """One picture of a video at a time [s], by default the last; a Pillow image, which a notebook shows. It
+    takes the arguments of :func:`video` and raises its errors."""
     from PIL import Image
 
     with _Frames(trace, view, plots, size, samples=8) as frames:
