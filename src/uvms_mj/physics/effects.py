@@ -168,13 +168,20 @@ def effects_dtype(counts: tuple[tuple[str, int], ...]) -> np.dtype:
 
 def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
     """How many records (1,) of :func:`effects_dtype` there are of each effect that there is."""
-    return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
+    return _counts(records.dtype)
+
+
+@functools.cache
+def _counts(kind: np.dtype) -> tuple[tuple[str, int], ...]:
+    fields: Any = kind.fields
+    sizes = {name: fields[name][0].shape[0] for name in EFFECTS}
+    return tuple((name, n) for name, n in sizes.items() if n)
 
 
 def moving(records: np.ndarray) -> bool:
     """Whether the water of records (1,) moves not the same at all times and places."""
-    others = (records[name].view(np.uint8).any() for name in FLOWS if name != "current")
-    return bool((records["current"]["constant"] == 0).any()) or any(others)
+    others = [records[name] for name in FLOWS if name != "current"]
+    return not records["current"]["constant"][0, 0] or any(each.size and each.view(np.uint8).any() for each in others)
 
 
 def state_of(effect: str) -> str:
