@@ -214,14 +214,16 @@ def add_pushes(effects, numbers, t, tau):
 def add_inertias(effects, p_WB, R_WB, M):
     """Add the inertia of all effects that have one to M (6, 6), about B's origin in B."""
     for k in range(effects.pads.shape[0]):
-        add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
+        if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
+            add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
 
 
 @kernel
 def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
     """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]."""
     for k in range(effects.pads.shape[0]):
-        add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
+        if effects.pads[k].radius > 0.0:
+            add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
 
 
 @kernel
