@@ -100,6 +100,11 @@ class Current(EffectTable):
         return self.speed * math.cos(heading), self.speed * math.sin(heading), self.vertical
 
     @property
+    def flows(self) -> bool:
+        """Whether there is a current at all."""
+        return any(self.velocity_W) or _varies(self)
+
+    @property
     def unsteady(self) -> str:
         """The reason why the current changes with time; empty if it does not."""
         return "the current is not constant" if _varies(self) else ""
