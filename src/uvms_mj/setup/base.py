@@ -12,6 +12,7 @@ from ..actuation import Joints
 from ..control import ImpedanceTask
 from ..control.design import Design
 from ..control.theory import predictions
+from ..control.theory.own_effects import shipped_slopes
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
@@ -74,6 +75,11 @@ class Setup:
     def effect_rows(self) -> dict[str, np.ndarray]:
         """The tables of numbers (n, width) of these effects, by their keys."""
         return effect_rows(effect_tables(self.scenario))
+
+    @functools.cached_property
+    def effect_slopes(self) -> np.ndarray:
+        """The slopes (6, 12) of the wrench of these effects by pose and velocity at rest."""
+        return shipped_slopes(self)
 
     @property
     def advancing(self) -> list[str]:
