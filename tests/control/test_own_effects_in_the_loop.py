@@ -6,6 +6,7 @@ import pytest
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.theory.loop import Loop
+from uvms_mj.control.theory.own_effects import OwnEffects
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.engine.native.loop import Diverged
 from uvms_mj.setup.base import set_up
@@ -33,6 +34,17 @@ class Spring(Effect):
     def wrench(settings, state, given, state_dot, tau):
         tau[:] = 0.0
         tau[:3] = -settings.k * given.p_WB[1] * given.R_WB[1]
+
+@dataclass(frozen=True)
+class Keel(Effect):
+    k: float = setting(1.0, "N s^2/m^2", "drag along y over |v| v, at 0.4 m before B")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        v = given.nu_r[1] + 0.4 * given.nu_r[5]
+        tau[:] = 0.0
+        tau[1] = -settings.k * abs(v) * v
+        tau[5] = 0.4 * tau[1]
 
 @dataclass(frozen=True)
 class Timed(Effect):
@@ -122,3 +134,21 @@ def test_a_time_step_that_does_not_resolve_a_shipped_effect_is_named_too():
     fin = {"area": 1e4, "position": [-0.5, 0.0, 0.0]}
     found = warnings_of(checked(Scenario.load("push_wall", calm | {"fins": [fin]})))
     assert any("does not resolve fins, by slopes at rest" in note for note in found)
+
+
+def test_a_shipped_effect_is_in_the_loop_as_the_same_effect_of_a_user(run_with):
+    """A keel before B in a current: it damps, and by the attitude it turns the vehicle across the current."""
+    others = {"current.speed": 0.4, "current.direction_deg": 75.0}
+    own = set_up(run_with("Keel", 900.0, "impedance", **others))
+    base = run_with(
+        "Keel", 900.0, "impedance", **others, drag=[{"forward": [0.0, 900.0, 0.0], "position": [0.4, 0.0, 0.0]}]
+    )
+    shipped = set_up(base.updated({"effects": []}))
+    plain = set_up(base.updated({"effects": [], "drag": []}))
+    slopes = OwnEffects(own.scenario.effects, own).slopes(own)
+    assert np.abs(slopes[1, 5]) > 10.0
+    np.testing.assert_allclose(shipped.effect_slopes, slopes, atol=1e-5 * np.abs(slopes).max())
+    of_own, of_shipped, of_none = (Loop(each) for each in (own, shipped, plain))
+    np.testing.assert_allclose(of_shipped.step, of_own.step, atol=1e-9)
+    assert of_shipped.growths == pytest.approx(of_own.growths, rel=1e-5)
+    assert np.abs(of_none.step - of_own.step).max() > 1e-4

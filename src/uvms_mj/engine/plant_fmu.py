@@ -22,7 +22,7 @@ from ..errors import Fault, InputError
 from ..files import atomic_write
 from ..physics.effects import EFFECTS
 from ..physics.random import key_of
-from ..plant.effects import EFFECT_TABLES
+from ..plant.water import EFFECT_TABLES
 from ..quantities import unit_of
 from ..scenario import Scenario
 from ..setup.checks import directions

@@ -168,13 +168,20 @@ def effects_dtype(counts: tuple[tuple[str, int], ...]) -> np.dtype:
 
 def counted(records: np.ndarray) -> tuple[tuple[str, int], ...]:
     """How many records (1,) of :func:`effects_dtype` there are of each effect that there is."""
-    return tuple((name, records[name].size) for name in EFFECTS if records[name].size)
+    return _counts(records.dtype)
+
+
+@functools.cache
+def _counts(kind: np.dtype) -> tuple[tuple[str, int], ...]:
+    fields: Any = kind.fields
+    sizes = {name: fields[name][0].shape[0] for name in EFFECTS}
+    return tuple((name, n) for name, n in sizes.items() if n)
 
 
 def moving(records: np.ndarray) -> bool:
     """Whether the water of records (1,) moves not the same at all times and places."""
-    others = (records[name].view(np.uint8).any() for name in FLOWS if name != "current")
-    return bool((records["current"]["constant"] == 0).any()) or any(others)
+    others = [records[name] for name in FLOWS if name != "current"]
+    return not records["current"]["constant"][0, 0] or any(each.size and each.view(np.uint8).any() for each in others)
 
 
 def state_of(effect: str) -> str:
@@ -207,14 +214,16 @@ def add_pushes(effects, numbers, t, tau):
 def add_inertias(effects, p_WB, R_WB, M):
     """Add the inertia of all effects that have one to M (6, 6), about B's origin in B."""
     for k in range(effects.pads.shape[0]):
-        add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
+        if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
+            add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
 
 
 @kernel
 def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
     """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]."""
     for k in range(effects.pads.shape[0]):
-        add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
+        if effects.pads[k].radius > 0.0:
+            add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
 
 
 @kernel

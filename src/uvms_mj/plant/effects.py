@@ -1,4 +1,4 @@
-"""The one list of the effects of the water (:mod:`uvms_mj.physics.effects`), each with its table of a scenario.
+"""The effects of the water of a scenario: the records of the one list, their tables of numbers, and their errors.
 
 Both engines, ``attach``, the plugin, the FMU, fleets, resets, checks and closed forms take the effects from here.
 """
@@ -12,20 +12,8 @@ from ..errors import Fault
 from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
-from .sea import Sea
 from .settings import EffectTable, World
-from .water import Current, Disturbance, Drag, Fin, Pad, Tether
-
-EFFECT_TABLES: dict[str, type[EffectTable]] = {
-    "current": Current,
-    "disturbance": Disturbance,
-    "sea": Sea,
-    "pads": Pad,
-    "tether": Tether,
-    "fins": Fin,
-    "drag": Drag,
-}
-"""The table of each effect, or of each one of a list."""
+from .water import EFFECT_TABLES
 
 Tables = Mapping[str, EffectTable | Sequence[EffectTable]]
 """A table of each effect by its name, or a list of them."""
@@ -90,7 +78,7 @@ def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -
     records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
     for name, rows in found.items():
         if rows:
-            records[name] = rows
+            records[name][0] = rows
     return records
 
 
@@ -137,19 +125,22 @@ class MeanWater:
         push: (6,) wrench of the effects of the time alone in B [N, N m].
     """
 
-    def __init__(self, scenario: ScenarioLike, plant: Any) -> None:
+    def __init__(self, scenario: ScenarioLike, plant: Any, records: np.ndarray) -> None:
+        """``records`` (1,) are those of :func:`effects_of`."""
         given = {name: getattr(scenario, name) for name in (*FLOWS, *PUSHES)}
         tables = {
             name: table.at_rest if isinstance(table, EffectTable) else [each.at_rest for each in table]
             for name, table in given.items()
         }
-        records, numbers = effect_records(tables, world_of(scenario, plant)), [np.zeros(1)]
+        rows, numbers = effect_rows(tables), [np.zeros(1)]
 
         def put(key: str, table: np.ndarray) -> int:
             numbers.append(table.reshape(-1))
             return sum(each.size for each in numbers[:-1])
 
-        set_places(records, effect_rows(tables), put)
+        if rows or any(tables[name] is not table for name, table in given.items()):
+            records = effect_records(tables, world_of(scenario, plant))
+            set_places(records, rows, put)
         self._effects, self._numbers = record_of(records), np.concatenate(numbers)
         self._constant, self.push = scenario.mean_flow_W if scenario.constant_flow else None, np.zeros(6)
         add_pushes(self._effects, self._numbers, 0.0, self.push)

@@ -1,6 +1,6 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), a tether, fins, drag and pads.
 
-:mod:`.sea` has the waves, and :mod:`.effects` the list of all effects.
+:mod:`.sea` has the waves. The list of all effects is at the end.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from .sea import Sea
 from .settings import EffectTable, Rows, World
 
 MOST_ROWS = 100_000
@@ -97,6 +98,11 @@ class Current(EffectTable):
         """(3,) constant part of the current in W, where the factor of the depth is 1 [m/s]."""
         heading = math.radians(self.direction_deg)
         return self.speed * math.cos(heading), self.speed * math.sin(heading), self.vertical
+
+    @property
+    def flows(self) -> bool:
+        """Whether there is a current at all."""
+        return any(self.velocity_W) or _varies(self)
 
     @property
     def unsteady(self) -> str:
@@ -199,6 +205,8 @@ def _varies(series: Current | Disturbance) -> bool:
 
 def _without_noise(series: Any, table: Rows) -> Any:
     """A table without sines and Gauss-Markov part, and with another one of rows."""
+    if not _varies(series):
+        return series
     zeros = (0.0,) * len(series.amplitude)
     return dataclasses.replace(series, amplitude=zeros, deviation=zeros, table=table)
 
@@ -350,3 +358,15 @@ class Pad(EffectTable):
     def faults(self, world: World) -> Iterator[Fault]:
         if self.point is None and world.face is None:
             yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
+
+
+EFFECT_TABLES: dict[str, type[EffectTable]] = {
+    "current": Current,
+    "disturbance": Disturbance,
+    "sea": Sea,
+    "pads": Pad,
+    "tether": Tether,
+    "fins": Fin,
+    "drag": Drag,
+}
+"""The table of each effect, or of each one of a list."""

@@ -12,12 +12,13 @@ from ..actuation import Joints
 from ..control import ImpedanceTask
 from ..control.design import Design
 from ..control.theory import predictions
+from ..control.theory.own_effects import shipped_slopes
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import ContactAtRest, Contacts, Pair
-from ..plant.effects import MeanWater, advancing, effect_tables, effects_of
+from ..plant.effects import MeanWater, advancing, effect_rows, effect_tables, effects_of
 from ..plant.mjcf import Mjcf
 from ..plant.settings import EffectTable, Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
@@ -70,6 +71,16 @@ class Setup:
         """The records (1,) of the effects of the water, of the scenario and of the true vehicle."""
         return effects_of(self.scenario, self.plant)
 
+    @functools.cached_property
+    def effect_rows(self) -> dict[str, np.ndarray]:
+        """The tables of numbers (n, width) of these effects, by their keys."""
+        return effect_rows(effect_tables(self.scenario))
+
+    @functools.cached_property
+    def effect_slopes(self) -> np.ndarray:
+        """The slopes (6, 12) of the wrench of these effects by pose and velocity at rest."""
+        return shipped_slopes(self)
+
     @property
     def advancing(self) -> list[str]:
         """The keys of the effects of the water whose states advance from step to step."""
@@ -78,7 +89,7 @@ class Setup:
     @functools.cached_property
     def mean_water(self) -> MeanWater:
         """The water without what varies with time."""
-        return MeanWater(self.scenario, self.plant)
+        return MeanWater(self.scenario, self.plant, self.effects)
 
     @property
     def initial_joints(self) -> np.ndarray:

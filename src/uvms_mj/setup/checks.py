@@ -19,7 +19,7 @@ from ..control.base import delay_faults
 from ..control.design import Design, demanded_force
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.free_motion import FreeMotion
-from ..control.theory.own_effects import OwnEffects, longest_step, shipped_slopes
+from ..control.theory.own_effects import OwnEffects, longest_step
 from ..control.theory.predictions import stage_notes
 from ..control.theory.stability import zeta_limit
 from ..control.theory.task_motion import Track
@@ -419,10 +419,10 @@ def _effect_notes(setup: Setup) -> Iterator[str]:
     if setup.not_rigid:
         return  # another note says so of a user's own
     names = [name for name, _ in counted(setup.effects) if name in WRENCHES]
-    slopes = shipped_slopes(setup) if names else np.zeros((6, 12))
+    slopes = setup.effect_slopes
     own = OwnEffects(effects, setup)
     if effects and not own.not_in_the_loop(setup):
-        slopes += own.slopes(setup)
+        slopes = slopes + own.slopes(setup)
         names.append(own.names)
     if slopes.any() and (longest := longest_step(setup, slopes)) < h:
         yield (

@@ -13,7 +13,8 @@ Measurements and commands pass through the stages as in a run: each stage has it
 latest sample that has come to it. After N steps, the least common multiple of all periods, everything repeats. The
 eigenvalues of the matrix of these N steps decide: a motion grows with :math:`\ln |\lambda| / (N h)`. The model leaves
 out the loss of contact, quadratic damping, the restoring wrench, the attitude's effect on the directions, and limits.
-Effects of a user's own on a rigid vehicle are in it by their slopes over pose and velocity at rest.
+Effects of the water on a rigid vehicle, shipped ones and a user's, are in it by their slopes over pose and velocity at
+rest.
 """
 
 import functools
@@ -340,11 +341,14 @@ class Loop:
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
     def _drawn(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Acceleration (m, 2 m) by a user's effects, from x and nu."""
+        """Acceleration (m, 2 m) by the effects of the water on a rigid vehicle, shipped ones and a user's, from x and
+        nu."""
         effects = self.setup.scenario.effects
-        if not effects or self.setup.not_rigid:
+        if self.setup.not_rigid:
             return np.zeros((self.m, 2 * self.m))
-        slopes = OwnEffects(effects, self.setup).slopes(self.setup)
+        slopes = self.setup.effect_slopes
+        if effects:
+            slopes = slopes + OwnEffects(effects, self.setup).slopes(self.setup)
         return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right])
 
     def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import error_text
-from ...physics.effects import add_effects
+from ...physics.effects import WRENCHES, add_effects, counted
 from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix, to_body
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
@@ -70,8 +70,10 @@ def longest_step(setup: SetupLike, slopes: np.ndarray) -> float:
 
 
 def shipped_slopes(setup: SetupLike) -> np.ndarray:
-    """The slopes (6, 12) of the wrench of the shipped effects, as :meth:`OwnEffects.slopes`: those by nu, at the
-    desired attitude at rest in the mean current."""
+    """The slopes (6, 12) of the wrench of the shipped effects, as :meth:`OwnEffects.slopes`, about the desired attitude
+    at rest in the mean current nu_c. By a rotation vector theta the velocity in the water changes by theta x nu_c."""
+    if not any(name in WRENCHES for name, _ in counted(setup.effects)):
+        return np.zeros((6, 12))
     effects, nu_c, slopes = record_of(setup.effects), np.zeros(6), np.zeros((6, 12))
     v_c_W = setup.mean_water.flow(np.array(setup.rest_pose[0] or setup.initial.position))
     to_body(rotation_matrix(setup.design.quat_d), v_c_W, nu_c)
@@ -80,6 +82,7 @@ def shipped_slopes(setup: SetupLike) -> np.ndarray:
             tau = np.zeros(6)
             add_effects(effects, sign * step - nu_c, tau)
             slopes[:, 6 + k] += sign * tau / (2.0 * _SMALL)
+    slopes[:, 3:6] = slopes[:, 6:9] @ np.cross(np.eye(3), nu_c[:3]).T
     return slopes
 
 

@@ -14,10 +14,10 @@ from pydantic import ValidationError
 from ...errors import Fault, InputError, faults_of, suggestion
 from ...physics.effects import TABLES, counted
 from ...physics.hydrodynamics import factor
-from ...plant.effects import EFFECT_TABLES, Tables, advancing, effect_faults, effect_records, effect_rows
+from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
 from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
-from ...plant.water import Current, Disturbance
+from ...plant.water import EFFECT_TABLES, Current, Disturbance
 from .bodies import Water
 from .callback import evaluation, mjcb_control
 from .memory import CAPACITY, registry

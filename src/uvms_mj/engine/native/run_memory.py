@@ -16,7 +16,6 @@ from ...errors import Fault, InputError
 from ...physics.effects import counted
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
-from ...plant.effects import effect_rows, effect_tables
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...setup.reads import ANYTHING, Change
@@ -162,7 +161,7 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     """The tables of a scenario that a run reads, by their rooms: their keys, and their rows (n, width)."""
     walls = [(motion_room(k), f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)]
     of_walls = {room: (key, np.array(table, float)) for room, key, table in walls if table}
-    return {key: (key, rows) for key, rows in effect_rows(effect_tables(setup.scenario)).items()} | of_walls
+    return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls
 
 
 @functools.cache
@@ -419,7 +418,7 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_effects(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.affect(setup.effects, effect_rows(effect_tables(setup.scenario)))
+    memory.engine.water.affect(setup.effects, setup.effect_rows)
 
 
 def write_keys(memory: RunMemory, setup: Setup) -> None:

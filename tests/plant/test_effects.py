@@ -1,0 +1,162 @@
+"""The one list of the effects of the water: what engines, resets, attach and theory take from it."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from twin import TwinParameters
+from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach
+from uvms_mj.physics.effects import EFFECTS, FLOWS, PUSHES, TABLES, counted
+from uvms_mj.plant.effects import each_table, effect_records, effect_tables
+from uvms_mj.plant.settings import World
+from uvms_mj.plant.water import EFFECT_TABLES
+from uvms_mj.setup.base import set_up
+from vehicles import load
+
+SOME = {
+    "current": ("current.speed", 0.4),
+    "disturbance": ("disturbance.bias", [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    "sea": ("sea.height", 0.3),
+    "pads": ("pads", [{"radius": 0.1, "position": [0.05, 0.0, 0.0]}]),
+    "tether": ("tether.length", 3.0),
+    "fins": ("fins", [{"area": 0.01, "position": [0.0, 0.0, 0.0]}]),
+    "drag": ("drag", [{"forward": [1.0, 1.0, 1.0]}]),
+}
+"""A key and a value with which each effect is in use."""
+ALWAYS = {"current", "disturbance"}
+"""The effects of which each vehicle has one, so that a reset may set them."""
+
+
+def test_each_effect_has_records_a_table_and_a_field():
+    assert set(EFFECT_TABLES) == set(EFFECTS) - {"products"} == set(SOME)
+    fields = {field.name for field in dataclasses.fields(Scenario)}
+    assert set(EFFECT_TABLES) <= fields
+    scenario = Scenario.load("push_wall", dict(SOME.values()))
+    for name, _, table in each_table(effect_tables(scenario)):
+        assert isinstance(table, EFFECT_TABLES[name])
+        assert set(table.tables) == set(TABLES.get(name, ()))
+        records = effect_records({name: table}, World(face=0.5))
+        assert dict(counted(records)) == {name: 1}
+    assert all(hasattr(EFFECT_TABLES[name], "velocity_W") for name in FLOWS)
+    assert all(hasattr(EFFECT_TABLES[name], "rate") for name in PUSHES)
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+def test_a_reset_changes_the_effects_there_are_and_adds_none(engine):
+    scenario = Scenario.load("push_wall")
+    with Simulation(scenario, engine=engine) as sim, Simulation(scenario, engine=engine) as same:
+        for name, (key, value) in SOME.items():
+            if name in ALWAYS:
+                continue
+            with pytest.raises(InputError, match=rf"{name}: .*can't add an effect of the water"):
+                sim.reset({key: value})
+        sim.step(50)
+        same.step(50)
+        assert np.array_equal(sim.signals.nu, same.signals.nu)
+        always = dict(SOME[name] for name in ALWAYS)
+        sim.reset(always)
+        sim.step(50)
+        with Simulation(scenario.updated(always), engine=engine) as fresh:
+            fresh.step(50)
+            assert np.array_equal(sim.signals.nu, fresh.signals.nu)
+
+
+def test_a_reset_may_take_each_effect_away_and_back():
+    scenario = Scenario.load("push_wall", dict(SOME.values()))
+    without = {key: [] if key in ("pads", "fins", "drag") else 0.0 for key, _ in SOME.values()}
+    without["disturbance.bias"] = [0.0] * 6
+    with Simulation(scenario, engine="free_body") as sim, Simulation(scenario, engine="free_body") as fresh:
+        sim.reset(without)
+        sim.step(50)
+        with Simulation(scenario.updated(without), engine="free_body") as plain:
+            plain.step(50)
+            np.testing.assert_allclose(
+                sim.signals.nu, plain.signals.nu, rtol=0.0, atol=1e-14
+            )  # M is solved with, or not
+        sim.reset()
+        sim.step(50)
+        fresh.step(50)
+        assert np.array_equal(sim.signals.nu, fresh.signals.nu)
+
+
+GUSTY = {
+    "current.deviation": [0.1, 0.05, 0.02],
+    "disturbance.deviation": [1.0, 2.0, 0.5, 0.1, 0.2, 0.3],
+    "disturbance.correlation_time": 2.0,
+}
+
+
+@pytest.mark.parametrize(
+    "over",
+    [
+        {"current.speed": 0.1},
+        {"simulation.seed": 9},
+        {"current.correlation_time": 3.0},
+        {"disturbance.deviation": [3.0, 0.0, 0.0, 0.0, 0.0, 0.0]},
+    ],
+)
+def test_gusts_after_a_reset_are_those_of_a_new_run(over):
+    """Nodes in memory are kept where they are the same, and drawn again where they are not."""
+    scenario = Scenario.load("push_wall", GUSTY)
+    with Simulation(scenario, engine="free_body") as sim:
+        sim.step(200)
+        for given in (over, None, over):
+            sim.reset(given)
+            sim.step(200)
+            changed = scenario if given is None else scenario.updated(given)
+            with Simulation(changed, engine="free_body") as fresh:
+                fresh.step(200)
+                assert np.array_equal(sim.signals.v_c_W, fresh.signals.v_c_W)
+                assert np.array_equal(sim.signals.tau_dist, fresh.signals.tau_dist)
+
+
+def test_a_table_is_that_of_attach_and_of_its_short_form():
+    """A vehicle's wrench by current_W, bias, amplitude and frequency_hz, and by the tables."""
+    wrenches, bias, amplitude, f = [], np.arange(6.0), np.ones(6), np.full(6, 0.3)
+    disturbance = Disturbance(bias=tuple(bias), amplitude=tuple(amplitude), frequency_hz=tuple(f))
+    for given in (
+        {"current_W": (0.0, 0.0, 0.2), "bias": bias, "amplitude": amplitude, "frequency_hz": f},
+        {"current": Current(speed=0.0, vertical=0.2), "disturbance": disturbance, "tether": Tether()},
+    ):
+        model, data = load(TwinParameters())
+        with attach(model, data, **given) as attachment:
+            data.time = 0.7
+            mujoco.mj_forward(model, data)
+            wrenches.append(attachment.wrench)
+    assert np.array_equal(*wrenches)
+
+
+def test_attach_refuses_two_currents_and_a_disturbance_that_a_scenario_refuses():
+    model, data = load(TwinParameters())
+    with pytest.raises(InputError, match=r"current: .* is not a uvms_mj.Current"):
+        attach(model, data, current=[Current(), Current()])
+    with pytest.raises(InputError, match=r"disturbance.frequency_hz\[0\]: .*half the step rate"):
+        attach(model, data, amplitude=[1.0] * 6, frequency_hz=[1e5] * 6)
+    with pytest.raises(InputError, match=r"bias.*must be from"):
+        attach(model, data, bias=[1e9, 0.0, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="current_W: is given by current already"):
+        attach(model, data, current=Current(), current_W=(0.1, 0.0, 0.0))
+
+
+def test_the_mean_water_is_the_mean_with_shear_and_the_last_row():
+    shear = [[-1.0, 1.2], [0.0, 1.0], [3.0, 0.4]]
+    table = [[0.0, *[5.0] * 6], [1.0, *[2.0] * 6]]
+    scenario = Scenario.load(
+        "push_wall",
+        GUSTY
+        | {
+            "current.vertical": 0.05,
+            "current.shear": shear,
+            "current.amplitude": [0.1, 0.0, 0.0],
+            "current.frequency_hz": [0.2, 0.0, 0.0],
+            "disturbance.bias": [1.0, -2.0, 3.0, 0.0, 0.5, 0.25],
+            "disturbance.table": table,
+        },
+    )
+    water, mean = set_up(scenario).mean_water, np.array(scenario.current.velocity_W)
+    for z in (3.0, 0.3, -0.7, -2.9, -8.0):
+        factor = np.interp(-z, *np.array(shear).T)
+        assert water.flow(np.array([7.0, -3.0, z])) == pytest.approx(mean * [factor, factor, 1.0], rel=1e-14)
+    assert water.push == pytest.approx(np.array(scenario.disturbance.bias) + 2.0)
