@@ -697,7 +697,8 @@ class Arrays(Scalars):
         items = items_of(value)
         if isinstance(index, ast.Slice):
             first, n, step = self._bounds(index, len(items))
-            return bundle([items[first + k * step] for k in range(n)])
+            form = value.kind.form if getattr(value.kind.form, "of", None) is list else None
+            return bundle([items[first + k * step] for k in range(n)], form)
         number = self.integer(index)
         if isinstance(number, ir.Constant):
             return items[self.known_index(number.constant, len(items)).constant]

@@ -435,7 +435,8 @@ class Expressions(Forms):
             return self._of_numpy(found) if found is not None and written is np.float64 else found
         if written in FUNCTIONS:
             found = FUNCTIONS[written](self, node.args, self._keywords(node))
-            return self._of_numpy(found) if isinstance(written, np.ufunc) or written in _NUMPYS else found
+            is_numpys = found is not None and (isinstance(written, np.ufunc) or written in _NUMPYS)
+            return self._of_numpy(found) if is_numpys else found
         if written in self.unit.intrinsics:
             return self.unit.intrinsics[written](self, [self._word(each) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked

@@ -198,6 +198,8 @@ class _Arithmetic:
         """A call of a function of the user's, of NumPy's, or of an array."""
         if type(function) is types.FunctionType and function.__module__.partition(".")[0] not in _FOREIGN:
             return twin(function)(*arguments, **keywords)
+        if function is map and arguments:
+            return map(functools.partial(_Arithmetic.call, arguments[0]), *arguments[1:], **keywords)
         if type(function) is types.BuiltinMethodType and isinstance(function.__self__, np.ndarray):
             of_numpy = getattr(np, function.__name__, None) if function.__name__ in METHODS else None
             if _replaced(of_numpy) is None:
