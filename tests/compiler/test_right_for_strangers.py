@@ -62,7 +62,8 @@ SAME = [
     "o.x[:] = list(map(float, g.x)) ;; o.s[0] = sum((e for e in g.x), start=1.0)",
     "o.x[:] = list(map(np.tanh, g.x))",
     # a part of a list is a list
-    "v = [1.0, 2.0, 3.0] ;; v = v[-2:] + [g.k] ;; o.s[0] = sum(v) + ([1, 2, 3][:2] == [1, 2]) + isinstance(v[:1], list)",
+    "v = [1.0, 2.0, 3.0] ;; v = v[-2:] + [g.k] ;; o.s[0] = sum(v) + isinstance(v[:1], list)",
+    "o.s[0] = 1.0 * ([1, 2, 3][:2] == [1, 2])",
     # what is known of an object
     "o.s[0] = hasattr(g, 'k') + 2.0 * hasattr(g, 'kk') ;; o.s[1] = getattr(g, 'kk', 3.0) * getattr(g, 'k')",
     "o.s[0] = LAW.update(g.k) + getattr(LAW, 'gain')",
