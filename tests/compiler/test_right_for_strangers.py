@@ -34,6 +34,34 @@ class Proportional:
         return self.gain * e
 
 LAW = Proportional(2.0)
+POINTS = [(0.0, 0.5), (10.0, 1.0), (10.0, 10.0)]
+ROWS = ([1, 2.5], [3.0, 4.0], [5, 6])
+
+def predicted(x, P):
+    x = x + 1.0
+    P = P @ P
+    return x, P
+
+def the_one_before(x):
+    y = x
+    x = x + 1.0
+    x[0] = 3.0
+    return y
+
+def one_of_two(x, is_first):
+    x = 1.0 * x
+    y = x if is_first else x + 1.0
+    y[0] = 9.0
+    return x
+
+def perhaps_doubled(x, is_doubled):
+    is_doubled and (x := 2.0 * x) is None
+    return x
+
+def total(x):
+    x = x[:3]
+    x = x.sum()
+    return x
 """
 
 
@@ -64,6 +92,15 @@ SAME = [
     # a part of a list is a list
     "v = [1.0, 2.0, 3.0] ;; v = v[-2:] + [g.k] ;; o.s[0] = sum(v) + isinstance(v[:1], list)",
     "o.s[0] = 1.0 * ([1, 2, 3][:2] == [1, 2])",
+    # names and arguments bound anew
+    "a = g.x.copy() ;; b, P = predicted(a, g.A) ;; a[0] = 7.0 ;; o.x[:] = b ;; o.A[:] = P",
+    "a = g.x.copy() ;; b = the_one_before(a) ;; b[1] = 7.0 ;; o.x[:] = a",
+    "a = g.x.copy() ;; b = one_of_two(a, g.k > 0.0) ;; b[1] = 7.0 ;; o.x[:] = a ;; o.s[:6] = b",
+    "o.s[0] = total(g.x)",
+    # an entry of a table of tuples is a tuple
+    "a, b = POINTS[g.n % 3] ;; o.s[0] = a - b ;; o.s[1] = len(POINTS[g.n % 3] * 2)",
+    "o.s[0] = isinstance(ROWS[g.n % 3], list) ;; o.s[1] = sum(ROWS[g.n % 3])",
+    "o.s[2] = POINTS[g.n % 3] == (10.0, 1.0)",
     # what is known of an object
     "o.s[0] = hasattr(g, 'k') + 2.0 * hasattr(g, 'kk') ;; o.s[1] = getattr(g, 'kk', 3.0) * getattr(g, 'k')",
     "o.s[0] = LAW.update(g.k) + getattr(LAW, 'gain')",
@@ -89,6 +126,7 @@ def test_equal_bit_for_bit(body):
 
 LEFT_TO_PYTHON = [
     "o.s[0] = math.sin(g.k).mean()",
+    "o.x[:] = perhaps_doubled(o.x, g.k > 0.0)",
     "o.s[0] = g.x.item(1).sum()",
     "a = 1.5 ;; o.s[0] = a.size",
     "o.x[:] = np.r_[0:6]",

@@ -5,6 +5,7 @@ import builtins
 import inspect
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -165,14 +166,20 @@ class Expressions(Forms):
         return replace(value, of_numpy=True) if value.kind.is_number else value
 
     def _table(self, node: ast.Subscript) -> Value | None:
-        """An entry of a global tuple of numbers, which is a constant array."""
+        """An entry of a global tuple or list of numbers, or of tuples of numbers, which is a constant array."""
         known = self.known(node.value)
-        if not isinstance(known, tuple) or isinstance(node.slice, ast.Slice):
+        if type(known) not in (tuple, list) or not known or isinstance(node.slice, ast.Slice | ast.Constant):
             return None
-        array = np.array(known) if all(isinstance(each, int | float | tuple) for each in known) else None
-        if array is None or array.dtype.kind not in "fi" or isinstance(node.slice, ast.Constant):
+        kinds = {(type(each), len(each)) if type(each) in (tuple, list) else (type(each), -1) for each in known}
+        are_rows = len(kinds) == 1 and min(kinds, key=str)[1] > 0
+        numbers = [number for each in known for number in each] if are_rows else known
+        if not all(type(number) in (int, float) for number in numbers):
             return None
-        return self.read(self.part(self._frozen_array(array), node.slice))
+        row = self.read(self.part(self._frozen_array(np.array(known)), node.slice))
+        if not row.kind.is_array:
+            return row
+        entries = [self.element(row, [WORD(k)]) for k in range(row.kind.sizes[0])]
+        return bundle(entries, LIST if type(known[0]) is list else None)
 
     def _BinOp(self, node: ast.BinOp) -> Value:
         name, left, right = operator_name(node.op), self.value(node.left), self.value(node.right)
@@ -257,8 +264,13 @@ class Expressions(Forms):
         return self.merged(found, self.at.append_basic_block())
 
     def _NamedExpr(self, node: ast.NamedExpr) -> Value:
-        self.assign(node.target, self.value(node.value))
+        value = self.value(node.value)
+        with self.on_a_way():  # the expression around it may not reach it
+            self.assign(node.target, value)
         return self._Name(ast.Name(node.target.id, ast.Load()))
+
+    def on_a_way(self) -> AbstractContextManager[None]:
+        raise NotImplementedError  # statements have it
 
     def assign(self, target: ast.expr, value: Value) -> None:
         raise NotImplementedError  # statements have it

@@ -5,6 +5,7 @@ import copy
 import enum
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
@@ -91,11 +92,13 @@ class Function(Assignments):
         self.given = code.args[len(code.args) - 1 - cells : -1]
         plain = (*arguments.posonlyargs, *arguments.args, arguments.vararg, *arguments.kwonlyargs, arguments.kwarg)
         names = [each.arg for each in plain if each is not None]
+        self.block = 1  # the body's, so that its statements may bind an argument anew
         for k, (name, kind) in enumerate(zip(names, kinds, strict=True)):
             n, like = len(kind.llvm), Value(kind, (), roots=frozenset({Memory(argument=k)}))
             value = unbundled(kind, tuple(given[at : at + n]), like)
             at += n
             self.bind(name, value, once=name in self.unbound)
+        self.block = 0
         self.body(self.tree.body)
         if not self.at.block.is_terminated:
             self._leave(Value(NONE, ()))
@@ -135,6 +138,13 @@ class Function(Assignments):
             self.line = statement.lineno
             if not self.unit.left_out or not self._leaves_out(statement):
                 self.visit(statement)
+        self.block = before
+
+    @contextmanager
+    def on_a_way(self) -> Iterator[None]:
+        before, self.blocks = self.block, self.blocks + 1
+        self.block = self.blocks
+        yield
         self.block = before
 
     def place_of_line(self) -> tuple[str, int]:
