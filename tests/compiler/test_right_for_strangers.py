@@ -55,7 +55,7 @@ def one_of_two(x, is_first):
     return x
 
 def perhaps_doubled(x, is_doubled):
-    is_doubled and (x := 2.0 * x) is None
+    z = is_doubled and (x := 2.0 * x) is None
     return x
 
 def total(x):
