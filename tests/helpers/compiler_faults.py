@@ -156,10 +156,10 @@ def shifted_by(old):
 
 
 def root(old):
-    def power(self, left, right):
+    def power(self, left, right, of_arrays=False):
         if right.constant == 0.5:
             return self.c_function("sqrt", [scalar(self.float_of(left), FLOAT)])
-        return old(self, left, right)
+        return old(self, left, right, of_arrays)
 
     return power
 
@@ -247,7 +247,7 @@ FAULTS = {
         "n = 2 if signals.t < 0.0 else signals.t >= 0.0\nstate.seen[0] = 1.0 if ~n else 2.0",
     ),
     "A3: a power of 0.5 is a root": (
-        put(Scalars, "_power", root),
+        put(Scalars, "power", root),
         "x = -np.inf * (1.0 + signals.t)\nstate.seen[0] = 1.0 if x ** 0.5 > 0.0 else 2.0",
     ),
     "A3: out by position is ignored": (

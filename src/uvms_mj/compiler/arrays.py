@@ -205,9 +205,17 @@ class Arrays(Scalars):
         values = [self.as_array(left), self.as_array(right)]
         if name in ("Add", "Sub", "Mult", "FloorDiv", "Mod", "Pow") and self.base_of(values) == BOOL:
             self.lack("NumPy adds truth values in a way of its own; write 1.0 * x")
-        if name == "Pow" and left.kind.is_array and right.constant == 0.5:  # NumPy takes the root of an array
-            return self.elementwise(lambda a: self.c_function("sqrt", [a]), values[0])
+        if name == "Pow":
+            return self.raised(*values)
         return self.elementwise(lambda a, b: self.operation(name, a, b), *values)
+
+    def raised(self, base: Value, exponent: Value) -> Value:
+        """``base ** exponent`` of arrays, and ``np.power``."""
+        repeated = exponent.kind.is_array and exponent.kind.sizes != self.broadcast([base, exponent])
+        if repeated or 0 in exponent.kind.strides:
+            self.lack("NumPy raises to repeated exponents in ways of its own; write a loop")
+        one = not exponent.kind.is_array
+        return self.elementwise(lambda a, b: self.power(a, b, one), base, exponent)
 
     def fill(self, target: Value, value: Value) -> None:
         """Store a value, of the target's shape or broadcast to it, into the entries of an array."""
@@ -689,7 +697,8 @@ class Arrays(Scalars):
         items = items_of(value)
         if isinstance(index, ast.Slice):
             first, n, step = self._bounds(index, len(items))
-            return bundle([items[first + k * step] for k in range(n)])
+            form = value.kind.form if getattr(value.kind.form, "of", None) is list else None
+            return bundle([items[first + k * step] for k in range(n)], form)
         number = self.integer(index)
         if isinstance(number, ir.Constant):
             return items[self.known_index(number.constant, len(items)).constant]

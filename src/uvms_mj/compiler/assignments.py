@@ -169,7 +169,11 @@ class Assignments(Lifetimes):
         if in_place and len(value.kind.sizes) > len(place.kind.sizes):
             self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(place.kind.sizes)}")
         if place.kind.is_array:
-            value = self.as_array(value)
+            nested, value = value.kind.items is not None, self.as_array(value)
+            if nested and len(value.kind.sizes) > len(place.kind.sizes):
+                self.mistake(
+                    f"a sequence of shape {shown(value.kind.sizes)} does not fit into {shown(place.kind.sizes)}"
+                )
             if not in_place:
                 self.demand_apart(place, value)
             self.fill(place, self.apart(value))
@@ -207,7 +211,11 @@ class Assignments(Lifetimes):
         if isinstance(owner, ast.Name) and owner.id in self.lists and self._present(owner.id).kind.form is not None:
             assert isinstance(node.target, ast.Subscript)
             before = self.value(ast.Subscript(owner, node.target.slice, ast.Load()))
-            self.assign(node.target, self.binary(name, before, self.value(node.value)))
+            value = self.value(node.value)
+            if before.kind.is_array:  # the one that the list holds, and whoever else
+                self.store_all(before, self.binary(name, before, value), in_place=True)
+            else:
+                self.assign(node.target, self.binary(name, before, value))
             return
         place = self.place(node.target)
         self.store_all(place, self.binary(name, self.read(place), self.value(node.value)), in_place=True)

@@ -160,7 +160,7 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
     (np.divide, np.true_divide): (2, _operator("Div")),
     (np.floor_divide,): (2, _operator("FloorDiv")),
     (np.mod, np.remainder): (2, _operator("Mod")),
-    (np.power, pow): (2, _operator("Pow")),
+    (np.power,): (2, Arrays.power),
     (np.logical_and,): (2, _logical("and_")),
     (np.logical_or,): (2, _logical("or_")),
     (np.logical_xor,): (2, lambda at, a, b: scalar(at.at.xor(at.truth(a), at.truth(b)), BOOL)),
@@ -183,7 +183,7 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Value]]] = {
 
 def _elementwise(count: int, function: Callable[..., Value], of_numpy: Any) -> Callable:
     def applied(at: Arrays, values: list[Value], out: ast.expr | None, where: Value | None) -> Value:
-        result = at.elementwise(partial(function, at), *values)
+        result = at.raised(*values) if of_numpy is np.power else at.elementwise(partial(function, at), *values)
         if of_numpy is not None:
             _agree(at, of_numpy, [at.as_array(each).kind.base for each in values], result.kind.base)
         if where is None:
@@ -255,7 +255,7 @@ entry("accumulate", method="accumulate")(_of_operation(1))
 @entry("outer", method="outer")
 def _outer(at: Arrays, function: Node, A: Array, B: Array) -> Value:
     known: Any = next((of for functions, of in _ELEMENTWISE.items() if at.known(function) in functions), (0, None))
-    if known[0] != 2 or not A.kind.is_array or not B.kind.is_array:
+    if known[0] != 2 or at.known(function) is np.power or not A.kind.is_array or not B.kind.is_array:
         at.lack(f"the language has no {ast.unparse(function)}.outer of these")
     column = at.arranged(A, lambda like: like.reshape(*like.shape, *[1] * len(at.shape_of(B))))
     result = at.elementwise(partial(known[1], at), column, B)
@@ -325,6 +325,11 @@ def _of_known(function: Callable) -> None:
 
 for _function in (math.comb, math.perm, math.factorial, math.lcm):
     _of_known(_function)
+
+
+@entry(pow)
+def _pow(at: Arrays, base: Value, exp: Value) -> Value:
+    return at.binary("Pow", base, exp)
 
 
 @entry(divmod)
@@ -591,6 +596,25 @@ def _copy_as_usual(at: Arrays, a: Array) -> Value:
 
 
 # elements of several arrays
+
+
+@entry(np.shape)
+def _shape(at: Arrays, a: Array) -> Value:
+    return at.shape_tuple(a)
+
+
+@entry(np.ndim)
+def _ndim(at: Arrays, a: Array) -> Value:
+    return whole(len(at.shape_of(a)))
+
+
+@entry(np.size)
+def _size(at: Arrays, a: Array, axis: Known = None) -> Value:
+    shape = at.shape_of(a)
+    if axis is None:
+        return whole(math.prod(shape))
+    with at.refused_by_numpy():
+        return whole(int(np.size(np.zeros(shape), axis)))
 
 
 @entry(np.clip)

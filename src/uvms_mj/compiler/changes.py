@@ -2,10 +2,12 @@
 
 import ast
 import functools
+import inspect
 import linecache
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..files import parsed
 
@@ -19,22 +21,37 @@ _FIRST = ("__init__", "__post_init__", "__new__", "__set_name__", "__init_subcla
 
 @dataclass
 class Changes:
-    """Global names, and attributes of objects, with a line where a function changes them. ``prints`` is the first line
-    where one calls print, or 0."""
+    """Global names, and attributes of objects, with a line where a function changes them. ``called`` has those of which
+    methods alone are called that change a list or a dict, each method with a line. ``prints`` is the first line where
+    one calls print, or 0. ``files`` are those that were read."""
 
     names: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
+    called: dict[str, dict[str, int]] = field(default_factory=dict)
     prints: int = 0
+    files: tuple[str, ...] = ()
+
+    def of(self, name: str, value: Any, table: Mapping[str, int]) -> int:
+        """A line where a name or an attribute of a table is changed, with its value now; otherwise 0. A method of a
+        user's own class changes what its own text changes."""
+        for method, line in self.called.get(name, {}).items():
+            its = inspect.getattr_static(type(value), method, None)
+            if not isinstance(its, types.FunctionType) or its.__code__.co_filename not in self.files:
+                return line
+        return table.get(name, 0)
 
 
 def changes_of(function: types.FunctionType) -> Changes:
     """What the functions in a function's file, and in the files of its global names, change. A file that can't be read
     changes nothing."""
+    files = sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))})
     found = Changes()
-    for file in sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))}):
+    for file in files:
         linecache.checkcache(file)
         its = _changes("".join(linecache.getlines(file)))
-        found = Changes(found.names | its.names, found.attributes | its.attributes, found.prints or its.prints)
+        called = {name: found.called.get(name, {}) | its.called.get(name, {}) for name in found.called | its.called}
+        prints = found.prints or its.prints
+        found = Changes(found.names | its.names, found.attributes | its.attributes, called, prints, tuple(files))
     return found
 
 
@@ -76,11 +93,23 @@ def _look(function: ast.AST, found: Changes) -> None:
         elif isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load):
             changed = node
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGING:
-            changed = node.func
+            _note_call(node.func, own, found)
         elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("setattr", "delattr", "object.__setattr__"):
             changed = ast.Attribute(node.args[0], _text(node.args[1:2]), ast.Store()) if node.args else None
         if changed is not None:
             _note(changed, own, first, getattr(node, "lineno", 0), found)
+
+
+def _note_call(method: ast.Attribute, own: set[str], found: Changes) -> None:
+    """Note a call that changes what it is a method of, if that is a list or a dict; and what this is a part of."""
+    of = method.value
+    while isinstance(of, ast.Subscript):
+        of = of.value
+    name = of.attr if isinstance(of, ast.Attribute) else of.id if isinstance(of, ast.Name) and of.id not in own else ""
+    if name:
+        found.called.setdefault(name, {}).setdefault(method.attr, method.lineno)
+    if isinstance(of, ast.Attribute):
+        _note(of.value, own, True, method.lineno, found)
 
 
 def _text(nodes: list[ast.expr]) -> str:

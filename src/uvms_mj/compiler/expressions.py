@@ -4,7 +4,8 @@ import ast
 import builtins
 import inspect
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -35,6 +36,7 @@ from .values import (
     known_object,
     leaves_of,
     scalar,
+    whole,
 )
 
 
@@ -110,7 +112,8 @@ class Expressions(Forms):
     def test(self, node: ast.expr) -> ir.Value:
         """A truth value."""
         if isinstance(node, ast.BoolOp):
-            return self.deciding([partial(self._tested, each) for each in node.values], node.op).llvm[0]
+            *before, last = [partial(self._tested, each) for each in node.values]
+            return self.deciding(before, node.op, last).llvm[0]
         return self.is_true(self.value(node))
 
     def _tested(self, node: ast.expr) -> Value:
@@ -127,36 +130,63 @@ class Expressions(Forms):
             return field
         if owner.kind.base.fields is None and (owner.kind.is_array or owner.kind.is_number):
             if node.attr in PROPERTIES:
+                self._demand_numpys(owner, node.attr)
                 return PROPERTIES[node.attr](self, owner)
             words = f"{owner.kind.described()} has no {node.attr!r}"
             return self.lack(f"{words} in the language") if hasattr(np.ndarray, node.attr) else self.mistake(words)
         if node.attr == "shape" and owner.kind.is_array:
             return self.shape_tuple(owner)
-        return self.read(self.field(owner, node.attr, node.value))
+        return self._of_numpy(self.read(self.field(owner, node.attr, node.value)))
 
     def _Subscript(self, node: ast.Subscript) -> Value:
         if (known := self._table(node)) is not None:
             return known
+        if (known := self.known(node.value)) is np.r_ or known is np.c_:
+            return self._joined(node, known)
         array = self.value(node.value)
         if self.is_dict(array):
             return self.of_dict(array, node)
         part = self.part(array, node.slice)
-        return part if array.kind.items is not None else self.read(part)
+        return part if array.kind.items is not None else self._of_numpy(self.read(part))
+
+    def _joined(self, node: ast.Subscript, by: Any) -> Value:
+        """``np.r_[...]`` and ``np.c_[...]`` of numbers and arrays; NumPy itself says what they are."""
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if any(isinstance(each, ast.Slice | ast.Starred | ast.Constant) and not _is_number(each) for each in parts):
+            self.lack("the language has np.r_ and np.c_ of numbers and arrays; write np.arange, or np.concatenate")
+        values = [self.as_array(self.value(each)) for each in parts]
+        with self.refused_by_numpy():
+            order = by[tuple(self.numbered(values))] if len(values) > 1 else by[self.numbered(values)[0]]
+            like = by[tuple(map(self.like, values))] if len(values) > 1 else by[self.like(values[0])]
+        return self.laid(self.gathered(values, order), like)
+
+    @staticmethod
+    def _of_numpy(value: Value) -> Value:
+        """A number that NumPy gives."""
+        return replace(value, of_numpy=True) if value.kind.is_number else value
 
     def _table(self, node: ast.Subscript) -> Value | None:
-        """An entry of a global tuple of numbers, which is a constant array."""
+        """An entry of a global tuple or list of numbers, or of tuples of numbers, which is a constant array."""
         known = self.known(node.value)
-        if not isinstance(known, tuple) or isinstance(node.slice, ast.Slice):
+        if type(known) not in (tuple, list) or not known or isinstance(node.slice, ast.Slice | ast.Constant):
             return None
-        array = np.array(known) if all(isinstance(each, int | float | tuple) for each in known) else None
-        if array is None or array.dtype.kind not in "fi" or isinstance(node.slice, ast.Constant):
+        kinds = {(type(each), len(each)) if type(each) in (tuple, list) else (type(each), -1) for each in known}
+        are_rows = len(kinds) == 1 and min(kinds, key=str)[1] > 0
+        numbers = [number for each in known for number in each] if are_rows else known
+        if not all(type(number) in (int, float) for number in numbers):
             return None
-        return self.read(self.part(self._frozen_array(array), node.slice))
+        row = self.read(self.part(self._frozen_array(np.array(known)), node.slice))
+        if not row.kind.is_array:
+            return row
+        entries = [self.element(row, [WORD(k)]) for k in range(row.kind.sizes[0])]
+        return bundle(entries, LIST if type(known[0]) is list else None)
 
     def _BinOp(self, node: ast.BinOp) -> Value:
         name, left, right = operator_name(node.op), self.value(node.left), self.value(node.right)
-        found = self.reduced_operation(name, left, right)
-        return found if found is not None else self.binary(name, left, right)
+        if (found := self.reduced_operation(name, left, right)) is not None:
+            return found
+        found = self.binary(name, left, right)
+        return self._of_numpy(found) if name == "MatMult" else found
 
     def _UnaryOp(self, node: ast.UnaryOp) -> Value:
         if isinstance(node.op, ast.Not):
@@ -173,7 +203,8 @@ class Expressions(Forms):
         values = [self.value(node.left)]
         if len(node.ops) == 1:
             return self._compared(node.ops[0], values[0], self.value(node.comparators[0]), node)
-        return self.deciding([partial(self._link, node, k, values) for k in range(len(node.ops))], ast.And())
+        *before, last = [partial(self._link, node, k, values) for k in range(len(node.ops))]
+        return self.deciding(before, ast.And(), last)
 
     def _link(self, node: ast.Compare, k: int, values: list[Value]) -> Value:
         """One comparison of a chain; what it compares with is evaluated only if it is reached."""
@@ -206,30 +237,40 @@ class Expressions(Forms):
         return self.elementwise(lambda a, b: self.comparison(COMPARISONS[name], a, b), left, right)
 
     def _BoolOp(self, node: ast.BoolOp) -> Value:
-        return self.deciding([partial(self.value, each) for each in node.values], node.op)
+        *before, last = [partial(self.value, each) for each in node.values]
+        return self.deciding(before, node.op, last)
 
-    def deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
+    def deciding(
+        self, operands: Iterable[Callable[[], Value]], operator: ast.boolop, last: Callable[[], Value]
+    ) -> Value:
         """The first operand that decides, or the last one, as in Python; those behind it are not evaluated."""
         found, is_and = [], isinstance(operator, ast.And)
         for operand in operands:
             value = operand()
-            test = self.is_true(value) if operand is not operands[-1] else None
-            if test is None or isinstance(test, ir.Constant):
-                if test is None or bool(test.constant) != is_and:
+            test = self.is_true(value)
+            if isinstance(test, ir.Constant):
+                if bool(test.constant) != is_and:
                     break
                 continue
             decided, further = self.at.append_basic_block(), self.at.append_basic_block()
             self.at.cbranch(test, *((further, decided) if is_and else (decided, further)))
             found.append((value, decided))
             self.at.position_at_end(further)
+        else:
+            value = last()
         if not found:
             return value
         found.append((value, self.at.block))
         return self.merged(found, self.at.append_basic_block())
 
     def _NamedExpr(self, node: ast.NamedExpr) -> Value:
-        self.assign(node.target, self.value(node.value))
+        value = self.value(node.value)
+        with self.on_a_way():  # the expression around it may not reach it
+            self.assign(node.target, value)
         return self._Name(ast.Name(node.target.id, ast.Load()))
+
+    def on_a_way(self) -> AbstractContextManager[None]:
+        raise NotImplementedError  # statements have it
 
     def assign(self, target: ast.expr, value: Value) -> None:
         raise NotImplementedError  # statements have it
@@ -337,7 +378,9 @@ class Expressions(Forms):
             method = METHODS.get(node.func.attr)
             if method is None:
                 self.lack(f"the language has no method {node.func.attr}")
-            return FUNCTIONS[method](self, [Given(owner), *node.args], self._keywords(node))
+            self._demand_numpys(owner, node.func.attr)
+            found = FUNCTIONS[method](self, [Given(owner), *node.args], self._keywords(node))
+            return found if found is None or node.func.attr in _TO_PYTHON else self._of_numpy(found)
         if known is MISSING and not isinstance(node.func, ast.Name | ast.Attribute):
             return self._of_value(self.value(node.func), node)
         if known is MISSING and isinstance(node.func, ast.Name):
@@ -348,6 +391,13 @@ class Expressions(Forms):
                 self.lack(f"the language has no {ast.unparse(node.func)}")
             return FUNCTIONS[method](self, [node.func.value, *node.args], self._keywords(node))
         return self._of_known(known, node)
+
+    def _demand_numpys(self, owner: Value, name: str) -> None:
+        """Refuse what a number of NumPy's has, and one of Python's has not, unless it surely is NumPy's."""
+        if owner.kind.is_number and not owner.of_numpy and self.unit.checked:
+            self.lack(
+                f"whether this number is Python's, which has no {name!r}, or NumPy's is not known; write np.float64(x)"
+            )
 
     def _of_object(self, owner: Value, node: ast.Call) -> Any:
         """A method of what is no array; MISSING if it is one."""
@@ -393,9 +443,12 @@ class Expressions(Forms):
         if isinstance(known, str):
             self.mistake(f"{known!r} can't be called")
         if (written := _hashed(known)) in FORMS:
-            return FORMS[written](self, node)
+            found = FORMS[written](self, node)
+            return self._of_numpy(found) if found is not None and written is np.float64 else found
         if written in FUNCTIONS:
-            return FUNCTIONS[written](self, node.args, self._keywords(node))
+            found = FUNCTIONS[written](self, node.args, self._keywords(node))
+            is_numpys = found is not None and (isinstance(written, np.ufunc) or written in _NUMPYS)
+            return self._of_numpy(found) if is_numpys else found
         if written in self.unit.intrinsics:
             return self.unit.intrinsics[written](self, [self._word(each) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
@@ -475,6 +528,8 @@ class Expressions(Forms):
 def _sum_of(at: Expressions, node: ast.Call) -> Value | None:
     """A function of one thing that it runs over: of a generator, a tuple of its values."""
     known = at.known(node.func)
+    if known is sum and node.args and _is_lazy(at, node.args[0]):
+        return _added(at, node)
     args = [Given(bundle(at.listed(each))) if _is_lazy(at, each) else each for each in node.args]
     if len(args) == 1 and not node.keywords:
         value = at.value(args[0])
@@ -482,6 +537,17 @@ def _sum_of(at: Expressions, node: ast.Call) -> Value | None:
             value = bundle([at.frozen(key) for key in at.entries(value)])
         args = [Given(value)]
     return FUNCTIONS[known](at, args, at._keywords(node))
+
+
+def _added(at: Expressions, node: ast.Call) -> Value:
+    """``sum`` of a generator: each value is added before the next one is made, which may change it."""
+    start = [*node.args[1:], *(each.value for each in node.keywords if each.arg == "start")]
+    if len(start) > 1 or len(node.args) + len(node.keywords) > 1 + len(start):
+        at.mistake("sum takes what it runs over, and start")
+    result = at.value(start[0]) if start else whole(0)
+    for each in at.each_of(node.args[0]):
+        result = at.binary("Add", result, each)
+    return result
 
 
 def _is_lazy(at: Expressions, node: ast.expr) -> bool:
@@ -529,6 +595,31 @@ def _isinstance(at: Expressions, node: ast.Call) -> Value:
     return at.is_instance(*(at.value(each) for each in node.args))
 
 
+def _attribute(at: Expressions, node: ast.Call) -> Value:
+    """``hasattr`` and ``getattr`` of a record, of an object with fields, and of what is known when compiling."""
+    is_asked = at.known(node.func) is hasattr
+    if len(node.args) not in ((2,) if is_asked else (2, 3)) or node.keywords:
+        at.mistake("hasattr and getattr take an object, a name, and getattr a value")
+    owner, name = at.value(node.args[0]), at.python(at.value(node.args[1]))
+    if not isinstance(name, str):
+        at.needs_constant("the name of an attribute")
+    fields = owner.kind.base.fields if owner.kind.items is None and not owner.kind.is_array else None
+    if fields is None and at.object_of(owner) is MISSING and at.field_of(owner, name) is None:
+        at.lack("hasattr and getattr are of what is known when compiling")
+    if fields is not None and name not in fields and (name.startswith("_") or hasattr(np.record, name)):
+        at.lack(f"the language has no {name} of a record")
+    known = at.object_of(owner)
+    if known is not MISSING:
+        at.demand_unchanged(known, name, node)
+    there = name in fields if fields is not None else known is MISSING or hasattr(known, name)
+    if is_asked:
+        return at.constant(there)
+    usual = at.value(node.args[2]) if len(node.args) == 3 else None
+    if there or usual is None:
+        return at.value(ast.copy_location(ast.Attribute(Given(owner), name, ast.Load()), node))
+    return usual
+
+
 def _length(at: Expressions, node: ast.Call) -> Value | None:
     value = at.value(_one(at, node)[0])
     known = at.object_of(value)
@@ -571,6 +662,8 @@ FORMS: dict[Any, Callable[[Expressions, ast.Call], Value | None]] = {
     dict: _dict,
     print: _print,
     isinstance: _isinstance,
+    hasattr: _attribute,
+    getattr: _attribute,
     len: _length,
     float: _number,
     np.float64: _number,
@@ -579,6 +672,16 @@ FORMS: dict[Any, Callable[[Expressions, ast.Call], Value | None]] = {
     partial: _partial,
 }
 """What is called with expressions that are no numbers, or with any number of them."""
+
+
+def _is_number(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+_TO_PYTHON = ("item", "tolist")
+"""Methods of an array that give numbers of Python."""
+_NUMPYS = (np.int64, np.sum, np.mean, np.dot, np.linalg.norm, np.linalg.det, np.trace)
+"""Functions besides the element-wise ones that give numbers of NumPy."""
 
 
 def _hashed(known: Any) -> Any:

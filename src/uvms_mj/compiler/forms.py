@@ -11,7 +11,7 @@ import enum
 import functools
 import inspect
 import types
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -55,13 +55,18 @@ class Given(ast.expr):
 class Forms(KnownObjects):
     """Texts, lists and dicts, comprehensions, comparisons and functions within functions."""
 
+    def known(self, node: ast.expr) -> Any:
+        return self.object_of(node.value) if isinstance(node, Given) else super().known(node)
+
     def variable(self, name: str) -> Value:
         raise NotImplementedError  # statements have it
 
     def iteration(self, node: ast.expr) -> Any:
         raise NotImplementedError
 
-    def deciding(self, operands: Sequence[Callable[[], Value]], operator: ast.boolop) -> Value:
+    def deciding(
+        self, operands: Iterable[Callable[[], Value]], operator: ast.boolop, last: Callable[[], Value]
+    ) -> Value:
         raise NotImplementedError  # expressions have it
 
     # texts
@@ -281,14 +286,23 @@ class Forms(KnownObjects):
 
     def listed(self, node: ast.expr) -> list[Value]:
         """The values that something runs over, one by one."""
+        return list(self.each_of(node))
+
+    def each_of(self, node: ast.expr) -> Iterator[Value]:
+        """The values that something runs over, each made when it is asked for, as in Python."""
         if isinstance(node, ast.GeneratorExp):
-            return self._written_out(node)
+            for names in self.turns_of_comprehension(node.generators):
+                with self.bound(names):
+                    value = self.value(node.elt)
+                yield value
+            return
         turns = self.iteration(node)
         if not isinstance(turns.n, ir.Constant):
             self.needs_constant("the number of values here")
         if turns.n.constant > MOST_TURNS:
             self.lack(f"more than {MOST_TURNS} values are not written out; write a loop")
-        return [turns.item(WORD(k)) for k in range(turns.n.constant)]
+        for k in range(turns.n.constant):
+            yield turns.item(WORD(k))
 
     @contextmanager
     def bound(self, names: Mapping[str, Value]) -> Iterator[None]:
@@ -344,20 +358,27 @@ class Forms(KnownObjects):
     def at_index(self, array: Value, i: ir.Value) -> Value:
         raise NotImplementedError  # statements have it
 
-    def turns_of_comprehension(self, generators: Sequence[ast.comprehension]) -> Iterator[dict[str, Value]]:
-        """The names of each turn; they are bound while the turn is used."""
+    def turns_of_comprehension(
+        self, generators: Sequence[ast.comprehension], around: Mapping[str, Value] = types.MappingProxyType({})
+    ) -> Iterator[dict[str, Value]]:
+        """The names of each turn, which whoever uses the turn binds. ``around``: of the loops before."""
         if not generators:
-            yield {}
+            yield dict(around)
             return
         first, *rest = generators
         if first.is_async:
             self.lack("the language has no async")
-        for value in self.listed(first.iter):
-            names = self._names_of(first.target, value)
+        values = self.each_of(first.iter)
+        while True:
+            with self.bound(around):
+                value = next(values, None)
+                if value is None:
+                    return
+                names = dict(around) | self._names_of(first.target, value)
             with self.bound(names):
-                if all(self._decided(test) for test in first.ifs):
-                    for inner in self.turns_of_comprehension(rest):
-                        yield names | inner
+                is_taken = all(self._decided(test) for test in first.ifs)
+            if is_taken:
+                yield from self.turns_of_comprehension(rest, names)
 
     def _decided(self, node: ast.expr) -> bool:
         test = self.test(node)
@@ -365,33 +386,34 @@ class Forms(KnownObjects):
             self.lack("how many values a comprehension has must be known when compiling; write a loop, or np.where")
         return bool(test.constant)
 
-    def _written_out(self, node: ast.ListComp | ast.GeneratorExp) -> list[Value]:
+    def _ListComp(self, node: ast.ListComp) -> Value:
         found = []
-        for _ in self.turns_of_comprehension(node.generators):
-            found.append(self.value(node.elt))
+        for names in self.turns_of_comprehension(node.generators):
+            with self.bound(names):
+                found.append(self.value(node.elt))
             if len(found) > MOST_TURNS:
                 self.lack(f"a comprehension of more than {MOST_TURNS} values is not written out; write a loop")
-        return found
-
-    def _ListComp(self, node: ast.ListComp) -> Value:
-        return bundle(self._written_out(node), LIST)
+        return bundle(found, LIST)
 
     def _DictComp(self, node: ast.DictComp) -> Value:
         found = {}
-        for _ in self.turns_of_comprehension(node.generators):
-            found[self.key(self.value(node.key))] = self.held(self.value(node.value))
+        for names in self.turns_of_comprehension(node.generators):
+            with self.bound(names):
+                found[self.key(self.value(node.key))] = self.held(self.value(node.value))
         return self.dict_of(found)
 
     def all_or_any(self, node: ast.expr, operator: ast.boolop) -> Value:
         """``all`` and ``any`` of a generator: what is behind the value that decides is not evaluated."""
-        if isinstance(node, ast.GeneratorExp):
-            turns = list(self.turns_of_comprehension(node.generators))
-            operands = [functools.partial(self._in_turn, names, node.elt) for names in turns]
-        else:
-            operands = [functools.partial(self._true, value) for value in self.listed(node)]
-        if not operands:
-            return self.constant(isinstance(operator, ast.And))
-        return self.deciding(operands, operator)
+
+        def operands() -> Iterator[Callable[[], Value]]:
+            if isinstance(node, ast.GeneratorExp):
+                for names in self.turns_of_comprehension(node.generators):
+                    yield functools.partial(self._in_turn, names, node.elt)
+            else:
+                for value in self.each_of(node):
+                    yield functools.partial(self._true, value)
+
+        return self.deciding(operands(), operator, lambda: self.constant(isinstance(operator, ast.And)))
 
     def _in_turn(self, names: Mapping[str, Value], node: ast.expr) -> Value:
         with self.bound(names):

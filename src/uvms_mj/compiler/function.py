@@ -5,6 +5,7 @@ import copy
 import enum
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from llvmlite import ir
@@ -91,11 +92,13 @@ class Function(Assignments):
         self.given = code.args[len(code.args) - 1 - cells : -1]
         plain = (*arguments.posonlyargs, *arguments.args, arguments.vararg, *arguments.kwonlyargs, arguments.kwarg)
         names = [each.arg for each in plain if each is not None]
+        self.block = 1  # the body's, so that its statements may bind an argument anew
         for k, (name, kind) in enumerate(zip(names, kinds, strict=True)):
             n, like = len(kind.llvm), Value(kind, (), roots=frozenset({Memory(argument=k)}))
             value = unbundled(kind, tuple(given[at : at + n]), like)
             at += n
             self.bind(name, value, once=name in self.unbound)
+        self.block = 0
         self.body(self.tree.body)
         if not self.at.block.is_terminated:
             self._leave(Value(NONE, ()))
@@ -135,6 +138,13 @@ class Function(Assignments):
             self.line = statement.lineno
             if not self.unit.left_out or not self._leaves_out(statement):
                 self.visit(statement)
+        self.block = before
+
+    @contextmanager
+    def on_a_way(self) -> Iterator[None]:
+        before, self.blocks = self.block, self.blocks + 1
+        self.block = self.blocks
+        yield
         self.block = before
 
     def place_of_line(self) -> tuple[str, int]:
@@ -468,15 +478,19 @@ class Function(Assignments):
             if node.keywords and (len(lengths) > 1 or None in lengths):
                 self.lack("zip with strict needs parts of one length, known when compiling")
             return self._zipped(parts)
-        if isinstance(node, ast.Call) and known is reversed and len(node.args) == 1:
-            values = self.listed(node.args[0])[::-1]
-            return self._over_items([self.held(each) for each in values])
+        if isinstance(node, ast.Call) and known is reversed and len(node.args) == 1 and not node.keywords:
+            return self._reversed(node.args[0])
         if isinstance(node, ast.Call) and known is map and len(node.args) > 1 and not node.keywords:
-            columns = [self.listed(each) for each in node.args[1:]]
-            calls = [ast.Call(node.args[0], [Given(each) for each in row], []) for row in zip(*columns, strict=False)]
-            return self._over_items([self.held(self.visit(each)) for each in calls])
+            function, parts = node.args[0], [self.iteration(each) for each in node.args[1:]]
+            if isinstance(function, ast.Name | ast.Lambda):
+                function = Given(self.value(function))
+
+            def called(i: ir.Value) -> Value:
+                return self.held(self.visit(ast.Call(function, [Given(part.item(i)) for part in parts], [])))
+
+            return Iteration(self._zipped(parts).n, called, apart=True)
         if isinstance(node, ast.GeneratorExp):
-            return self._over_items([self.held(each) for each in self.listed(node)])
+            return self._over_generator(node)
         value = self.value(node)
         found = self.object_of(value)
         if isinstance(found, str):
@@ -494,6 +508,32 @@ class Function(Assignments):
         array = self.variable(name)
         n = array.kind.shape[0]  # type: ignore[index]  # numbers are refused above
         return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self.at_index(self.variable(name), i))
+
+    def _reversed(self, node: ast.expr) -> Iteration:
+        """What runs backwards; each value is read at its turn."""
+        if isinstance(node, ast.GeneratorExp) or (
+            isinstance(node, ast.Call) and self.known(node.func) in (map, zip, enumerate, reversed)
+        ):
+            self.mistake("reversed takes what has a length")
+        inner = self.iteration(node)
+        last = self.operation("Sub", scalar(inner.n, INT), whole(1))
+        return Iteration(inner.n, lambda i: inner.item(self._back(last, i)), inner.apart)
+
+    def _back(self, last: Value, i: ir.Value) -> ir.Value:
+        return self.operation("Sub", last, scalar(i, INT)).llvm[0]
+
+    def _over_generator(self, node: ast.GeneratorExp) -> Iteration:
+        """What a generator gives; each value is made at its turn."""
+        first, *rest = node.generators
+        if rest or first.ifs or first.is_async:
+            self.lack("a loop over a generator with several loops, or with a condition; write a list")
+        inner = self.iteration(first.iter)
+
+        def item(i: ir.Value) -> Value:
+            with self.bound(self._names_of(first.target, inner.item(i))):
+                return self.held(self.value(node.elt))
+
+        return Iteration(inner.n, item, apart=True)
 
     def _over_items(self, items: list[Value]) -> Iteration:
         def item(i: ir.Value) -> Value:

@@ -77,7 +77,7 @@ class KnownObjects(Arrays):
             known = self.function.__globals__.get(name, MISSING)
         if known is MISSING:
             self.mistake(f"{name} is not defined")
-        if (line := self.changes.names.get(name)) is not None and not isinstance(known, types.ModuleType):
+        if not isinstance(known, types.ModuleType) and (line := self.changes.of(name, known, self.changes.names)):
             self.lack(f"{name} changes in line {line}, while the run goes on; keep it in a state or a memory")
         return known
 
@@ -106,14 +106,18 @@ class KnownObjects(Arrays):
             return MISSING
         if isinstance(owner, _WITHOUT):
             return getattr(owner, name, MISSING)
-        if line := self._changed(owner, name):
-            self.lack(f"{ast.unparse(node)} may change in line {line}, while the run goes on; keep it in a state")
+        self.demand_unchanged(owner, name, node)
         if isinstance(inspect.getattr_static(type(owner), name, None), property):
             return MISSING if isinstance(owner, enum.Enum) else self.lack("the language has no property of an object")
         try:
             return getattr(owner, name)
         except AttributeError:
             return self.mistake(f"{ast.unparse(node.value)} has no {name!r}")
+
+    def demand_unchanged(self, owner: Any, name: str, node: ast.expr) -> None:
+        """Refuse an attribute that may be changed in the run."""
+        if line := self._changed(owner, name):
+            self.lack(f"{ast.unparse(node)} may change in line {line}, while the run goes on; keep it in a state")
 
     def _changed(self, owner: Any, name: str) -> int:
         """A line where an attribute of an object may be changed in the run, otherwise 0."""
@@ -122,7 +126,8 @@ class KnownObjects(Arrays):
             return 0
         if isinstance(owner, types.ModuleType) and self.is_foreign(owner):
             return 0
-        return self.changes.attributes.get(name, 0)
+        value = inspect.getattr_static(owner, name, None)
+        return self.changes.of(name, value, self.changes.attributes)
 
     def frozen(self, value: Any) -> Value:
         """A global number, tuple, list or array as a constant; any other object as one that is known."""

@@ -114,7 +114,8 @@ class Lifetimes(Expressions):
         self.written_out = 0  # loops around this place whose turns are written out
         self.copies = 1  # of this place, by these loops
         self.turnings: list[Turning] = []
-        self.views: dict[str, set[str | Memory]] = {}  # of what each name is a view, anywhere in the function
+        self.views: dict[str, set[str | Memory]] = {}  # of what each name is a view, by the keys of names
+        self.bound_anew: dict[str, int] = {}  # how often, by a statement that no way leads around
         self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
 
     def bindings(self, statements: Iterable[ast.stmt]) -> Iterator[str]:
@@ -133,8 +134,12 @@ class Lifetimes(Expressions):
         if numbers is None:
             numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
         turns = self.turning is not None and name in self.turning.names
-        value = Value(its.kind, numbers, False, its.steady and not turns, roots=frozenset({name}))
+        value = Value(its.kind, numbers, False, its.steady and not turns, roots=frozenset({self._key(name)}))
         return bundle(items_of(value), its.kind.form) if its.kind.items is not None else value
+
+    def _key(self, name: str) -> str:
+        """A name since the last statement that bound it anew, so that what it stood for before does not count."""
+        return f"{name} {self.bound_anew.get(name, 0)}"
 
     def bind(self, name: str, value: Value, once: bool = False) -> None:
         """Let a name stand for a value. ``once``: no other statement binds the name."""
@@ -145,7 +150,9 @@ class Lifetimes(Expressions):
             self.constants[name] = value
             if not self.written_out:
                 return
-        its_views = self.views.setdefault(name, set())
+        if self.block <= 1 and self.turning is None:
+            self.bound_anew[name] = self.bound_anew.get(name, 0) + 1
+        its_views = self.views.setdefault(self._key(name), set())
         for leaf in leaves_of(value):
             its_views |= {Memory(own=True)} if leaf.fresh else leaf.roots
         if self.turning is not None:
@@ -176,8 +183,8 @@ class Lifetimes(Expressions):
             self.at.store(each, slot)
 
     def origins(self, value: Value) -> set[Memory]:
-        """The memory that an array may be in. What a name stands for is collected from all statements, so that neither
-        branches nor loops count."""
+        """The memory that an array may be in. What a name stands for is collected from all statements since one that no
+        way leads around bound it anew."""
         if value.fresh:
             return {Memory(own=True)}
         todo, found = list(value.roots), set[str | Memory]()

@@ -93,7 +93,7 @@ class Scalars(Emission):
         if base != FLOAT and name in _KNOWN and a is not None and b is not None:
             return self.constant(_KNOWN[name](int(a), int(b)))
         if name == "Pow":
-            return self._power(left, right)
+            return self.power(left, right)
         if name in _BITS:
             return self._bits(name, left, right)
         base = FLOAT if name == "Div" or base == FLOAT else INT
@@ -184,18 +184,29 @@ class Scalars(Emission):
             return scalar(self.at.sub(quotient, self.at.zext(odd, WORD)), INT)
         return scalar(self.at.select(odd, self.at.add(rest, b), rest), INT)
 
-    def _power(self, left: Value, right: Value) -> Value:
+    def power(self, left: Value, right: Value, of_arrays: bool = False) -> Value:
+        """``left ** right``; ``of_arrays``, as NumPy's loop has it for one exponent of all: 0.5 is a square root there,
+        and -1 a quotient. An exponent that is known only in the run takes the same ways as one that is known before."""
         exponent = right.constant if right.kind.base != FLOAT or isinstance(right.llvm[0], ir.Constant) else None
         if FLOAT not in (left.kind.base, right.kind.base) and (exponent is None or exponent < 0):
             self.lack("the exponent of an integer must be a constant of at least 0; write float(...) ** n")
         if left.kind.base != FLOAT and right.kind.base != FLOAT:
             return self._whole_power(left, int(exponent))  # type: ignore[arg-type]  # None is refused above
         x = scalar(self.float_of(left), FLOAT)
-        if exponent == 2:
-            return self.operation("Mult", x, x)
-        if exponent == 1:
-            return x
-        return self.c_function("pow", [x, right])
+        ways: dict[float, Callable[[], Value]] = {1.0: lambda: x, 2.0: lambda: self.operation("Mult", x, x)}
+        if of_arrays:
+            ways[0.5] = lambda: self.c_function("sqrt", [x])
+        if of_arrays and self.unit.checked:
+            ways[-1.0] = lambda: self.operation("Div", self.constant(1.0), x)
+        if exponent is not None and exponent in ways:
+            return ways[exponent]()
+        result = self.c_function("pow", [x, right])
+        if exponent is not None or not self.unit.checked or self.ours:
+            return result
+        for known, way in ways.items():
+            is_known = self.comparison("==", right, self.constant(known)).llvm[0]
+            result = self.chosen(is_known, way(), result)
+        return result
 
     def _whole_power(self, base: Value, exponent: int, wide: bool = False) -> Value:
         if base.constant is not None:

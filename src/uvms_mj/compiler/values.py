@@ -203,6 +203,7 @@ class Value:
         items: of a tuple.
         roots: what an array or a record that is not fresh may be a view of: names, and memory.
         fleeting: whether it may be in memory of this statement although it is not fresh.
+        of_numpy: of a number, whether it surely is NumPy's, which has methods that Python's own has not.
     """
 
     kind: Kind
@@ -212,6 +213,7 @@ class Value:
     items: tuple["Value", ...] = ()
     roots: frozenset[str | Memory] = frozenset()
     fleeting: bool = False
+    of_numpy: bool = False
 
     @property
     def constant(self) -> Any:

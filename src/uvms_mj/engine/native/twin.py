@@ -171,15 +171,17 @@ class _Arithmetic:
         return sums.reshape(exact.shape)[()]
 
     @staticmethod
-    def power(base: Any, exponent: Any) -> Any:
-        """``base ** exponent``."""
-        exact = base**exponent
+    def power(base: Any, exponent: Any, of_arrays: bool = False) -> Any:
+        """``base ** exponent``; ``of_arrays``, as NumPy's loop has it for one exponent of all."""
+        exact = base**exponent if not of_arrays else np.power(base, exponent)
         if np.asarray(exact).dtype.kind != "f":
             return exact
-        if isinstance(exponent, int | float | np.number) and exponent in (1, 2):
-            return exact if exponent == 1 else base * base
-        if isinstance(base, np.ndarray) and np.ndim(exponent) == 0 and exponent == 0.5:
-            return exact
+        if np.ndim(exponent) == 0:
+            of_arrays = of_arrays or isinstance(base, np.ndarray)
+            if exponent == 1 or (of_arrays and exponent in (-1, 0.5, 2)):
+                return exact
+            if exponent == 2:
+                return base * base
         return _if_near(_of_c("pow", 2)(base, exponent), exact, _OF_C)
 
     @staticmethod
@@ -196,6 +198,8 @@ class _Arithmetic:
         """A call of a function of the user's, of NumPy's, or of an array."""
         if type(function) is types.FunctionType and function.__module__.partition(".")[0] not in _FOREIGN:
             return twin(function)(*arguments, **keywords)
+        if function is map and arguments:
+            return map(functools.partial(_Arithmetic.call, arguments[0]), *arguments[1:], **keywords)
         if type(function) is types.BuiltinMethodType and isinstance(function.__self__, np.ndarray):
             of_numpy = getattr(np, function.__name__, None) if function.__name__ in METHODS else None
             if _replaced(of_numpy) is None:
@@ -230,7 +234,7 @@ def _others() -> dict[Any, Callable]:
     for function in (np.sum, np.mean, np.prod, np.std, np.var, np.average):
         found[function] = functools.partial(_in_order, function)
     found |= dict.fromkeys((np.matmul, np.dot), _product)
-    found |= {np.power: _Arithmetic.power, pow: _power, np.linalg.norm: _norm, math.log: _logarithm}
+    found |= {np.power: _power_of_arrays, pow: _power, np.linalg.norm: _norm, math.log: _logarithm}
     return found | {function: functools.partial(_ours, function, ours) for function, ours in REPLACED.items()}
 
 
@@ -245,10 +249,10 @@ def _if_near(mine: Any, theirs: Any, share: float) -> Any:
     return mine if near else theirs
 
 
-def _of_library(function: Callable, name: str, n: int, *arguments: Any, out: Any = None) -> Any:
+def _of_library(function: Callable, name: str, n: int, *arguments: Any, out: Any = None, where: Any = True) -> Any:
     """A function of :mod:`uvms_mj.compiler.libm` in place of NumPy's."""
     result = _if_near(_of_c(name, n)(*arguments), function(*arguments), _OF_C)
-    return result if out is None else _put(result, out)
+    return result if out is None else _put(result, out, where)
 
 
 def _of_python(function: Callable, name: str, n: int, *arguments: Any) -> Any:
@@ -279,9 +283,9 @@ def _of_c(name: str, n: int) -> Callable:
     return call
 
 
-def _put(result: Any, out: Any) -> Any:
+def _put(result: Any, out: Any, where: Any = True) -> Any:
     (out,) = out if isinstance(out, tuple) else (out,)
-    out[...] = result
+    np.copyto(out, result, casting="unsafe", where=where)
     return out
 
 
@@ -297,6 +301,11 @@ def _product(a: Any, b: Any, out: Any = None) -> Any:
 
 def _power(base: Any, exponent: Any, *further: Any) -> Any:
     return pow(base, exponent, *further) if further else _Arithmetic.power(base, exponent)
+
+
+def _power_of_arrays(base: Any, exponent: Any, out: Any = None, *, where: Any = True) -> Any:
+    result = _Arithmetic.power(base, exponent, of_arrays=True)
+    return result if out is None else _put(result, out, where)
 
 
 def _norm(x: Any, *further: Any, **keywords: Any) -> Any:
@@ -317,10 +326,12 @@ def _ours(theirs: Callable, ours: Any, *arguments: Any, **keywords: Any) -> Any:
 
 def _lost(matrix: Any) -> float:
     """The share of the largest number by which two ways to solve equations may differ: rounding times the condition."""
-    if np.ndim(matrix) != 2:
-        return _OF_C
     try:
+        if np.ndim(matrix) != 2:
+            return _OF_C
         condition = float(np.linalg.cond(matrix))
+    except ValueError:  # of several arrays
+        return _OF_C
     except np.linalg.LinAlgError:
         return np.inf
     return max(_OF_C, 1e3 * np.finfo(float).eps * condition) if np.isfinite(condition) else np.inf
