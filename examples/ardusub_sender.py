@@ -193,7 +193,7 @@ class Vehicle:
         self.listen(0.1)
         for name in names:
             self.parameters.pop(name, None)
-        for _ in range(20):
+        for _ in range(10):
             missing = [name for name in names if name not in self.parameters]
             if not missing:
                 return {name: self.parameters[name] for name in names}

@@ -5,9 +5,11 @@ import importlib.util
 import json
 import math
 import os
+import signal
 import socket
 import struct
 import subprocess
+import sys
 import threading
 import time
 import tomllib
@@ -27,6 +29,7 @@ pytest.importorskip("lupa", reason="a real Lua 5.3 runs the script: pip install 
 pytest.importorskip("pymavlink", reason="the frames are those of pymavlink: pip install pymavlink")
 os.environ["MAVLINK20"] = "1"
 
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ardusub_standin import INSTRUCTIONS, Standin
@@ -474,3 +477,176 @@ def test_a_push_on_a_wall_through_the_gate(exported, port, seconds):
     late = trace.t > seconds - 5.0
     assert trace.push[late].min() > 0.0
     assert trace.push[late].mean() == pytest.approx(ours.push[late].mean(), abs=0.023)
+
+
+class Flying(threading.Thread):
+    """The stand-in in real time at the other end of a MAVLink connection, at rest. ``event`` happens to it 0.4 s after
+    its gate has opened."""
+
+    def __init__(self, export, event=None):
+        super().__init__(daemon=True)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.place = f"udpin:127.0.0.1:{self.port}"
+        self.standin = Standin(script(export))
+        self.event, self.measures, self.rows, self.last_frame_us, self.ends = event, True, [], 0, False
+        self.frames, self.happened_us = 0, None
+
+    def run(self):
+        standin = self.standin
+        link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{self.port}", source_system=1, source_component=1)
+        begun, sent, told, opened = time.monotonic(), {}, 0, None
+
+        def due(what, seconds):
+            if standin.us - sent.get(what, -1e9) < 1e6 * seconds:
+                return False
+            sent[what] = standin.us
+            return True
+
+        with contextlib.closing(link):
+            while not self.ends:
+                time.sleep(0.002)
+                while standin.us < 1e6 * (time.monotonic() - begun):
+                    self.rows.append((standin.us, standin.loop()))
+                while (message := link.recv_match()) is not None:
+                    if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in standin.parameters:
+                        value = standin.parameters[message.param_id]
+                        link.mav.param_value_send(message.param_id.encode(), value, 9, 1, 0)
+                    elif message.get_type() == "TUNNEL":
+                        standin.give(bytes(message.get_msgbuf()))
+                        self.last_frame_us, self.frames = standin.us, self.frames + 1
+                if due("heartbeat", 0.2):
+                    link.mav.heartbeat_send(12, 3, 1 | 128 * standin.armed, standin.mode, 4)
+                if not standin.ended and due("gate", 0.2):
+                    link.mav.named_value_float_send(0, b"GATE", standin.floats.get("GATE", 0.0))
+                if self.measures and due("measured", 0.02):
+                    link.mav.attitude_send(0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+                    link.mav.local_position_ned_send(0, 1.0, 2.0, 5.0, 0.0, 0.0, 0.0)
+                for text in standin.texts[told:]:
+                    link.mav.statustext_send(6, text.encode())
+                    opened = standin.us if "open" in text and opened is None else opened
+                told = len(standin.texts)
+                if self.event and opened is not None and standin.us > opened + 400_000:
+                    self.happened_us = standin.us
+                    self.event(self)
+                    self.event = None
+
+    def after(self, seconds=0.5):
+        """Let it go on for so long, and end."""
+        time.sleep(seconds)
+        self.ends = True
+        self.join(10.0)
+        assert not self.is_alive()
+
+
+def arguments(flying, exported, port, *more):
+    about = exported[0] / "impedance.toml"
+    motors = ",".join(map(str, MOTORS))
+    return [flying.place, str(about), f"--motors={motors}", "--port", str(port), "--wait", "3", *more]
+
+
+def of_standin(change):
+    return lambda flying: change(flying.standin)
+
+
+def neutral_and_mixed(flying):
+    """The pulses are neutral within 0.3 s of the last frame, and then the mixer's until the end."""
+    rows = [(us - flying.last_frame_us, pulses) for us, pulses in flying.rows if us >= flying.last_frame_us]
+    neutral, mixed = first(rows, NEUTRAL), first(rows, MIXER)
+    assert neutral <= 300_000
+    assert neutral < mixed <= 300_000
+    assert all(pulses == MIXER for us, pulses in rows if us >= mixed)
+
+
+@pytest.mark.slow
+def test_the_sender_drives_and_leaves_the_mixer(exported, port, capsys):
+    flying = Flying(exported[1]["library"]["export"])
+    flying.start()
+    assert sender.main(arguments(flying, exported, port, "--seconds", "2")) == 0
+    flying.after()
+    said = capsys.readouterr().out
+    assert "gate: open, session" in said
+    assert "ends: the time is over" in said
+    assert flying.frames > 50
+    forced = {tuple(pulses) for _, pulses in flying.rows} - {tuple(MIXER), tuple(NEUTRAL)}
+    assert forced
+    neutral_and_mixed(flying)
+
+
+@pytest.mark.slow
+def test_a_sender_that_is_killed_leaves_neutral_pulses_and_then_the_mixer(exported, port):
+    """With kill -9, while the gate is open."""
+    flying = Flying(exported[1]["library"]["export"], event=lambda _: process.send_signal(signal.SIGKILL))
+    flying.start()
+    command = [sys.executable, str(EXAMPLES / "ardusub_sender.py"), *arguments(flying, exported, port)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    assert process.wait(20.0) == -signal.SIGKILL
+    process.communicate()
+    flying.after(1.0)
+    assert flying.frames > 10
+    assert flying.standin.texts[-1] == "gate: closed, no fresh frames"
+    neutral_and_mixed(flying)
+
+
+DURING = {
+    "disarmed": (of_standin(setting("armed", False)), "ends: disarmed"),
+    "another mode": (of_standin(setting("mode", 0)), "ends: not MANUAL"),
+    "a parameter": (of_standin(parameter("MOT_3_DIRECTION", -1.0)), "ends: the gate is closed"),
+    "the script": (of_standin(setting("ended", "killed")), "ends: the gate in the autopilot is silent"),
+    "no measurements": (lambda flying: setattr(flying, "measures", False), "refused each call for a second"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("event", "said"), DURING.values(), ids=DURING)
+def test_the_sender_ends_and_says_why(exported, port, capsys, event, said):
+    flying = Flying(exported[1]["library"]["export"], event)
+    flying.start()
+    assert sender.main(arguments(flying, exported, port, "--seconds", "20")) == 3
+    flying.after()
+    assert flying.frames > 10
+    assert said in capsys.readouterr().out
+    late = [pulses for us, pulses in flying.rows if us > max(flying.happened_us + 1_400_000, flying.last_frame_us)]
+    if "refused" in said:  # neutral pulses of the law, through an open gate
+        assert {tuple(pulses) for pulses in late} <= {tuple(NEUTRAL), tuple(MIXER)}
+    assert flying.rows[-1][1] == MIXER
+
+
+BEFORE = {
+    "a motor turns the other way": (parameter("MOT_3_DIRECTION", -1.0), (), "MOT_3_DIRECTION is -1 on the vehicle"),
+    "an output is no motor": (parameter("SERVO5_FUNCTION", 0.0), (), "SERVO5_FUNCTION is 0 on the vehicle, and not 37"),
+    "told otherwise": (lambda _: None, ("--directions=1,1,-1,1,1,1,1,1",), "MOT_3_DIRECTION is 1 on the vehicle"),
+    "no such parameter": (lambda standin: standin.parameters.pop("MOT_8_DIRECTION"), (), "MOT_8_DIRECTION can't be"),
+    "no script": (setting("ended", "killed"), (), "no gate in the autopilot within 5 s"),
+    "disarmed": (setting("armed", False), (), "no armed vehicle in MANUAL within 3 s"),
+    "no program": (lambda _: None, ("--port", "1"), "the law's program does not answer"),
+    "other motors": (lambda _: None, ("--motors=1,2,3,4,5,6",), "the export has 8 thrusters, and --motors has 6"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("change", "more", "said"), BEFORE.values(), ids=BEFORE)
+def test_the_sender_refuses_what_is_not_as_told(exported, port, capsys, change, more, said):
+    flying = Flying(exported[1]["library"]["export"])
+    change(flying.standin)
+    flying.start()
+    assert sender.main(arguments(flying, exported, port, *more)) == 3
+    flying.after(0.2)
+    assert f"ends: {said}" in capsys.readouterr().out
+    assert flying.frames == 0
+    assert {tuple(pulses) for _, pulses in flying.rows} == {tuple(MIXER)}
+
+
+def test_another_export_is_refused(exported, port):
+    about = {**exported[1], "library": exported[1]["library"] | {"export": 5}}
+    with pytest.raises(sender.Refused, match=r"is export \d+, and not 5"):
+        sender.Law(about, port)(0.0, [0.0, 0.0, 0.0, 1.0, *[0.0] * 9])
+
+
+@pytest.mark.parametrize("more", ["--motors=1,1", "--motors=0,1", "--directions=1,2,1,1,1,1,1,1", "--directions=1"])
+def test_wrong_arguments_end_with_status_2(tmp_path, more):
+    (tmp_path / "law.toml").write_text("")
+    with pytest.raises(SystemExit) as ended:
+        sender.main(["udpin:127.0.0.1:1", str(tmp_path / "law.toml"), "--motors=1,2", more])
+    assert ended.value.code == 2
