@@ -131,6 +131,7 @@ local function update()
   if now - told_at >= 500 then
     told_at = now
     gcs:send_named_float('GATE', opened and order.session or 0)
+    gcs:send_named_float('GATE_SEQ', order and order.counter or 0) -- by which the sender knows how late its frames come
     gcs:send_named_float('GATE_OK', taken)
     gcs:send_named_float('GATE_BAD', refused)
   end

@@ -25,8 +25,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 MANUAL, GATE_FRAME, NEUTRAL, LEAST, MOST = 19, 40001, 1500, 1100, 1900
 POSE_AND_VELOCITY = 3
-FRESH_S = 0.1
-"""The greatest age of a measurement [s]."""
+FRESH_S, LATE_S = 0.1, 0.4
+"""The greatest age of a measurement, and of the last frame that the gate says to have taken [s]."""
 
 
 class Refused(Exception):
@@ -155,6 +155,7 @@ class Vehicle:
         self.last: dict[str, tuple[Any, float]] = {}
         self.parameters: dict[str, float] = {}
         self.gate: float | None = None
+        self.counter, self.behind = 0, 0.0
         self.gate_heard, self.beat = -1e9, -1e9
 
     def listen(self, seconds: float) -> None:
@@ -178,6 +179,8 @@ class Vehicle:
             self.parameters[message.param_id] = message.param_value
         elif kind == "NAMED_VALUE_FLOAT" and message.name == "GATE":
             self.gate, self.gate_heard = message.value, now
+        elif kind == "NAMED_VALUE_FLOAT" and message.name == "GATE_SEQ":
+            self.behind = self.counter - message.value
         elif kind == "STATUSTEXT":
             print(message.text, flush=True)
 
@@ -240,7 +243,7 @@ def drive(vehicle: Vehicle, law: Law, motors: list[int], directions: list[int], 
     vehicle.wait("pose and velocity", 10.0, lambda: all(vehicle.fresh(kind) for kind in kinds))
     attitude, position = (vehicle.last[kind][0] for kind in kinds)
     home = Home(attitude, position, law.start)
-    session, counter, said, neutrals = 1 + int.from_bytes(os.urandom(2), "little") % 65535, 0, 0, 0
+    session, said, neutrals = 1 + int.from_bytes(os.urandom(2), "little") % 65535, 0, 0
     begun = due = time.monotonic()
     while (now := time.monotonic()) - begun < seconds:
         if why := vehicle.stop():
@@ -249,6 +252,8 @@ def drive(vehicle: Vehicle, law: Law, motors: list[int], directions: list[int], 
             raise Refused("the gate in the autopilot is silent")
         if now - begun > 1.5 and vehicle.gate != session:
             raise Refused("the gate is closed")
+        if vehicle.gate == session and vehicle.behind * law.period > LATE_S:
+            raise Refused(f"the gate is {vehicle.behind * law.period:.1f} s behind")
         attitude, position = (vehicle.fresh(kind) for kind in kinds)
         status, _, _, pwm = law(now - begun, home.measured(attitude, position) if attitude and position else None)
         if status != said:
@@ -257,9 +262,9 @@ def drive(vehicle: Vehicle, law: Law, motors: list[int], directions: list[int], 
         neutrals = neutrals + 1 if status < 0 else 0
         if neutrals * law.period > 1.0:
             raise Refused(f"the law has refused each call for a second, with status {status}")
-        counter += 1
+        vehicle.counter += 1
         pulses = raw_pulses(pwm, motors, directions)
-        vehicle.link.mav.send(gate_frame(counter, session, directions, frame, law.export, pulses))
+        vehicle.link.mav.send(gate_frame(vehicle.counter, session, directions, frame, law.export, pulses))
         due = max(due + law.period, now)
         vehicle.listen(due - time.monotonic())
 

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 import tomllib
+from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -492,11 +493,12 @@ class Flying(threading.Thread):
         self.standin = Standin(script(export))
         self.event, self.measures, self.rows, self.last_frame_us, self.ends = event, True, [], 0, False
         self.frames, self.happened_us = 0, None
+        self.delay_us, self.on_the_way = 0, deque()
 
     def run(self):
         standin = self.standin
         link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{self.port}", source_system=1, source_component=1)
-        begun, sent, told, opened = time.monotonic(), {}, 0, None
+        begun, sent, told, floats, opened = time.monotonic(), {}, 0, 0, None
 
         def due(what, seconds):
             if standin.us - sent.get(what, -1e9) < 1e6 * seconds:
@@ -514,12 +516,15 @@ class Flying(threading.Thread):
                         value = standin.parameters[message.param_id]
                         link.mav.param_value_send(message.param_id.encode(), value, 9, 1, 0)
                     elif message.get_type() == "TUNNEL":
-                        standin.give(bytes(message.get_msgbuf()))
-                        self.last_frame_us, self.frames = standin.us, self.frames + 1
+                        self.on_the_way.append((standin.us + self.delay_us, bytes(message.get_msgbuf())))
+                while self.on_the_way and self.on_the_way[0][0] <= standin.us:
+                    standin.give(self.on_the_way.popleft()[1])
+                    self.last_frame_us, self.frames = standin.us, self.frames + 1
                 if due("heartbeat", 0.2):
                     link.mav.heartbeat_send(12, 3, 1 | 128 * standin.armed, standin.mode, 4)
-                if not standin.ended and due("gate", 0.2):
-                    link.mav.named_value_float_send(0, b"GATE", standin.floats.get("GATE", 0.0))
+                for name, value in standin.sent[floats:]:
+                    link.mav.named_value_float_send(0, name.encode(), value)
+                floats = len(standin.sent)
                 if self.measures and due("measured", 0.02):
                     link.mav.attitude_send(0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
                     link.mav.local_position_ned_send(0, 1.0, 2.0, 5.0, 0.0, 0.0, 0.0)
@@ -594,6 +599,7 @@ DURING = {
     "another mode": (of_standin(setting("mode", 0)), "ends: not MANUAL"),
     "a parameter": (of_standin(parameter("MOT_3_DIRECTION", -1.0)), "ends: the gate is closed"),
     "the script": (of_standin(setting("ended", "killed")), "ends: the gate in the autopilot is silent"),
+    "the link": (lambda flying: setattr(flying, "delay_us", 700_000), "s behind"),
     "no measurements": (lambda flying: setattr(flying, "measures", False), "refused each call for a second"),
 }
 
@@ -604,7 +610,7 @@ def test_the_sender_ends_and_says_why(exported, port, capsys, event, said):
     flying = Flying(exported[1]["library"]["export"], event)
     flying.start()
     assert sender.main(arguments(flying, exported, port, "--seconds", "20")) == 3
-    flying.after()
+    flying.after(0.5 + 1e-6 * flying.delay_us)
     assert flying.frames > 10
     assert said in capsys.readouterr().out
     late = [pulses for us, pulses in flying.rows if us > max(flying.happened_us + 1_400_000, flying.last_frame_us)]

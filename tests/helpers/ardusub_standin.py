@@ -40,6 +40,8 @@ class Standin:
         self.mixer, self.forced, self.loops = [1600] * n, [1500] * n, [0] * n
         self.texts: list[str] = []
         self.floats: dict[str, float] = {}
+        self.sent: list[tuple[str, float]] = []
+        """The named floats in the order in which they were sent."""
         self.ended = ""
         self.stalls_us = 0
         """Time that the next call of vehicle:get_mode waits for the main loop, which goes on."""
@@ -57,7 +59,7 @@ class Standin:
             "SRV_Channels": {"set_output_pwm_chan_timeout": self._force},
             "gcs": {
                 "send_text": lambda _, severity, text: self.texts.append(text.decode()),
-                "send_named_float": lambda _, name, value: self.floats.update({name.decode(): float(value)}),
+                "send_named_float": self._send_float,
             },
         }
         names = lua.globals()
@@ -90,6 +92,10 @@ class Standin:
         for _ in range(stalls // LOOP_US):
             self._outputs()
         return mode
+
+    def _send_float(self, _: Any, name: bytes, value: float) -> None:
+        self.floats[name.decode()] = float(value)
+        self.sent.append((name.decode(), float(value)))
 
     def _force(self, _: Any, channel: int, pulse: int, ms: int) -> None:
         assert isinstance(pulse, int)
