@@ -50,8 +50,8 @@ class Law:
         body = struct.pack("<dQ13d", t, POSE_AND_VELOCITY if measured else 0, *numbers)
         front = struct.pack("<8sIIQQ", b"uvms-mj2", len(body), ~len(body) & 0xFFFFFFFF, self.instant, self.layout)
         frame = front + body + struct.pack("<I", zlib.crc32(front + body))
-        self.peer.settimeout(self.period)
-        for _ in range(3):  # a frame that comes again gets the same answer
+        self.peer.settimeout(0.1)
+        for _ in range(3):  # a frame that comes again gets the same answer; meanwhile the gate makes the pulses neutral
             try:
                 self.peer.send(frame)
                 answer = self.peer.recv(4096)
