@@ -245,22 +245,42 @@ def test_a_session_that_believes_something_else_is_refused(changes):
     assert {tuple(each) for _, each in rows} == {tuple(MIXER)}
 
 
-def test_another_system_and_a_second_sender_are_not_heard(opened):
+@pytest.mark.parametrize("newest", [True, False])
+@pytest.mark.parametrize("source", [254, 255])
+def test_another_system_and_a_second_sender_are_not_heard(opened, source, newest):
+    """Their frames come before those of the session, and behind them."""
     standin, sending = opened
-    foreign, second = Sending(standin, 9, source=254), Sending(standin, 9)
-
-    def all_of_them():
-        standin.give(foreign.wire([1700] * 8))
-        return sending.wire()
-
-    assert {tuple(each) for _, each in ran(standin, 0.5, all_of_them)} == {tuple(PULSES)}
+    other = Sending(standin, 9, source=source)
 
     def both():
-        standin.give(second.wire([1700] * 8))
-        return sending.wire()
+        frames = [sending.wire(), other.wire([1700] * 8)]
+        standin.give(frames[not newest])
+        return frames[newest]
 
-    assert {tuple(each) for _, each in ran(standin, 0.5, both)} == {tuple(PULSES)}
-    stops(ran(standin, 0.95, foreign.wire), 0.12)
+    assert {tuple(each) for _, each in ran(standin, 0.8, both)} == {tuple(PULSES)}
+    stops(ran(standin, 0.95, Sending(standin, 10, source=254).wire), 0.12)
+
+
+def test_a_frame_for_another_vehicle_is_left_alone():
+    standin = Standin(script(), SYSID_THISMAV=2.0)
+    rows = ran(standin, 0.6, Sending(standin).wire)
+    assert {tuple(each) for _, each in rows} == {tuple(MIXER)}
+    assert standin.floats["GATE_OK"] == 0.0
+
+
+def test_frames_of_a_session_that_is_over_take_no_place(opened):
+    """They do not come between the frames of a new session, which is late for a moment."""
+    standin, old = opened
+    standin.armed = False
+    ran(standin, 0.1, Sending(standin, 8).wire)  # the new one is refused, and the first one is silent
+    old.session, old.counter = 8, 10
+    standin.armed = True
+    ran(standin, 1.2)
+    new = Sending(standin, 9)
+    assert ran(standin, 2.0, new.wire)[-1][1] == PULSES
+    ran(standin, 0.3)
+    ran(standin, 0.1, old.wire)
+    assert ran(standin, 0.1, new.wire)[-1][1] == PULSES
 
 
 def test_a_sender_that_was_silent_for_a_second_must_begin_anew(opened):
