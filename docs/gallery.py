@@ -14,7 +14,11 @@ from uvms_mj import InputError, Scenario, simulate, still
 
 ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts", "waves")
 """Programs that come first; the others follow by name."""
-NOT_RUN = {"learn_push.py": "learns for minutes", "udp_law.py": "answers another program until Ctrl-C"}
+NOT_RUN = {
+    "ardusub_sender.py": "needs an autopilot",
+    "learn_push.py": "learns for minutes",
+    "udp_law.py": "answers another program until Ctrl-C",
+}
 """Examples that the gallery shows and does not run, each with the reason."""
 HEADING = """
 Examples of the guides

@@ -5,6 +5,10 @@
 #
 # BlueOS on a Raspberry Pi has 32 bits, so linux/arm/v7 comes first. The image is made only if all recorded steps of
 # test.c are equal. The labels are what BlueOS reads: put your names into them.
+#
+# With `uvms-mj new example ardusub_sender` in the folder, and --build-arg BASE=gate, the image also has Python, pymavlink
+# and the sender of the gate for ArduSub. It does not start the sender: you do, each time that the law is to drive.
+ARG BASE=scratch
 FROM alpine:3.20 AS build
 RUN apk add --no-cache gcc musl-dev
 ARG NAME=gsta
@@ -20,11 +24,15 @@ RUN case "$TARGETARCH$TARGETVARIANT" in \
     esac && \
     cc -std=c99 test.c "$target/lib$NAME.a" -o test && \
     ./test && \
-    cc -std=c99 -static loop.c "$target/lib$NAME.a" -o loop
+    cc -std=c99 -static loop.c "$target/lib$NAME.a" -o loop && \
+    mkdir out && cp loop LICENSE "$NAME.toml" out && \
+    if [ -f ardusub_sender.py ]; then cp ardusub_sender.py out; fi
 
-FROM scratch
-COPY --from=build /law/loop /loop
-COPY --from=build /law/LICENSE /LICENSE
+FROM python:3.12-alpine AS gate
+RUN pip install --no-cache-dir pymavlink
+
+FROM ${BASE}
+COPY --from=build /law/out/ /
 LABEL version="0.1.0"
 LABEL permissions='{"HostConfig": {"NetworkMode": "host"}}'
 LABEL authors='[{"name": "YOUR NAME", "email": "you@example.org"}]'

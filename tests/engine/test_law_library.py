@@ -776,7 +776,11 @@ def test_the_labels_of_the_extension_are_those_of_blueos():
     assert all(set(each) == {"name", "email"} for each in labels["authors"])
     assert re.fullmatch(r'"\d+\.\d+\.\d+"', labels["version"])
     assert "--platform linux/arm/v7,linux/arm64 " in text
-    assert [rest for word, rest in instructions if word == "FROM"][-1] == "scratch"
+    assert instructions[0] == ("ARG", "BASE=scratch")  # before the first FROM, so that each FROM sees it
+    stages = [rest for word, rest in instructions if word == "FROM"]
+    assert stages == ["alpine:3.20 AS build", "python:3.12-alpine AS gate", "${BASE}"]
+    words = {word for word, _ in instructions}
+    assert words <= {"ARG", "FROM", "RUN", "COPY", "WORKDIR", "LABEL", "USER", "ENTRYPOINT"}
     assert not [word for word, _ in instructions if word == "EXPOSE"]
     entry = json.loads(next(rest for word, rest in instructions if word == "ENTRYPOINT"))
     assert entry == ["/loop", str(PORT)]
@@ -794,12 +798,16 @@ def test_the_extension_is_made_of_the_library_of_its_platform(loops, tmp_path, a
     tools = tmp_path / "tools"
     tools.mkdir()
     (tools / "cc").write_text(
-        '#!/bin/sh\necho "$@" >> said\nprintf "#!/bin/sh\\nexit $STATUS\\n" > test\nchmod +x test\n'
+        '#!/bin/sh\necho "$@" >> said\nprintf "#!/bin/sh\\nexit $STATUS\\n" > test\nchmod +x test\ntouch loop\n'
     )
     (tools / "cc").chmod(0o755)
 
+    for name in ("LICENSE", "gsta.toml"):
+        (tmp_path / name).write_text("")
+
     def made(status):
         (tmp_path / "said").unlink(missing_ok=True)
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
         env = {"PATH": f"{tools}:/usr/bin:/bin", "TARGETARCH": arch, "TARGETVARIANT": variant, "NAME": "gsta"}
         env["STATUS"] = str(status)
         done = subprocess.run(["sh", "-c", command], cwd=tmp_path, env=env, capture_output=True, text=True)
@@ -813,8 +821,29 @@ def test_the_extension_is_made_of_the_library_of_its_platform(loops, tmp_path, a
     library = f"{target}/libgsta.a"
     assert (folder / library).is_file()
     assert (code, told) == (0, [f"-std=c99 test.c {library} -o test", f"-std=c99 -static loop.c {library} -o loop"])
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"loop", "LICENSE", "gsta.toml"}
+    (tmp_path / "ardusub_sender.py").write_text("")
+    assert made(0)[0] == 0
+    assert (tmp_path / "out" / "ardusub_sender.py").is_file()
     code, told, _ = made(1)
     assert (code, len(told)) == (1, 1)  # no program where a step differs
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_extensions_programs_are_made_by_a_compiler_of_this_machine(gsta, tmp_path):
+    """The instruction of the Dockerfile as it is, in a copy of an export with its recorded steps."""
+    if shutil.which("gcc") is None or not runs_here("x86_64"):
+        pytest.skip("no gcc for x86_64 here")
+    shutil.copytree(gsta[0], tmp_path, dirs_exist_ok=True)
+    command = next(rest for word, rest in dockerfile()[1] if word == "RUN" and "test.c" in rest)
+    env = {"PATH": "/usr/bin:/bin", "TARGETARCH": "amd64", "TARGETVARIANT": "", "NAME": "gsta"}
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "1200 of 1200 steps equal" in done.stdout
+    done = subprocess.run([tmp_path / "out" / "loop", "none"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "loop [PORT]" in done.stdout
 
 
 def test_the_reference_has_all_statuses():

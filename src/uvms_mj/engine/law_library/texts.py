@@ -360,6 +360,9 @@ cc -std=c99 loop.c {one}/lib{name}.a -o loop && ./loop &
 {run}
 ```
 
+On the vehicle it takes frames of measurements, on that port or on a serial line: `./loop /dev/ttyAMA0 115200`. The
+head of `loop.c` has their layout.
+
 """
     return named(
         f"""# {name}: {title}
