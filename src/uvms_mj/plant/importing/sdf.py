@@ -421,7 +421,7 @@ class _Model:
         name = one_of(source, given.strip(), self.joints, f"{place} <joint_name>", "joint")
         joint = next(each for each in about.joints if each.name == name)
         joint.welded = "the propeller"
-        called = re.sub(r"_?joint$", "", name) or name
+        called, place = re.sub(r"_?joint$", "", name) or name, f"{place} of {name}"
         generic = "motor" in kind_of(plugin)
 
         def of(tag: str, default: float) -> float:
