@@ -163,5 +163,5 @@ def parsed_packages(given: Sequence[str]) -> dict[str, Path]:
         name, equals, folder = each.partition("=")
         if not equals or not name or not Path(folder).is_dir():
             raise InputError(f"--package {each}: must be NAME=FOLDER, and the folder must be there")
-        found[name] = Path(folder)
+        found[name] = Path(folder).resolve()
     return found

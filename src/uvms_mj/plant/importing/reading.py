@@ -58,7 +58,7 @@ class Source:
             raise self.fault(
                 place, f"refers to the package {name!r}: name its folder with --package {name}=FOLDER{known}"
             )
-        return self.packages[name]
+        return self.packages[name].resolve()
 
     def within(self, path: Path, place: str) -> Path:
         """The real path of a file. Raises InputError if it is in none of the folders."""
