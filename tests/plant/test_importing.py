@@ -269,6 +269,7 @@ def test_an_arm_in_sdf_is_links_with_joints(tmp_path):
     np.testing.assert_allclose(fore.r_g, [0.2 * 0.1 / 0.8, 0, 0], atol=1e-12)
     assert upper.displaced_mass == pytest.approx(1025.0 * np.pi * 0.03**2 * 0.2, rel=1e-12)
     np.testing.assert_allclose(upper.r_b, [0.1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(vehicle.arm.sites["jaw"].p, [0.1, 0, 0], atol=1e-12)
     assert vehicle.mass == pytest.approx(MASS)
     assert any("without added mass and drag" in each and "upper" in each for each in record.left_out)
 

@@ -57,6 +57,7 @@ class LinkRecord(PartRecord):
         effort: greatest torque of the motor [N m or N], infinite without a limit; None without a motor.
         speed_limit: [rad/s or m/s]; None without one.
         damping, friction: of the gear [N m s, N m, or N s/m, N].
+        sites: names and places (3,) [m] in its frame, where a tool may be.
     """
 
     parent: str = ""
@@ -71,6 +72,7 @@ class LinkRecord(PartRecord):
     speed_limit: float | None = None
     damping: float = 0.0
     friction: float = 0.0
+    sites: tuple[tuple[str, np.ndarray], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,5 +248,6 @@ def _children(record: VehicleRecord, parent: str, indent: str) -> Iterator[str]:
         yield f'{indent}  <joint name="{link.joint}" type="{kind}" {place}{more}/>'
         yield f"{indent}  {_inertial(link).strip()}"
         yield from (f"{indent}  {each.strip()}" for each in _shapes(link.shapes))
+        yield from (f'{indent}  <site name="{name}" pos="{numbers(place)}"/>' for name, place in link.sites)
         yield from _children(record, link.name, f"{indent}  ")
         yield f"{indent}</body>"

@@ -145,7 +145,7 @@ def _with_drag(source: Source, base: PartRecord, path: Path) -> PartRecord:
 def _refuse_twins(source: Source, record: VehicleRecord) -> None:
     """Raise InputError for two bodies, joints or thrusters that have one name here."""
     for noun, names in (
-        ("thruster", [each.name for each in record.thrusters]),
+        ("site", [*(each.name for each in record.thrusters), *(s for each in record.links for s, _ in each.sites)]),
         ("link", [record.base.name, *(each.name for each in record.links)]),
         ("joint", [each.joint for each in record.links]),
     ):

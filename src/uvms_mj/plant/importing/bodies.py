@@ -125,6 +125,7 @@ def assembled(about: Description) -> VehicleRecord:
                 speed_limit=given.speed_limit,
                 damping=given.damping,
                 friction=given.friction,
+                sites=tuple((word(name), pose.p) for name, pose in groups[root].items() if name != root),
             )
         )
     thrusters = []

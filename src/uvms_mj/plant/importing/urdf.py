@@ -257,7 +257,7 @@ def _length(source: Source, model: Element, place: str, tag: str, box: list[floa
         return positive(source, source.number(text, f"{place} <{tag}>"), f"{place} <{tag}>")
     if not box:
         raise source.fault(place, f"has no <{tag}>, and the link no <box> to take it from")
-    source.say(f"{tag} is not given: it is {choose(box):g} m, a length of <box>, as in the UUV Simulator")
+    source.say(f"{tag} is not given: {choose(box):g} m, a length of <box>, stands for it, as in the source", place)
     return choose(box)
 
 
@@ -301,7 +301,8 @@ def _cylinder(
     D[a], D[across] = 0.5 * rho * end * math.pi * r**2, 0.5 * rho * side * r * length
     source.say(
         "added mass along the cylinder's axis is rho pi r^2 in the UUV Simulator, which lacks a length, and its drag "
-        "across has the area r L, half of the projected one: the numbers of the source are taken"
+        "across has the area r L, half of the projected one: the numbers of the source are taken",
+        place,
     )
     return np.diag(M_A), np.diag(D)
 
