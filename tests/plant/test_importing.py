@@ -10,6 +10,7 @@ import pytest
 from descriptions import (
     D_LINEAR,
     D_QUADRATIC,
+    DENSITY,
     DISPLACED,
     INERTIA,
     M_A,
@@ -229,6 +230,29 @@ def test_frames_of_sdf_are_resolved(by_hand, tmp_path):
     shelf = '<frame name="shelf" attached_to="hull"><pose rotation_format="quat_xyzw">0.1 0 0.05 0 0 0 1</pose></frame>'
     assert text != sdf()
     same(read(tmp_path, ".sdf", text.replace("<link", f"{shelf}<link", 1))[1], by_hand)
+
+
+def test_included_models_are_read_from_their_folder_and_stand_where_the_include_says(by_hand, tmp_path):
+    """A world includes a file with the model, or a model merges one with its links at another place."""
+    folder = tmp_path / "fish_model"
+    folder.mkdir()
+    (folder / "model.sdf").write_text(sdf(world=False))
+    density = f"""<plugin filename="gz-sim-buoyancy-system" name="gz::sim::systems::Buoyancy">
+        <uniform_fluid_density>{DENSITY}</uniform_fluid_density></plugin>"""
+    include = "<include><uri>model://fish_model</uri></include>"
+    world = f'<sdf version="1.9"><world name="sea">{density}{include}<model name="floor"/></world></sdf>'
+    same(read(tmp_path, ".sdf", world, packages={"fish_model": folder})[1], by_hand)
+    camera = """<sdf version="1.9"><model name="camera"><link name="camera"><pose>0.1 0 0 0 0 0</pose><inertial>
+        <mass>2</mass><inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz></inertia></inertial></link></model></sdf>"""
+    folder = tmp_path / "camera"
+    folder.mkdir()
+    (folder / "model.sdf").write_text(camera)
+    for merge, link in (("true", "camera"), ("false", "camera::camera")):
+        body = f"""<include merge="{merge}"><uri>camera</uri><pose degrees="true">0.2 0 0 0 0 90</pose></include>
+            <joint name="mount" type="fixed"><parent>hull</parent><child>{link}</child></joint>"""
+        _, vehicle = read(tmp_path, ".sdf", sdf(body), packages={"camera": folder})
+        expected = by_hand.M_RB + rigid(2.0, np.array([0.2, 0.1, 0.0]), 0.1 * np.eye(3))
+        np.testing.assert_allclose(vehicle.M_RB, expected, atol=1e-12)
 
 
 ARM = """
@@ -491,6 +515,27 @@ def test_the_list_is_in_the_file_and_the_file_is_well_formed(tmp_path):
     for each in record.left_out:
         assert each in text
     assert record.left_out
+
+
+def test_what_is_not_read_is_said(tmp_path):
+    """Sensors, batteries, engines, currents, springs and gains: each has a sentence, and nothing else does."""
+    more = """<link name="box"><sensor name="imu" type="imu"/></link><joint name="j" type="fixed"><parent>hull</parent>
+        <child>box</child></joint>"""
+    plugins = """<plugin filename="gz-sim-linear-battery-plugin-system" name="gz::sim::systems::LinearBatteryPlugin"/>
+        <plugin filename="gz-sim-buoyancy-engine-system" name="BuoyancyEngine"><link_name>box</link_name>
+        </plugin>"""
+    text = sdf(more, plugins).replace(
+        "<link_name>hull</link_name>",
+        "<link_name>hull</link_name><default_current>0.3 0 0</default_current><xUU>-1</xUU>",
+        1,
+    )
+    before, _ = read(tmp_path, ".sdf", sdf())
+    record, vehicle = read(tmp_path, ".sdf", text)
+    new = [each for each in record.left_out if each not in before.left_out]
+    expected = ("imu: sensors", "LinearBatteryPlugin: plugins", "buoyancy engine", "current 0.3 0 0", "without abs")
+    assert len(new) == len(expected)
+    assert all(any(word in each for each in new) for word in expected)
+    assert "Xuu" in {each.name for each in vehicle.products}
 
 
 def test_a_mass_report_and_a_table_of_drag_stand_for_the_files(by_hand, tmp_path):

@@ -36,7 +36,7 @@ BROKEN = {
         "<sdf>",
         "2 models with hydrodynamics",
     ),
-    "no model": (".sdf", "<sdf/>", "<sdf>", "has no <model>"),
+    "no model": (".sdf", "<sdf/>", "<sdf>", "it has no <model>"),
     "not closed": (".sdf", SDF[:-6], "source.sdf", "is not well-formed XML"),
     "entity": (".sdf", f'<!DOCTYPE sdf [<!ENTITY a "1">]>{SDF}', "source.sdf", "has a <!DOCTYPE>"),
     "external entity": (

@@ -47,28 +47,32 @@ def _waters(model: Element) -> list[Element]:
 
 
 def _the_model(source: Source, root: Element) -> Element:
-    """The model with hydrodynamics, with the files that it includes. Raises InputError unless there is one."""
-    models = [each for top in (root, *root.findall("world")) for each in top.findall("model")]
-    models += [
-        _included(source, each)
-        for top in (root, *root.findall("world"))
-        for each in top.findall("include")
-        if _waters(each) or not root.findall("world")
-    ]
-    if not models:
-        raise source.fault("<sdf>", "has no <model>")
-    wet = [each for each in models if _waters(each)]
-    if len(models) == 1 and not wet:
-        wet = models
-        for each in models[0].findall("include"):
-            models[0].extend([*_included(source, each)])
+    """The model with hydrodynamics, which may be in a file that is included. Raises InputError unless there is one."""
+    tops = [root, *root.findall("world")]
+    models = [each for top in tops for each in top.findall("model")]
+    includes = [each for top in tops for each in top.findall("include")]
+    wet = [each for each in models if _waters(each)] + [_included(source, each) for each in includes if _waters(each)]
+    if not wet:  # the plugin may be in the included file, as in a world with one vehicle and a sea floor
+        models += [_included(source, each) for each in includes if not models or _is_named(source, each)]
+        wet = [each for each in models if _waters(each) or _has_wet_include(source, each)]
+        wet = wet or models[:1] * (len(models) == 1)
+    names = ", ".join(repr(each.get("name")) for each in wet or models)
     if not wet:
-        names = ", ".join(repr(each.get("name")) for each in models)
-        raise source.fault("<sdf>", f"has no model with a Hydrodynamics plugin: its models are {names}")
+        said = f"its models are {names}" if models else "it has no <model>"
+        raise source.fault("<sdf>", f"has no model with a Hydrodynamics plugin: {said}")
     if len(wet) > 1:
-        names = ", ".join(repr(each.get("name")) for each in wet)
         raise source.fault("<sdf>", f"has {len(wet)} models with hydrodynamics, {names}: keep one in the file")
     return wet[0]
+
+
+def _has_wet_include(source: Source, model: Element) -> bool:
+    return any(_waters(_included(source, each)) for each in model.findall("include"))
+
+
+def _is_named(source: Source, include: Element) -> bool:
+    """Whether the user named the folder of an <include>."""
+    uri = (include.findtext("uri") or "").strip()
+    return (uri.partition("://")[2] or uri).strip("/").split("/")[0] in source.packages
 
 
 def _included(source: Source, include: Element) -> Element:
@@ -102,39 +106,37 @@ class _Model:
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
 
-    def _collect(self, model: Element, prefix: str) -> None:
-        top = prefix[:-2] if prefix else "__model__"
-        for each in model:
-            name = prefix + each.get("name", "")
-            if each.tag in ("link", "joint", "frame") and not each.get("name"):
+    def _collect(self, model: Element, prefix: str, top: str = "__model__") -> None:
+        """Collect the elements of a model whose names get a prefix; ``top`` is the frame of the model."""
+        for each in list(model):
+            name, default, inner = prefix + each.get("name", ""), top, each
+            if each.tag not in ("link", "joint", "frame", "model", "include"):
+                continue
+            if each.tag == "include":
+                inner = _included(self.source, each)
+                merged = each.get("merge") == "true"
+                name = (
+                    f"{prefix}{inner.get('name')}" if not merged else f"{prefix}_merged__{inner.get('name')}__model__"
+                )
+                known = [*self.model.iter("plugin")]
+                self.model.extend([plugin for plugin in inner.iter("plugin") if plugin not in known])
+            elif not each.get("name"):
                 raise self.source.fault(place_of(model, f"<{each.tag}>"), "has no name")
-            if each.tag in ("link", "joint", "frame", "model") and name in self.poses:
+            if name in self.poses:
                 raise self.source.fault(place_of(each), f"the name {name!r} is given twice")
-            default = top
             if each.tag == "link":
                 self.links[name] = each
             elif each.tag == "joint":
                 self.joints[name] = each
                 default = prefix + (each.findtext("child") or "").strip()
-            elif each.tag == "frame":
-                default = prefix + each.get("attached_to", "") if each.get("attached_to") else top
-            elif each.tag == "model":
-                self._collect(each, f"{name}::")
-            elif each.tag == "include":
-                inner = _included(self.source, each)
-                self._collect(inner, "" if each.get("merge") == "true" else f"{prefix}{inner.get('name')}::")
-                self.model.extend(
-                    [plugin for plugin in inner.iter("plugin") if plugin not in [*self.model.iter("plugin")]]
-                )
-                continue
-            else:
-                continue
-            pose, relative = self._pose(each, place_of(each))
-            self.poses[name] = (
-                pose,
-                (prefix + relative if relative and relative != "__model__" else relative) or default,
-                place_of(each),
-            )
+            elif each.tag == "frame" and each.get("attached_to"):
+                default = prefix + each.get("attached_to", "")
+            placed = each if each.find("pose") is not None else inner
+            pose, relative = self._pose(placed, place_of(each))
+            relative = top if relative == "__model__" else prefix + relative if relative else default
+            self.poses[name] = pose, relative, place_of(each)
+            if each.tag in ("model", "include"):
+                self._collect(inner, prefix if each.get("merge") == "true" else f"{name}::", name)
 
     def _pose(self, element: Element, place: str) -> tuple[Pose, str]:
         """The pose that an element gives, and the frame that it names; here and none if it gives none."""
@@ -180,6 +182,7 @@ class _Model:
         for plugin in plugins_of(self.model):
             self._plugin(about, plugin)
         self._servos(about)
+        say_unread(source, self.model)
         return about
 
     def _density(self) -> float:
@@ -497,6 +500,22 @@ class _Model:
                 gains = [tag for tag in ("p_gain", "i_gain", "d_gain") if plugin.find(tag) is not None]
                 if gains:
                     self.source.say("gains of the servos of joints are settings of a scenario, [joints]")
+
+
+_READ = re.compile(
+    r"hydrodynamics|underwater_object|thruster|motor_?model|lift[-_]?drag|fin_ros|uuv_fin|buoyancy|"
+    r"joint[-_]?(position|velocity)?[-_]?controller"
+)
+"""What the name of a plugin has that is read, or about which there is a sentence."""
+
+
+def say_unread(source: Source, root: Element) -> None:
+    """Say the sensors of a description, and the plugins that are not read."""
+    for each in root.iter("sensor"):
+        source.say("sensors are settings of a scenario, [navigation]: left out", each.get("name", "sensor"))
+    for plugin in plugins_of(root):
+        if not _READ.search(kind_of(plugin)):
+            source.say("plugins that are not read", plugin.get("name") or plugin.get("filename") or "plugin")
 
 
 def inertia_of(source: Source, element: Element | None, place: str) -> np.ndarray:

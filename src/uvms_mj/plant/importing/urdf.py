@@ -18,7 +18,7 @@ from .bodies import Description, Joint, Link, Water, right_signs
 from .fins import fin_table
 from .moving import HERE, NED, Pose, mirrored, mirrored_products
 from .reading import Source, one_of, place_of, positive
-from .sdf import inertia_of, kind_of, mesh_of, plugins_of, shape_of
+from .sdf import inertia_of, kind_of, mesh_of, plugins_of, say_unread, shape_of
 from .shapes import Solid
 
 _SIGNS = "the UUV Simulator has positive added mass and negative damping"
@@ -50,6 +50,7 @@ def described(source: Source, root: Element) -> Description:
             uuv_thruster(about, plugin)
         elif "fin_ros" in kind or "uuv_fin" in kind:
             uuv_fin(about, plugin)
+    say_unread(source, root)
     return about
 
 
