@@ -27,7 +27,7 @@ PAGES = [ROOT / "README.md", *(page for part in ("start", "how_to") for page in 
 _LEARNING = ("gymnasium", "dm_control")
 EXTRAS = {"learn": _LEARNING, "learn_by_hand": _LEARNING, "tune": ("optuna",), "video": ("imageio_ffmpeg",)}
 """Modules of the extras that a page needs."""
-FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|csv))\b")
+FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|sdf|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")
 NOT_RUN = {
     r"(make|pip|git|dask|apt-get)\b": "sets up a computer or a cluster",

@@ -44,6 +44,7 @@ SHOWN = {
     "law, `[controller]`": (HERE, "test_a_law_that_ships_has_its_own_closed_form"),
     "check of a run, or warning before it": (HERE, "test_a_check_refuses_and_a_warning_is_said"),
     "vehicle": ("plant/test_own_vehicle.py", "test_it_runs_by_the_command_that_is_printed"),
+    "format of a vehicle of others": ("plant/test_importing.py", "test_sdf_of_gz_sim_is_the_same_vehicle"),
     "wall shape": (WALLS, "test_a_contact_at_rest_is_the_gradient_of_its_distance"),
     "force of the water, of a user": ("plant/test_own_effects.py", "test_both_engines_and_plain_python_agree"),
     "motion of the water": ("physics/test_waves.py", "test_a_run_has_the_motion_of_the_water_along_both_ways"),

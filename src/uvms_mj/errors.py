@@ -58,6 +58,7 @@ EXTRAS: Mapping[str, str] = {
     "gym": "gymnasium",
     "tune": "optuna",
     "video": "imageio-ffmpeg",
+    "xacro": "xacro",
 }
 """Packages that only some users need, by the extra that installs them."""
 

@@ -197,7 +197,9 @@ def test_what_a_run_would_not_take_over_is_refused_by_name(case):
 def test_a_file_of_another_format_is_named_before_its_references_are_followed(tmp_path, root):
     path = tmp_path / "rov.sdf"
     path.write_text(root)
-    with pytest.raises(InputError, match=r"not <mujoco>. It is (SDF of Gazebo|URDF). `uvms-mj new vehicle NAME`"):
+    with pytest.raises(
+        InputError, match=r"not <mujoco>. It is (SDF of Gazebo|URDF). `uvms-mj new vehicle NAME --from rov.sdf`"
+    ):
         Mjcf.find(str(path))
 
 

@@ -1,5 +1,6 @@
 """``uvms-mj controllers``, ``stages``, ``keys``, ``signals`` and ``metrics``: lists of laws, stages, scenario keys,
-signals and metrics; ``vehicles``: the vehicles that ship, or the numbers of a vehicle's file.
+signals and metrics; ``vehicles``: the vehicles that ship, or the numbers of a vehicle's file
+and its first sea trial.
 """
 
 import dataclasses
@@ -8,12 +9,13 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .common import Listing, bad_input, facts, printable, warn
-from .options import command, json_option
+from .common import Listing, bad_input, draw_to_files, facts, printable, refuse_existing, warn
+from .options import command, force_option, json_option, path_option
 
 if TYPE_CHECKING:
     from ..stages.base import Stage
@@ -333,16 +335,27 @@ def metric_list() -> Listing:
 
 @command()
 @click.argument("names", nargs=-1, metavar="[VEHICLE]...")
+@click.option("--check", is_flag=True, help="Its first sea trial: trim, speeds, decay, stability, and what to look at.")
+@path_option("-o", "--out", metavar="DIR", help="With --check of one vehicle: folder of the page, report.html.")
+@force_option
 @json_option
-def vehicles(names: tuple[str, ...], as_json: bool) -> None:
+def vehicles(names: tuple[str, ...], check: bool, out: str | None, force: bool, as_json: bool) -> None:
     """List the vehicles that ship with their source, licence and trust, or the numbers of each VEHICLE, which may be
     path/to/vehicle.xml.
 
     \b
     uvms-mj vehicles
     uvms-mj vehicles bluerov2_heavy
+    uvms-mj vehicles my_rov.xml --check --out trial
     uvms-mj run --set vehicle.model=bluerov2_heavy
+
+    --check finds by formulas what one would test on the first day: terminal speeds and decay times in six axes, the
+    reach of the thrusters, the attitude at rest, stability straight ahead (Munk moment), energy, and its numbers
+    without unit beside the shipped vehicles'. A wrong sign or unit of the file shows there.
     """
+    if check or out:
+        _check(names, check, out, force, as_json)
+        return
     with bad_input():
         from ..files import shipped
         from ..plant.description import described
@@ -361,6 +374,35 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
         _print_one(name, about[name])
         for note in notes_on_damping(mjcf.vehicle):
             warn(note)
+
+
+def _check(names: tuple[str, ...], check: bool, out: str | None, force: bool, as_json: bool) -> None:
+    """The first sea trial of vehicles, as tables, as JSON, or of one as a page."""
+    with bad_input():
+        from ..errors import InputError
+        from ..plant.mjcf import Mjcf
+        from ..plant.sea_trial import as_numbers, trial
+        from .vehicle_check import check as shown
+
+        if not check:
+            raise InputError("--out: is for --check")
+        if not names:
+            raise InputError("--check: name a vehicle, as uvms-mj vehicles bluerov1 --check")
+        if out and (len(names) > 1 or as_json):
+            raise InputError("--out: is for the tables of one vehicle")
+        folder = Path(out) if out else None
+        if folder is not None:
+            refuse_existing("--out", folder, force)
+            draw_to_files()
+        found = {name: Mjcf.find(name).vehicle for name in names}
+        if as_json:
+            numbers = {name: as_numbers(trial(vehicle)) for name, vehicle in found.items()}
+            click.echo(json.dumps(numbers, allow_nan=False))
+            return
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        for name, vehicle in found.items():
+            shown(name, vehicle, folder)
 
 
 def _print_list(about: dict[str, dict[str, Any]]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, refuse_existing, warn
+from .common import bad_input, printable, refuse_existing, warn
 from .options import command, force_option, path_option
 
 KINDS = {
@@ -36,11 +36,23 @@ EXAMPLE = "example"
 @click.option(
     "--language", type=click.Choice(["python", "c"]), default="python", help="Of a law, sensor, ...: its own."
 )
-@path_option("--from", "origin", metavar="VEHICLE", help="Of a vehicle: copy a shipped one, by its name, or a file.")
+@path_option("--from", "origin", metavar="VEHICLE", help="Of a vehicle: a shipped one, by its name, or a file.")
 @path_option("--thrusters", metavar="FILE.csv", help="Of a vehicle: thrusters in place of its own, from a table.")
+@click.option("--package", multiple=True, metavar="NAME=FOLDER", help="A folder that the file of --from refers to.")
+@path_option("--inertia", metavar="FILE.toml", help="With a file of --from: mass, its centre and inertia, of CAD.")
+@path_option("--drag", metavar="FILE.csv", help="With a file of --from: damping, from speeds and forces.")
 @force_option
 def new(
-    kind: str, name: str, out: str | None, language: str, origin: str | None, thrusters: str | None, force: bool
+    kind: str,
+    name: str,
+    out: str | None,
+    language: str,
+    origin: str | None,
+    thrusters: str | None,
+    package: tuple[str, ...],
+    inertia: str | None,
+    drag: str | None,
+    force: bool,
 ) -> None:
     """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is. An example is a file of the guides
     by its name, or all.
@@ -48,12 +60,19 @@ def new(
     \b
     uvms-mj new vehicle my_rov
     uvms-mj new vehicle my_rov --from bluerov2_heavy --thrusters thrusters.csv
+    uvms-mj new vehicle my_rov --from model.sdf
+    uvms-mj new vehicle my_rov --from rov.urdf.xacro --package rov_description=src/rov_description
+    uvms-mj new vehicle my_rov --from paper.toml --inertia cad.toml --drag towing.csv
     uvms-mj new law my_law
     uvms-mj new law my_law --language c
     uvms-mj new example all
 
     In C, NAME.c has the function, NAME.toml its settings and states, and uvms_stage.h the records that it is given;
     uvms-mj new header NAME.toml writes that header anew. It has the number of thrusters of the BlueROV1, or of --from.
+
+    --from reads SDF of Gazebo, URDF and xacro of the UUV Simulator, and a table in TOML or CSV that says its axes,
+    points and signs. All numbers are converted to B, forward, left, up, about its origin. What was left out and what
+    was decided is printed, and stands in the file. Nothing of a file is executed, and no other folder is read.
 
     A table of thrusters has a row for each, and these columns, with the unit in the head:
 
@@ -65,8 +84,8 @@ def new(
     min_N max_N            limits of the thrust, or min_kgf; may be left out or empty
     """
     with bad_input():
-        for line in write_new(kind, name, out, origin, thrusters, force, language):
-            click.echo(line)
+        for line in write_new(kind, name, out, origin, thrusters, force, language, package, inertia, drag):
+            click.echo(printable(line))
 
 
 def write_new(
@@ -77,6 +96,9 @@ def write_new(
     thrusters: str | None = None,
     force: bool = False,
     language: str = "python",
+    packages: tuple[str, ...] = (),
+    inertia: str | None = None,
+    drag: str | None = None,
 ) -> list[str]:
     """Write the files of the command, whose arguments these are. Returns a line for each: its path and its use. Raises
     InputError."""
@@ -105,15 +127,52 @@ def write_new(
     refuse_existing("NAME", path, force)
     source = Path(__file__).parent / "templates" / f"{template}.txt"
     text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
-    copies = {path.name: text.encode()}
-    if origin or thrusters:
+    copies, said = {path.name: text.encode()}, list[str]()
+    if origin and _is_imported(origin):
+        copies, said = _imported(name, origin, thrusters, packages, inertia, drag)
+    elif packages or inertia or drag:
+        given = "--package" if packages else "--inertia" if inertia else "--drag"
+        raise InputError(f"{given}: is for a vehicle from a file, --from FILE of SDF, URDF, xacro, TOML or CSV")
+    elif origin or thrusters:
         copies = _vehicle(name, origin, thrusters, text)
     for each in copies:
         refuse_existing("NAME", path.with_name(each), force)
     for each, data in copies.items():
         with atomic_write(path.with_name(each)) as part:
             part.write_bytes(data)
-    return [f"{path}: {use.format(file=path, cls=cls)}"]
+    return [f"{path}: {use.format(file=path, cls=cls)}", *said]
+
+
+def _is_imported(origin: str) -> bool:
+    from ..plant.importing import is_imported
+
+    return is_imported(Path(origin))
+
+
+def _imported(
+    name: str, origin: str, table: str | None, packages: tuple[str, ...], inertia: str | None, drag: str | None
+) -> tuple[dict[str, bytes], list[str]]:
+    """The file of a vehicle of another format, and lines on what was left out. Warns of what its thrusters can't
+    produce. Raises InputError."""
+    import tempfile
+
+    from ..plant.importing import imported, parsed_packages
+    from ..plant.mjcf import Mjcf
+    from ..plant.own_vehicle import read_thrusters, unreachable
+    from ..plant.record import mjcf_text
+
+    thrusters = read_thrusters(Path(table)) if table else []
+    folders = parsed_packages(packages)
+    mass, towing = (Path(each) if each else None for each in (inertia, drag))
+    record = imported(Path(origin), name, folders, mass, towing, thrusters)
+    text = mjcf_text(record)
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder, f"{name}.xml")
+        written.write_text(text, encoding="utf-8")
+        vehicle = Mjcf.find(str(written)).vehicle  # the file must be a vehicle
+    if said := unreachable(vehicle):
+        warn(said)
+    return {f"{name}.xml": text.encode()}, ["left out and decided:", *(f"  * {each}" for each in record.left_out)]
 
 
 def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: bool) -> list[str]:

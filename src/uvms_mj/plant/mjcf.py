@@ -290,10 +290,8 @@ def _refuse_another_format(name: str, root: Element) -> None:
     wrong = f"vehicle.model {name}: is not MJCF: its root is <{root.tag}>, not <mujoco>"
     if root.tag not in _FORMATS:
         raise InputError(wrong)
-    way = "`uvms-mj new vehicle NAME` writes an MJCF file: copy mass, inertia, coefficients and thrusters into it"
-    raise InputError(
-        f"{wrong}. It is {_FORMATS[root.tag]}. {way} (docs: Numbers of a vehicle from elsewhere, From URDF or SDF)"
-    )
+    way = f"`uvms-mj new vehicle NAME --from {name}` writes an MJCF file of it (docs: Bring your vehicle)"
+    raise InputError(f"{wrong}. It is {_FORMATS[root.tag]}. {way}")
 
 
 def _users_tree(name: str, data: bytes) -> Element:

@@ -308,12 +308,16 @@ def _text(numbers: Sequence[float]) -> str:
     return " ".join(repr(float(x)).removesuffix(".0") for x in numbers)
 
 
+def across(x: np.ndarray) -> np.ndarray:
+    """A unit vector (3,) that is perpendicular to the unit vector x (3,)."""
+    e = np.eye(3)[int(np.argmin(np.abs(x)))]
+    y = np.cross(np.cross(x, e), x)
+    return y / np.linalg.norm(y) + 0.0  # without a negative zero
+
+
 def _frame(thruster: Thruster, looks: Sequence[Element]) -> Element:
     """A frame whose x axis is the direction of thrust, with the site and the geoms of a thruster."""
-    x = np.array(thruster.direction)
-    across = np.eye(3)[int(np.argmin(np.abs(x)))]
-    y = np.cross(np.cross(x, across), x)
-    y = y / np.linalg.norm(y) + 0.0  # without a negative zero
+    y = across(np.array(thruster.direction))
     place = {"pos": _text(thruster.position), "xyaxes": f"{_text(thruster.direction)} {_text(y.tolist())}"}
     frame = Element("frame", place)
     site = ElementTree.SubElement(frame, "site", {"name": thruster.name})

@@ -1,0 +1,584 @@
+"""SDF of Gazebo: a model with the Hydrodynamics of gz-sim, or with the plugins of the UUV Simulator.
+
+gz-sim's Hydrodynamics gives forces by derivatives as SNAME (1950), in the axes of the link, x forward, y left, z up,
+about its origin: ``xDotU`` is X_udot, ``nV`` is N_v, ``yVabsV`` is Y_vv on abs(v) v, ``yVabsR`` is Yv|r| and ``yUV`` is
+Yuv. ``<fluid_added_mass>`` is M_A of the link about its origin. Buoyancy acts on the volume of the collision shapes.
+"""
+
+import itertools
+import math
+import re
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..coefficients import DENSITY
+from ..record import word
+from .bodies import HINGES, SLIDES, Description, Joint, Link, Water, right_signs
+from .fins import lift_drag
+from .moving import HERE, Pose
+from .reading import Source, one_of, place_of, positive
+from .shapes import Solid, mesh, primitive
+
+_ENTRIES = "xyzpqr"
+_TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
+_SIGNS = "derivatives of gz-sim are negative for added mass and damping"
+
+
+def described(source: Source, root: Element) -> Description:
+    """The vehicle of an SDF file. Raises InputError with the place of what is wrong."""
+    model = _the_model(source, root)
+    return _Model(source, root, model).description()
+
+
+def plugins_of(element: Element) -> list[Element]:
+    return list(element.iter("plugin"))
+
+
+def kind_of(plugin: Element) -> str:
+    """The words by which a plugin is known, in lower case."""
+    return f"{plugin.get('filename', '')} {plugin.get('name', '')}".lower()
+
+
+def _waters(model: Element) -> list[Element]:
+    return [
+        each for each in plugins_of(model) if "hydrodynamics" in kind_of(each) or "underwater_object" in kind_of(each)
+    ]
+
+
+def _the_model(source: Source, root: Element) -> Element:
+    """The model with hydrodynamics, which may be in a file that is included. Raises InputError unless there is one."""
+    tops = [root, *root.findall("world")]
+    models = [each for top in tops for each in top.findall("model")]
+    includes = [each for top in tops for each in top.findall("include")]
+    wet = [each for each in models if _waters(each)] + [_included(source, each) for each in includes if _waters(each)]
+    if not wet:  # the plugin may be in the included file, as in a world with one vehicle and a sea floor
+        models += [_included(source, each) for each in includes if not models or _is_named(source, each)]
+        wet = [each for each in models if _waters(each) or _has_wet_include(source, each)]
+        wet = wet or models[:1] * (len(models) == 1)
+    names = ", ".join(repr(each.get("name")) for each in wet or models)
+    if not wet:
+        said = f"its models are {names}" if models else "it has no <model>"
+        raise source.fault("<sdf>", f"has no model with a Hydrodynamics plugin: {said}")
+    if len(wet) > 1:
+        raise source.fault("<sdf>", f"has {len(wet)} models with hydrodynamics, {names}: keep one in the file")
+    return wet[0]
+
+
+def _has_wet_include(source: Source, model: Element) -> bool:
+    return any(_waters(_included(source, each)) for each in model.findall("include"))
+
+
+def _is_named(source: Source, include: Element) -> bool:
+    """Whether the user named the folder of an <include>."""
+    uri = (include.findtext("uri") or "").strip()
+    return (uri.partition("://")[2] or uri).strip("/").split("/")[0] in source.packages
+
+
+def _included(source: Source, include: Element) -> Element:
+    """The model of an <include>, with the plugins that the include adds."""
+    uri = (include.findtext("uri") or "").strip()
+    place = f"<include> {uri}"
+    name = uri.partition("://")[2] or uri
+    folder = source.package(name.strip("/").split("/")[0], place) if "://" not in uri else source.referred(uri, place)
+    folder = source.within(folder, place)
+    path = folder / "model.sdf" if folder.is_dir() else folder
+    root = source.xml(source.text(path, place), place)
+    model = root.find("model")
+    if model is None:
+        raise source.fault(place, f"{path.name} has no <model>")
+    model.extend([each for each in include if each.tag == "plugin"])
+    if include.findtext("name"):
+        model.set("name", (include.findtext("name") or "").strip())
+    return model
+
+
+class _Model:
+    """The elements of a model by name, with the frames in which their poses are given."""
+
+    def __init__(self, source: Source, root: Element, model: Element) -> None:
+        self.source, self.root, self.model = source, root, model
+        self.name = model.get("name", "")
+        self.links: dict[str, Element] = {}
+        self.joints: dict[str, Element] = {}
+        self.poses: dict[str, tuple[Pose, str, str]] = {}
+        """Of each frame: pose, the frame in which it stands, and its place."""
+        self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
+        self._collect(model, "")
+
+    def _collect(self, model: Element, prefix: str, top: str = "__model__") -> None:
+        """Collect the elements of a model whose names get a prefix; ``top`` is the frame of the model."""
+        for each in list(model):
+            name, default, inner = prefix + each.get("name", ""), top, each
+            if each.tag not in ("link", "joint", "frame", "model", "include"):
+                continue
+            if each.tag == "include":
+                inner = _included(self.source, each)
+                merged = each.get("merge") == "true"
+                name = (
+                    f"{prefix}{inner.get('name')}" if not merged else f"{prefix}_merged__{inner.get('name')}__model__"
+                )
+                known = [*self.model.iter("plugin")]
+                self.model.extend([plugin for plugin in inner.iter("plugin") if plugin not in known])
+            elif not each.get("name"):
+                raise self.source.fault(place_of(model, f"<{each.tag}>"), "has no name")
+            if name in self.poses:
+                raise self.source.fault(place_of(each), f"the name {name!r} is given twice")
+            if each.tag == "link":
+                self.links[name] = each
+            elif each.tag == "joint":
+                self.joints[name] = each
+                default = prefix + (each.findtext("child") or "").strip()
+            elif each.tag == "frame" and each.get("attached_to"):
+                default = prefix + each.get("attached_to", "")
+            placed = each if each.find("pose") is not None else inner
+            pose, relative = self._pose(placed, place_of(each))
+            relative = top if relative == "__model__" else prefix + relative if relative else default
+            self.poses[name] = pose, relative, place_of(each)
+            if each.tag in ("model", "include"):
+                self._collect(inner, prefix if each.get("merge") == "true" else f"{name}::", name)
+
+    def _pose(self, element: Element, place: str) -> tuple[Pose, str]:
+        """The pose that an element gives, and the frame that it names; here and none if it gives none."""
+        given = element.find("pose")
+        if given is None or not (given.text or "").strip():
+            return HERE, "" if given is None else given.get("relative_to", "")
+        place = f"{place} <pose>"
+        degrees = self.source.truth(given.get("degrees"), place)
+        if given.get("rotation_format", "euler_rpy") == "quat_xyzw":
+            x, y, z, *quat = self.source.numbers(given.text, place, 7)
+            from scipy.spatial.transform import Rotation
+
+            if not any(quat):
+                raise self.source.fault(place, "its quaternion is zero")
+            return Pose(Rotation.from_quat(quat).as_matrix(), np.array([x, y, z])), given.get("relative_to", "")
+        six = self.source.numbers(given.text, place, 6)
+        if not degrees and max(map(abs, six[3:])) > 2.0 * math.pi + 0.01:
+            raise self.source.fault(
+                place, 'has an angle of more than a turn: SDF has radians; write degrees="true" if they are degrees'
+            )
+        return Pose.of_rpy(six[:3], six[3:], degrees), given.get("relative_to", "")
+
+    def in_model(self, name: str, place: str, behind: tuple[str, ...] = ()) -> Pose:
+        """The pose of a frame in the model."""
+        if name in self._resolved:
+            return self._resolved[name]
+        if name in behind:
+            raise self.source.fault(place, f"its pose leads back to {name!r}")
+        one_of(self.source, name, self.poses, place, "frame")
+        pose, relative, at = self.poses[name]
+        self._resolved[name] = self.in_model(relative, at, (*behind, name)) @ pose
+        return self._resolved[name]
+
+    def description(self) -> Description:
+        source = self.source
+        water, base = self._water()
+        links = {name: self._link(name, each) for name, each in self.links.items()}
+        joints = [self._joint(name, each) for name, each in self.joints.items()]
+        about = Description(source, word(self.name or base), base, links, joints, water)
+        about.from_volume = not any("underwater_object" in kind_of(each) for each in _waters(self.model))
+        if about.from_volume:
+            about.density = self._density()
+        for plugin in plugins_of(self.model):
+            self._plugin(about, plugin)
+        self._servos(about)
+        say_unread(source, self.model)
+        return about
+
+    def _density(self) -> float:
+        """Density of the water, from the Buoyancy of the world or from the plugin."""
+        for plugin in plugins_of(self.root):
+            if "buoyancy" in kind_of(plugin) and "engine" not in kind_of(plugin):
+                for tag in ("uniform_fluid_density", "graded_buoyancy/default_density"):
+                    if plugin.find(tag) is not None:
+                        place = f"{place_of(plugin)} <{tag}>"
+                        return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
+        for plugin in _waters(self.model):
+            for tag in ("water_density", "waterDensity"):
+                if plugin.find(tag) is not None:
+                    place = f"{place_of(plugin)} <{tag}>"
+                    return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
+        self.source.say(f"the file gives no density of the water: {DENSITY:g} kg/m^3, as gz-sim's Buoyancy")
+        return DENSITY
+
+    def _water(self) -> tuple[dict[str, Water], str]:
+        """The water of each link, and the name of the first one, the base."""
+        found: dict[str, Water] = {}
+        plugins = _waters(self.model)
+        if not plugins:
+            names = sorted({each.get("name") or each.get("filename") or "" for each in plugins_of(self.model)})
+            said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
+            raise self.source.fault(place_of(self.model), f"has no Hydrodynamics plugin: {said}")
+        for plugin in plugins:
+            place = place_of(plugin)
+            if "underwater_object" in kind_of(plugin):
+                from .urdf import uuv_water
+
+                found |= uuv_water(self.source, plugin, self.links)
+                continue
+            name = one_of(
+                self.source, (plugin.findtext("link_name") or "").strip(), self.links, f"{place} <link_name>", "link"
+            )
+            if name in found:
+                raise self.source.fault(place, f"is the second one of the link {name!r}")
+            found[name] = self._hydrodynamics(plugin, name, place)
+        base = next(iter(found))
+        for name, link in self.links.items():
+            added = link.find("inertial/fluid_added_mass")
+            if added is not None and name not in found:
+                found[name] = Water(M_A=self._fluid_added_mass(added, place_of(link, added)))
+        return found, base
+
+    def _hydrodynamics(self, plugin: Element, name: str, place: str) -> Water:
+        source, M_A, D, D_D = self.source, np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+        terms: dict[tuple[int, int, int, bool], float] = {}
+        for each in plugin:
+            match = _TERM.fullmatch(each.tag)
+            if match is None:
+                continue
+            value = source.number(each.text, f"{place} <{each.tag}>")
+            i, j = "xyzkmn".index(match[1]), "UVWPQR".index(match[3])
+            if match[2]:
+                M_A[i, j] -= value
+            elif match[5] is None:
+                D[i, j] -= value
+            elif match[4] and match[5] == match[3]:
+                D_D[i, j] -= value
+            elif value:
+                k = "UVWPQR".index(match[5])
+                key = (i, j, k, True) if match[4] else (i, min(j, k), max(j, k), False)
+                terms[key] = terms.get(key, 0.0) + value
+        if source.truth(plugin.findtext("disable_added_mass"), f"{place} <disable_added_mass>") and M_A.any():
+            source.say("the added mass of the plugin is disabled in the source: it is left out")
+            M_A = np.zeros((6, 6))
+        M_A = right_signs(source, M_A, "added mass", place, _SIGNS)
+        D = right_signs(source, D, "linear damping", place, _SIGNS)
+        D_D = right_signs(source, D_D, "quadratic damping", place, _SIGNS)
+        if M_A.any():
+            source.say(
+                "gz-sim's plugin takes the added mass with the acceleration of the last step, and C_A from the "
+                "diagonal of M_A, with the other sign; here M_A is in the inertia, and C_A(nu_r) is Kirchhoff's"
+            )
+        added = self.links[name].find("inertial/fluid_added_mass")
+        if added is not None:
+            fluid = self._fluid_added_mass(added, place_of(self.links[name], added))
+            if fluid.any() and M_A.any():
+                raise source.fault(place, "has an added mass, and the link has a <fluid_added_mass>: keep one")
+            M_A = M_A + fluid
+        current = plugin.findtext("default_current")
+        if current and any(source.numbers(current, f"{place} <default_current>", 3)):
+            source.say(f"the current {current.strip()} m/s is a setting of a scenario: current.speed and its direction")
+        squares = [key for key in terms if not key[3] and key[1] == key[2]]
+        if squares:
+            source.say(
+                "damping without abs, such as xUU, is taken as it is in gz-sim, on u u: backwards it pushes. Names "
+                "with abs, xUabsU, are damping in both directions"
+            )
+        return Water(M_A, D, D_D, terms)
+
+    def _fluid_added_mass(self, element: Element, place: str) -> np.ndarray:
+        M = np.zeros((6, 6))
+        for a, b in itertools.combinations_with_replacement(range(6), 2):
+            tag = _ENTRIES[a] + _ENTRIES[b]
+            if element.find(tag) is not None:
+                M[a, b] = M[b, a] = self.source.number(element.findtext(tag), f"{place} <{tag}>")
+        return M
+
+    def _link(self, name: str, element: Element) -> Link:
+        place, source = place_of(element), self.source
+        link = Link(name, place)
+        inertial = element.find("inertial")
+        if inertial is not None:
+            at = f"{place} <inertial>"
+            if source.truth(inertial.get("auto"), at):
+                raise source.fault(at, 'is auto="true": the mass of the shapes is not computed; write mass and inertia')
+            pose, _ = self._pose(inertial, at)
+            link.mass = source.number(inertial.findtext("mass", "1"), f"{at} <mass>")
+            if link.mass < 0.0:
+                raise source.fault(f"{at} <mass>", f"{link.mass:g}: must not be negative")
+            link.r_g = pose.p
+            link.I_g = pose.R @ inertia_of(source, inertial.find("inertia"), f"{at} <inertia>") @ pose.R.T
+        for tag, solids in (("collision", link.solids), ("visual", link.drawn)):
+            for each in element.findall(tag):
+                solid = self._solid(each, name, place_of(element, each))
+                if solid is not None:
+                    solids.append(solid)
+        if any(each.kind is None for each in link.drawn) and any(each.kind for each in link.solids):
+            link.drawn = []  # the collision shapes stand for meshes that are not read
+        return link
+
+    def _solid(self, element: Element, link: str, place: str) -> Solid | None:
+        pose, relative = self._pose(element, place)
+        if relative and relative != link:
+            pose = self.in_model(link, place).inverse() @ self.in_model(relative, place) @ pose
+        geometry = element.find("geometry")
+        if geometry is None or not len(geometry):
+            return None
+        return _geometry(self.source, geometry[0], pose, element.get("name", ""), f"{place} <{geometry[0].tag}>")
+
+    def _joint(self, name: str, element: Element) -> Joint:
+        place, source = place_of(element), self.source
+        prefix = name[: name.rfind("::") + 2] if "::" in name else ""
+        parent, child = (prefix + (element.findtext(tag) or "").strip() for tag in ("parent", "child"))
+        parent = "world" if parent == f"{prefix}world" else parent
+        for end in (parent, child):
+            if end != "world":
+                one_of(source, end, [*self.links, *self.poses], place, "link")
+        parent, child = self._link_of(parent), self._link_of(child)
+        kind = element.get("type", "")
+        in_parent = self.in_model(parent, place).inverse() if parent != "world" else HERE
+        below = self.in_model(child, place)
+        here = below.inverse() @ self.in_model(name, place)
+        joint = Joint(name, place, kind, parent, child, in_parent @ below, np.array([0.0, 0.0, 1.0]), here.p)
+        axis = element.find("axis")
+        if kind not in (*HINGES, *SLIDES):
+            return joint
+        xyz = axis.find("xyz") if axis is not None else None
+        given = np.array(source.numbers(xyz.text if xyz is not None else "0 0 1", f"{place} <axis> <xyz>", 3))
+        if not np.linalg.norm(given) > 1e-9:
+            raise source.fault(f"{place} <axis> <xyz>", "has no length")
+        frame = here.R
+        if xyz is not None and xyz.get("expressed_in"):
+            frame = below.R.T @ self.in_model(xyz.get("expressed_in", ""), place).R
+        elif axis is not None and source.truth(
+            axis.findtext("use_parent_model_frame"), f"{place} <use_parent_model_frame>"
+        ):
+            frame = below.R.T
+        joint.axis = frame @ given / np.linalg.norm(given)
+        if axis is None:
+            return joint
+
+        def limit(tag: str) -> float | None:
+            text = axis.findtext(f"limit/{tag}")
+            words = (text or "").strip().lower()
+            if text is None or re.fullmatch(r"[+-]?inf(inity)?", words):
+                return None
+            value = float("nan")
+            try:
+                value = float(words)
+            except ValueError:
+                source.number(text, f"{place} <axis> <limit> <{tag}>")
+            if math.isnan(value):
+                source.number(text, f"{place} <axis> <limit> <{tag}>")
+            return value if abs(value) < 1e6 else None
+
+        lower, upper, effort, speed = (limit(tag) for tag in ("lower", "upper", "effort", "velocity"))
+        if lower is not None and upper is not None:
+            if lower > upper:
+                raise source.fault(
+                    f"{place} <axis> <limit>", f"its lower limit {lower:g} is above the upper one {upper:g}"
+                )
+            joint.limits = lower, upper
+        joint.effort = None if effort is None or effort < 0.0 else effort
+        joint.speed_limit = None if speed is None or speed <= 0.0 else speed
+        joint.damping = self._not_negative(
+            axis.findtext("dynamics/damping", "0"), f"{place} <axis> <dynamics> <damping>"
+        )
+        joint.friction = self._not_negative(
+            axis.findtext("dynamics/friction", "0"), f"{place} <axis> <dynamics> <friction>"
+        )
+        stiffness = source.number(axis.findtext("dynamics/spring_stiffness", "0"), f"{place} <spring_stiffness>")
+        if stiffness:
+            source.say(f"a spring of {stiffness:g} is left out: springs of joints are not computed", name)
+        return joint
+
+    def _not_negative(self, text: str, place: str) -> float:
+        value = self.source.number(text, place)
+        if value < 0.0:
+            raise self.source.fault(place, f"{value:g}: must not be negative")
+        return value
+
+    def _link_of(self, name: str) -> str:
+        """The link to which a frame is attached."""
+        for _ in range(len(self.poses) + 1):
+            if name in self.links or name == "world":
+                return name
+            pose = self.poses.get(name)
+            if pose is None:
+                break
+            name = pose[1]
+        return name
+
+    def _plugin(self, about: Description, plugin: Element) -> None:
+        """What a plugin adds to a vehicle: a thruster, or a sentence about a fin or an engine."""
+        source, kind, place = self.source, kind_of(plugin), place_of(plugin)
+        if "uuv_thruster" in kind or "thruster_ros" in kind:
+            from .urdf import uuv_thruster
+
+            uuv_thruster(about, plugin)
+        elif "thruster" in kind or "motormodel" in kind or "motor_model" in kind:
+            self._thruster(about, plugin, place)
+        elif "liftdrag" in kind.replace("-", "") or "lift_drag" in kind:
+            self._fin(about, plugin, place)
+        elif "fin_ros" in kind:
+            from .urdf import uuv_fin
+
+            uuv_fin(about, plugin)
+        elif "buoyancy" in kind and "engine" in kind:
+            name = plugin.findtext("link_name") or ""
+            source.say(f"the buoyancy engine of {name!r} is left out: a volume that changes in a run is not computed")
+
+    def _thruster(self, about: Description, plugin: Element, place: str) -> None:
+        source = self.source
+        given = plugin.findtext("joint_name") or plugin.findtext("jointName") or ""
+        name = one_of(source, given.strip(), self.joints, f"{place} <joint_name>", "joint")
+        joint = next(each for each in about.joints if each.name == name)
+        joint.welded = "the propeller"
+        called, place = re.sub(r"_?joint$", "", name) or name, f"{place} of {name}"
+        generic = "motor" in kind_of(plugin)
+
+        def of(tag: str, default: float) -> float:
+            text = plugin.findtext(tag)
+            return default if text is None else source.number(text, f"{place} <{tag}>")
+
+        limits = None
+        if generic:
+            source.say(
+                "its curve, lag and torque are settings of a scenario, [thrusters]; here it obeys newtons", called
+            )
+        else:
+            low, high = of("min_thrust_cmd", -1000.0), of("max_thrust_cmd", 1000.0)
+            if source.truth(plugin.findtext("use_angvel_cmd"), f"{place} <use_angvel_cmd>"):
+                k = of("fluid_density", 1000.0) * of("thrust_coefficient", 1.0) * of("propeller_diameter", 0.02) ** 4
+                low, high = sorted((k * low * abs(low), k * high * abs(high)))
+                source.say(
+                    f"thrusters obey angular velocities in the source, thrust = {k:.4g} |w| w; here they obey newtons"
+                )
+            elif of("thrust_coefficient", 1.0) < 0.0:
+                source.say(
+                    "a negative thrust_coefficient: it turns the other way, and a command in newtons is the same",
+                    called,
+                )
+            if low >= high:
+                raise source.fault(place, f"its least thrust {low:g} N must be below the greatest, {high:g} N")
+            limits = low, high
+            if plugin.find("max_thrust_cmd") is None:
+                source.say(f"no limit in the file: {low:g} to {high:g} N, by the defaults of gz-sim", called)
+            if of("deadband", 0.0):
+                source.say("the dead band of the thrusters is a setting of a scenario: thrusters.name, with its curve")
+        about.thrusters.append((called, joint.child, np.zeros(3), joint.axis, limits))
+
+    def _fin(self, about: Description, plugin: Element, place: str) -> None:
+        name = one_of(
+            self.source, (plugin.findtext("link_name") or "").strip(), self.links, f"{place} <link_name>", "link"
+        )
+        controlled = (plugin.findtext("control_joint_name") or "").strip()
+        for joint in about.joints:
+            if joint.child == name or joint.name == controlled:
+                joint.welded = joint.welded or "the fin"
+        lift_drag(self.source, plugin, place, self._to_base(about, name), name)
+
+    def _to_base(self, about: Description, name: str) -> Pose:
+        return self.in_model(about.base, about.base).inverse() @ self.in_model(name, name)
+
+    def _servos(self, about: Description) -> None:
+        """Limits of the motors of joints, from JointPositionController and its relatives."""
+        for plugin in plugins_of(self.model):
+            if not re.search(r"joint[-_]?(position|velocity)?[-_]?controller", kind_of(plugin).replace("::", " ")):
+                continue
+            place = place_of(plugin)
+            for given in plugin.findall("joint_name"):
+                joint = next((each for each in about.joints if each.name == (given.text or "").strip()), None)
+                if joint is None or joint.welded:
+                    continue
+                if joint.effort is None:
+                    joint.effort = math.inf
+                low, high = (plugin.findtext(tag) for tag in ("cmd_min", "cmd_max"))
+                speeds = self.source.truth(plugin.findtext("use_velocity_commands"), f"{place} <use_velocity_commands>")
+                if low is not None and high is not None:
+                    both = self.source.number(low, f"{place} <cmd_min>"), self.source.number(high, f"{place} <cmd_max>")
+                    most = max(map(abs, both))
+                    if both[0] != -both[1]:
+                        self.source.say(
+                            f"limits {low.strip()} and {high.strip()} differ; the motor has {most:g} both ways",
+                            joint.name,
+                        )
+                    if speeds:
+                        joint.speed_limit = most
+                    else:
+                        joint.effort = min(joint.effort, most)
+                gains = [tag for tag in ("p_gain", "i_gain", "d_gain") if plugin.find(tag) is not None]
+                if gains:
+                    self.source.say("gains of the servos of joints are settings of a scenario, [joints]")
+
+
+_READ = re.compile(
+    r"hydrodynamics|underwater_object|thruster|motor_?model|lift[-_]?drag|fin_ros|uuv_fin|buoyancy|"
+    r"joint[-_]?(position|velocity)?[-_]?controller"
+)
+"""What the name of a plugin has that is read, or about which there is a sentence."""
+
+
+def say_unread(source: Source, root: Element) -> None:
+    """Say the sensors of a description, and the plugins that are not read."""
+    for each in root.iter("sensor"):
+        source.say("sensors are settings of a scenario, [navigation]: left out", each.get("name", "sensor"))
+    for plugin in plugins_of(root):
+        if not _READ.search(kind_of(plugin)):
+            source.say("plugins that are not read", plugin.get("name") or plugin.get("filename") or "plugin")
+
+
+def inertia_of(source: Source, element: Element | None, place: str) -> np.ndarray:
+    """(3, 3) from the elements of SDF or the attributes of URDF; ones on the diagonal if there is none, as in SDF."""
+    if element is None:
+        return np.eye(3)
+
+    def of(key: str, default: str) -> float:
+        return source.number(element.get(key) or element.findtext(key) or default, f"{place} {key}")
+
+    ixx, iyy, izz = (of(key, "1") for key in ("ixx", "iyy", "izz"))
+    ixy, ixz, iyz = (of(key, "0") for key in ("ixy", "ixz", "iyz"))
+    return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
+_LENGTHS = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "ellipsoid": ("radii",),
+}
+
+
+def _geometry(source: Source, element: Element, pose: Pose, name: str, place: str) -> Solid | None:
+    kind = element.tag
+    if kind in ("plane", "empty", "heightmap", "image", "polyline"):
+        return None
+    if kind == "mesh":
+        return mesh_of(source, element.findtext("uri") or "", element.findtext("scale") or "1 1 1", pose, name, place)
+    if kind not in _LENGTHS:
+        return Solid(None, (0.0, 0.0, 0.0), pose, None, pose.p, f"its shape {kind} is not known", name)
+    counts = {"size": 3, "radii": 3}
+    lengths: list[float] = []
+    for tag in _LENGTHS[kind]:
+        lengths += source.numbers(element.findtext(tag), f"{place} <{tag}>", counts.get(tag, 1))
+    return shape_of(source, kind, lengths, pose, name, place)
+
+
+def shape_of(source: Source, kind: str, lengths: list[float], pose: Pose, name: str, place: str) -> Solid:
+    for each in lengths:
+        positive(source, each, place)
+    return primitive(kind, lengths, pose, name)  # pyrefly: ignore
+
+
+def mesh_of(source: Source, uri: str, scale: str, pose: Pose, name: str, place: str) -> Solid:
+    """A mesh of a file in the folders named; where the file isn't there, a shape without a volume."""
+    three = source.numbers(scale, f"{place} scale", 1, 3)
+    three = three * 3 if len(three) == 1 else three
+    suffix = f".{uri.rpartition('.')[2].lower()}"
+    if suffix not in (".stl", ".obj"):
+        return mesh_unread(uri, pose, name)
+    path = source.referred(uri, place)
+    if not path.is_file():
+        raise source.fault(place, f"refers to the mesh {uri}, which is not there")
+    source_size = path.stat().st_size
+    if source_size > 10 * 2**20:
+        raise source.fault(place, f"its mesh {path.name} is larger than 10 MiB")
+    return mesh(path, three, pose, name)
+
+
+def mesh_unread(uri: str, pose: Pose, name: str) -> Solid:
+    called = uri.replace("\\", "/").rpartition("/")[2]
+    return Solid(
+        None, (0.0, 0.0, 0.0), pose, None, pose.p, f"its mesh {called} is not read: only STL and OBJ are", name
+    )
