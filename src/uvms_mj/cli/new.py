@@ -18,6 +18,7 @@ KINDS = {
     "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
     "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
     "effect": ("effect.py", "uvms-mj run --set 'effects=[{{name = \"{file}:{cls}\"}}]'"),
+    "identify": ("identify.toml", "uvms-mj identify {file}"),
 }
 IN_C = {kind: use.replace(":{cls}", "") for kind, (_, use) in KINDS.items() if ":{cls}" in use}
 """The kinds that may be written in C, with their use: a C file, and its description."""
@@ -50,6 +51,7 @@ def new(
     uvms-mj new vehicle my_rov --from bluerov2_heavy --thrusters thrusters.csv
     uvms-mj new law my_law
     uvms-mj new law my_law --language c
+    uvms-mj new identify my_rov
     uvms-mj new example all
 
     In C, NAME.c has the function, NAME.toml its settings and states, and uvms_stage.h the records that it is given;
@@ -106,6 +108,8 @@ def write_new(
     source = Path(__file__).parent / "templates" / f"{template}.txt"
     text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
     copies = {path.name: text.encode()}
+    if kind == "identify":
+        copies[f"{name}.csv"] = source.with_name("identify.csv.txt").read_bytes()
     if origin or thrusters:
         copies = _vehicle(name, origin, thrusters, text)
     for each in copies:
@@ -113,7 +117,8 @@ def write_new(
     for each, data in copies.items():
         with atomic_write(path.with_name(each)) as part:
             part.write_bytes(data)
-    return [f"{path}: {use.format(file=path, cls=cls)}"]
+    beside = [f"{path.with_suffix('.csv')}: its data"] if kind == "identify" else []
+    return [f"{path}: {use.format(file=path, cls=cls)}", *beside]
 
 
 def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: bool) -> list[str]:

@@ -228,10 +228,12 @@ class LogTable:
         table: its keys, ``signals`` among them.
         file: the file.
         columns: its columns.
-        signals: the signals that it may have by name.
     """
 
-    signals: Mapping[str, Signal]
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """The signals that it may have by name."""
+        raise NotImplementedError
 
     def __init__(self, path: Path, table: Mapping[str, Any], file: Path, timed: bool = True) -> None:
         """``timed``: whether the table may name a column of times; otherwise the rows are numbered. Raises InputError
@@ -394,7 +396,7 @@ class _Log(LogTable):
         return header, rows, Outcome(Status.completed, "", round(float(grid[there][-1]) / h), 0.0)
 
     @property
-    def signals(self) -> dict[str, Signal]:
+    def signals(self) -> Mapping[str, Signal]:
         """The signals that a log may have by name: those of the run, ``push`` and the pulse widths."""
         n = self.header.by_name["u"].size
         return {"push": _PUSH, "pwm": pulse_signal(n)} | {
@@ -501,7 +503,7 @@ class _Log(LogTable):
             push = kept["f_normal"][:, 0] if "f_normal" in kept else np.maximum(0.0, -kept["f_contact_W"][:, 0])
             (above,) = self._each("touch_above", self.table.get("touch_above", _TOUCH), 1)
             kept |= running(t, push, above)
-        known = self.signals | {s.name: s for s in RUNNING} | dict(self.header.by_name)
+        known = dict(self.signals) | {s.name: s for s in RUNNING} | dict(self.header.by_name)
         signals = tuple(known[name] for name in kept)
         rest = self.header.rest if "f_contact_W" in kept else NoClosedForm("the log has no contact force")
         header = dataclasses.replace(
