@@ -270,7 +270,7 @@ class LogTable:
         if "column" in table and "columns" in table:
             raise InputError(f"{path}: {key}: give column or columns, not both")
         columns = [table["column"]] if "column" in table else table.get("columns")
-        angles = signal.size == 4 and table.get("unit") in ("rad", "deg")
+        angles = signal.components[0] == "w" and table.get("unit") in ("rad", "deg")
         size = 3 if angles else signal.size
         named = isinstance(columns, list) and all(isinstance(each, str) for each in columns)
         if not named or len(columns) != size:
@@ -287,7 +287,7 @@ class LogTable:
         signs, offsets = (
             self._each(f"{key}.{word}", table.get(word, x), len(turned)) for word, x in (("sign", 1), ("offset", 0))
         )
-        if signal.size == 4 and any(offsets):
+        if signal.components[0] == "w" and any(offsets):
             raise InputError(f"{path}: {key}.offset: an attitude has none; a sum of quaternions is no turn")
         if any(sign not in (1, -1) for sign in signs):
             raise InputError(f"{path}: {key}.sign: {table['sign']!r} must be 1 or -1, or a list of them")
@@ -314,7 +314,7 @@ class LogTable:
         known = {"W": ("W", "NED", "ENU"), "B": ("B", "FRD")}.get(signal.frame, (signal.frame,))
         if frame not in known:
             raise InputError(f"{self.path}: {key}.frame: {frame!r} is no frame of it; choose from {', '.join(known)}")
-        if signal.size == 4:
+        if signal.components[0] == "w":
             return self._attitude(key, series, frame, degrees, angles)
         if frame == "ENU" and signal.size == 3:
             (t_e, east), north, up = series

@@ -209,7 +209,7 @@ def trim(vehicle: Vehicle, postures: "Postures", tau: np.ndarray) -> np.ndarray:
 def _unbalanced(angles: np.ndarray, moment: np.ndarray, K: np.ndarray) -> np.ndarray:
     roll, pitch = angles
     up = np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-    return np.cross(moment, up) + K
+    return np.cross(moment, up) + K - (K @ up) * up  # about the vertical nothing balances a moment
 
 
 class Postures:

@@ -11,7 +11,7 @@ from .fit import UNRESOLVED, Z_95, Fit, fit
 from .problem import Problem
 
 _CORRELATED = 0.9
-_PART = 0.3
+_PART = 0.15
 """Least share of a name in a direction that is said to be not told apart."""
 _CORRELATED_RESIDUALS = (
     "residuals are correlated in time, so the model lacks something; samples of a signal that count as one"
