@@ -166,7 +166,7 @@ def test_a_trim_is_an_attitude_at_rest_of_the_plant():
             assert np.abs(sim.signals.nu[3:5]).max() < 1e-6
 
 
-NOISE, SAMPLES, TABLES = 0.4, 25, 300
+NOISE, SAMPLES, TABLES = 0.4, 25, 200
 
 
 def table(seed: int, prior: Prior | None = None) -> tuple[Problem, np.ndarray]:
@@ -183,7 +183,7 @@ def table(seed: int, prior: Prior | None = None) -> tuple[Problem, np.ndarray]:
 
 
 def test_intervals_of_95_percent_have_the_true_value_in_95_percent_of_tables():
-    """Seeds 0 to 299. The bound is three standard deviations of a count of independent tables, whose two intervals are
+    """Seeds 0 to 199. The bound is three standard deviations of a count of independent tables, whose two intervals are
     taken as one."""
     inside = 0
     for seed in range(TABLES):

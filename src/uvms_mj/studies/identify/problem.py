@@ -113,7 +113,8 @@ class Problem:
             return plant.predicted(vehicle, start, current, named.get("delay", given.delay), named.get("clock", 0.0))
         if isinstance(plant, Postures):
             tau = data.given.get("tau", np.zeros((len(data.channels[0].t), 6)))
-            return list(trim(vehicle, plant, tau).T)
+            angles = trim(vehicle, plant, tau)
+            return [angles[:, ("roll", "pitch").index(each.name)] for each in data.channels]
         force = towing(vehicle, data.given["nu"])
         return [force[:, "XYZKMN".index(each.name[-1])] for each in data.channels]
 
