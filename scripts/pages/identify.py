@@ -16,9 +16,9 @@ def numbers() -> Iterator[tuple]:
         problem = Identification.load(Path(folder, "my_rov.toml")).problem
         result = judge(problem, fit(problem))
     X_uu, X_u = result.coefficients
-    yield "finds -X_uu = {} ± ", -X_uu.value
+    yield "finds -X_uu = {} ±", -X_uu.value
     yield "± {} N s²/m² and -X_u", X_uu.half_width
-    yield "and -X_u = {} ± ", -X_u.value
+    yield "and -X_u = {} ±", -X_u.value
     yield "± {} N s/m", X_u.half_width
     (held,) = result.held_out
     yield "an rms error of {} m/s on", held.fitted
