@@ -1,9 +1,8 @@
 """The least-squares problem: free coefficients, the unknowns of each experiment, and residuals."""
 
-import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -234,19 +233,3 @@ def _unknowns(i: int, data: Data) -> list[Unknown]:
             for (name, unit, scale, low, high), start in zip(_UNKNOWNS[word], starts, strict=True)
         ]
     return found
-
-
-def without_motions(problem: Problem, kept: Sequence[int]) -> Problem:
-    """The problem with some of its experiments."""
-    data = tuple(problem.data[i] for i in kept)
-    unknowns = [
-        dataclasses.replace(each, of=kept.index(each.of))
-        for each in problem.unknowns
-        if each.of is not None and each.of in kept
-    ]
-    return dataclasses.replace(problem, data=data, unknowns=tuple(unknowns))
-
-
-def named(problem: Problem, x: np.ndarray) -> Mapping[str, float]:
-    """The coefficients of a vector by name."""
-    return {each.name: float(v) for each, v in zip(problem.coefficients, x, strict=False)}
