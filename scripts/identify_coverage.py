@@ -1,8 +1,8 @@
 """How often the 95 % intervals of ``uvms-mj identify`` have the true coefficient, for synthetic vehicles.
 
-Each vehicle is a BlueROV2 Heavy with 19 coefficients within 30 % of the file's: added mass, linear and quadratic damping
-of all axes, and the height of the centre of buoyancy. Of it there are two motions, sampled with noise: a decay of 15 s,
-and 40 s with wrenches that are held for 0.4 s. In the second there is a current, the wrenches act later than the data
+Each vehicle is a BlueROV2 Heavy with 19 coefficients within 30 % of the file's: added mass, linear and quadratic
+damping of all axes, and the height of the centre of buoyancy. Two motions are sampled with noise: a decay of 15 s, and
+40 s with wrenches that are held for 0.4 s. In the second there is a current, the wrenches act later than the data
 say, and the clock of the data is wrong; all four are fitted with the coefficients and the starts. Vehicle k has the
 seed k.
 
@@ -52,8 +52,9 @@ def synthetic(seed: int) -> tuple[Problem, np.ndarray]:
     mjcf = Mjcf.find("bluerov2_heavy")
     times = np.arange(0.0, 40.4, 0.4)
     wrenches = Inputs("tau", times, random.normal(size=(len(times), 6)) * STRONG, False)
-    tilted = Start(position=(0.0, 0.0, -5.0), attitude_deg=(25.0, -15.0, 0.0), velocity=(0.4, 0.3, -0.2, 0.3, -0.3, 0.8))
-    level = Start(position=(0.0, 0.0, -5.0))
+    deep, moving = (0.0, 0.0, -5.0), (0.4, 0.3, -0.2, 0.3, -0.3, 0.8)
+    tilted = Start(position=deep, attitude_deg=(25.0, -15.0, 0.0), velocity=moving)
+    level = Start(position=deep)
     motions = [
         motion("decay", 15.0, tilted, None, ()),
         motion("pushed", 40.0, level, wrenches, ("current", "delay", "clock")),

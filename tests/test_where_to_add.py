@@ -80,6 +80,11 @@ SHOWN = {
         "test_the_studies_have_every_axis_law_and_step",
     ),
     "claim about the paper": ("reproduce/test_claims.py", "test_a_claim_needs_a_threshold"),
+    "kind of experiment of an identification": (
+        "studies/test_identify.py",
+        "test_the_force_of_a_towing_holds_the_velocity_in_the_plant",
+    ),
+    "coefficient that can be identified": ("studies/test_identify.py", "test_every_name_reads_what_it_sets"),
     "study that ships": ("studies/test_shipped.py", "test_a_shipped_study_runs"),
     "table of the reference: signals, keys, metrics, stages": ("cli/test_listing.py", "test_keys_and_signals_list_all"),
 }

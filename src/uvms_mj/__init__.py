@@ -33,6 +33,7 @@ _NAMES = {
     "stages.base": "setting",
     "studies.certified": "certify",
     "studies.convergence": "converge",
+    "studies.identify": "Identification",
     "studies.study": "Study",
     "studies.tune": "Tuning",
     "views.figures": "plot",
@@ -88,6 +89,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .stages.base import setting as setting
     from .studies.certified import certify as certify
     from .studies.convergence import converge as converge
+    from .studies.identify import Identification as Identification
     from .studies.study import Study as Study
     from .studies.tune import Tuning as Tuning
     from .views.figures import plot as plot

@@ -34,7 +34,7 @@ def test_the_texts_have_the_name(here, tmp_path):
         text = (tmp_path / f"sea_cow.{template.partition('.')[2]}").read_text()
         assert "emplate" not in text
         assert ("class SeaCow(" in text) == template.endswith(".py")
-        own = re.findall(r"uvms-mj (?:run|vehicles|controllers|stages).*(sea_cow\S*)", text)
+        own = re.findall(r"uvms-mj (?:run|vehicles|controllers|stages|identify).*(sea_cow\S*)", text)
         assert own
         assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
 
@@ -50,7 +50,7 @@ def test_a_kind_of_stage_is_the_name_of_its_table_or_a_word_for_it():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_commands_in_a_file_work(here, kind):
     here("new", kind, "mine")
-    (path,) = Path.cwd().glob("mine.*")
+    path = Path(f"mine.{KINDS[kind][0].partition('.')[2]}")
     commands = [line.partition("   ")[0] for line in re.findall(r"^\W*uvms-mj (.*)", path.read_text(), re.MULTILINE)]
     assert len(commands) > 1
     for i, command in enumerate(commands):

@@ -11,6 +11,7 @@ import click
 from .certify import certify, converge
 from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
 from .experiments import bench, paper, practicality, validate
+from .identify import identify
 from .listing import controllers, keys, metrics, signals, stages, vehicles
 from .logs import export, info, replay
 from .new import new
@@ -51,6 +52,7 @@ def main() -> None:
     uvms-mj sitl vehicle.model=bluerov2   an autopilot in the loop: the physics of ArduSub, in lockstep
     uvms-mj study mine.toml               many runs: laws to compare, keys that vary
     uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
+    uvms-mj identify mine.toml            coefficients of a vehicle from measurements, with intervals
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
     uvms-mj bench my_law.py:MyLaw         Contact-10: a law on ten tasks, the same for everybody
     uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
@@ -82,7 +84,7 @@ def main() -> None:
 
 
 for command in (
-    *(run, sitl, study, tune, bench, paper, practicality, validate, converge, certify),
+    *(run, sitl, study, tune, identify, bench, paper, practicality, validate, converge, certify),
     *(replay, video, plot, compare, info, export),
     *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):

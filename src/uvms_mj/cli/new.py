@@ -18,6 +18,7 @@ KINDS = {
     "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
     "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
     "effect": ("effect.py", "uvms-mj run --set 'effects=[{{name = \"{file}:{cls}\"}}]'"),
+    "identify": ("identify.toml", "uvms-mj identify {file}"),
 }
 IN_C = {kind: use.replace(":{cls}", "") for kind, (_, use) in KINDS.items() if ":{cls}" in use}
 """The kinds that may be written in C, with their use: a C file, and its description."""
@@ -65,6 +66,7 @@ def new(
     uvms-mj new vehicle my_rov --from paper.toml --inertia cad.toml --drag towing.csv
     uvms-mj new law my_law
     uvms-mj new law my_law --language c
+    uvms-mj new identify my_rov
     uvms-mj new example all
 
     In C, NAME.c has the function, NAME.toml its settings and states, and uvms_stage.h the records that it is given;
@@ -128,6 +130,9 @@ def write_new(
     source = Path(__file__).parent / "templates" / f"{template}.txt"
     text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
     copies, said = {path.name: text.encode()}, list[str]()
+    if kind == "identify":
+        copies[f"{name}.csv"] = source.with_name("identify.csv.txt").read_bytes()
+        said = [f"{path.with_suffix('.csv')}: its data"]
     if origin and _is_imported(origin):
         copies, said = _imported(name, origin, thrusters, packages, inertia, drag)
     elif packages or inertia or drag:

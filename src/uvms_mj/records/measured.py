@@ -114,7 +114,7 @@ class LogTable:
         if "column" in table and "columns" in table:
             raise InputError(f"{path}: {key}: give column or columns, not both")
         columns = [table["column"]] if "column" in table else table.get("columns")
-        angles = signal.size == 4 and table.get("unit") in ("rad", "deg")
+        angles = signal.components[0] == "w" and table.get("unit") in ("rad", "deg")
         size = 3 if angles else signal.size
         named = isinstance(columns, list) and all(isinstance(each, str) for each in columns)
         if not named or len(columns) != size:
@@ -131,7 +131,7 @@ class LogTable:
         signs, offsets = (
             self._each(f"{key}.{word}", table.get(word, x), len(turned)) for word, x in (("sign", 1), ("offset", 0))
         )
-        if signal.size == 4 and any(offsets):
+        if signal.components[0] == "w" and any(offsets):
             raise InputError(f"{path}: {key}.offset: an attitude has none; a sum of quaternions is no turn")
         if any(sign not in (1, -1) for sign in signs):
             raise InputError(f"{path}: {key}.sign: {table['sign']!r} must be 1 or -1, or a list of them")
@@ -158,7 +158,7 @@ class LogTable:
         known = {"W": ("W", "NED", "ENU"), "B": ("B", "FRD")}.get(signal.frame, (signal.frame,))
         if frame not in known:
             raise InputError(f"{self.path}: {key}.frame: {frame!r} is no frame of it; choose from {', '.join(known)}")
-        if signal.size == 4:
+        if signal.components[0] == "w":
             return self._attitude(key, series, frame, degrees, angles)
         if frame == "ENU" and signal.size == 3:
             (t_e, east), north, up = series
@@ -341,7 +341,7 @@ class _Log(LogTable):
             push = kept["f_normal"][:, 0] if "f_normal" in kept else np.maximum(0.0, -kept["f_contact_W"][:, 0])
             (above,) = self._each("touch_above", self.table.get("touch_above", _TOUCH), 1)
             kept |= running(t, push, above)
-        known = self.signals | {s.name: s for s in RUNNING} | dict(self.header.by_name)
+        known = dict(self.signals) | {s.name: s for s in RUNNING} | dict(self.header.by_name)
         signals = tuple(known[name] for name in kept)
         rest = self.header.rest if "f_contact_W" in kept else NoClosedForm("the log has no contact force")
         header = dataclasses.replace(

@@ -36,8 +36,8 @@ LEAST = 4
 
 @dataclass(frozen=True)
 class Channel:
-    """Measured values of one component: y (n,) at times t (n,), which begin with the experiment [s]; rows of a towing or
-    trim are numbered instead. ``sigma`` is the standard deviation of its noise, or None."""
+    """Measured values of one component: y (n,) at times t (n,), which begin with the experiment [s]; rows of a towing
+    or trim are numbered instead. ``sigma`` is the standard deviation of its noise, or None."""
 
     name: str
     unit: str
@@ -188,13 +188,13 @@ def _inputs(
     if (gaps := np.flatnonzero(spacing > _GAP * np.median(spacing))).size:
         i = int(gaps[0])
         raise InputError(
-            f"{path}: column {next(filter(None, columns))!r}: has a gap of {spacing[i]:.3g} s after {t[i]:.6g} s, in which the "
-            "input is unknown; cut the log there with between"
+            f"{path}: column {next(filter(None, columns))!r}: has a gap of {spacing[i]:.3g} s after {t[i]:.6g} s, "
+            "in which the input is unknown; cut the log there with between"
         )
     if t[0] > begin + 1e-9 or t[-1] < end - np.median(spacing) - 1e-9:
         raise InputError(
-            f"{path}: the input {name} is known from {t[0]:.6g} to {t[-1]:.6g} s, and the motion lasts from {begin:.6g} to "
-            f"{end:.6g} s; cut it with between"
+            f"{path}: the input {name} is known from {t[0]:.6g} to {t[-1]:.6g} s, and the motion lasts from "
+            f"{begin:.6g} to {end:.6g} s; cut it with between"
         )
     neutral = 1500.0 if name == "pwm" else 0.0
     values = np.full((len(t), len(parts)), neutral)
@@ -204,8 +204,8 @@ def _inputs(
         values[:, k] = y
         if name == "pwm" and (wrong := np.flatnonzero((y < _PULSES[0]) | (y > _PULSES[1]))).size:
             raise InputError(
-                f"{path}: column {column!r}, sample {wrong[0] + 1}: {y[wrong[0]]:g} us is no pulse width from {_PULSES[0]:g} to "
-                f"{_PULSES[1]:g} us; check its unit"
+                f"{path}: column {column!r}, sample {wrong[0] + 1}: {y[wrong[0]]:g} us is no pulse width from "
+                f"{_PULSES[0]:g} to {_PULSES[1]:g} us; check its unit"
             )
         if name != "pwm":
             _refuse_large(path, column, y, _STRONGEST[0], "N or N m")

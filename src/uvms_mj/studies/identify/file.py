@@ -107,8 +107,9 @@ class File:
 _VALIDATOR = TypeAdapter(File)
 _KEYS = {
     "": [field.name for field in dataclasses.fields(File)],
-    **{name: [field.name for field in dataclasses.fields(kind)] for name, kind in (("free", Free), ("experiment", Experiment))},
-}  # fmt: skip
+    "free": [field.name for field in dataclasses.fields(Free)],
+    "experiment": [field.name for field in dataclasses.fields(Experiment)],
+}
 
 
 def read(tables: Mapping[str, Any], place: str) -> File:

@@ -2,9 +2,10 @@
 
 With residuals r over their standard deviation and their derivatives J, the information about the unknowns is J^T J. Its
 eigenvectors are the directions in which the data tell the unknowns apart, and one over the square root of an eigenvalue
-is the standard deviation along its direction, in units of the scales. A direction in which it is greater than one is
-not told apart. Residuals that are correlated in time count as fewer: J of a channel is divided by the square root of
-its correlation time in samples.
+is the standard deviation along its direction, in units of the scales. In a direction in which 1.96 times it is
+greater than one, unknowns are not told apart. An unknown is given if 1.96 times its own standard deviation, by the
+inverse of the information, is below one: it may be known while others are not. Residuals that are correlated in time
+count as fewer: J of a channel is divided by the square root of its correlation time in samples.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,15 +23,21 @@ from .problem import Problem
 
 STEP = 1e-5
 """Step of the derivatives, in units of the scales."""
-UNRESOLVED = 1.0
-"""Standard deviation of a direction from which on its unknowns are not told apart, in units of the scales."""
-_TAKES_PART = 0.1
-"""Share of an unknown in such directions from which on it is not given: the square of the projection of its axis."""
+Z_95 = float(norm.ppf(0.975))
+UNRESOLVED = 1.0 / Z_95
+"""Standard deviation from which on an unknown is not given, and the unknowns of a direction are not told apart, in
+units of the scales: the 95 % interval then reaches as far as the scale, which is the value at the start."""
+_EMPTY = 1e-9
+"""Eigenvalue of the information of columns of length one from which on a direction is known at all: the derivatives,
+from differences, are wrong by some 1e-5 of themselves."""
+_MOVES = 0.05
+"""Part of an unknown in an empty direction, in units of the scales, from which on it is not given."""
+_NO_NEWS = 0.95
+"""Deviation over that of its prior from which on the data say nothing of an unknown."""
 _PASSES = 4
 """Estimates of the noise, each followed by a fit."""
 _SETTLED = 0.01
 _MOST_ITERATIONS = 60
-Z_95 = float(norm.ppf(0.975))
 
 Progress = Callable[[int, float], None]
 """Called with the number of iterations and the weighted rms of the residuals."""
@@ -128,10 +135,10 @@ class Fit:
     Attributes:
         x: coefficients and unknowns.
         sigmas: the standard deviation of the noise of each channel, by experiment.
-        covariance: of the free unknowns, in units of their scales, without the directions that are not told apart.
+        covariance: of the free unknowns, in units of their scales, without directions of which the data say nothing.
         eigenvalues: of the information, with
         directions: its eigenvectors, a column each, by the free unknowns.
-        given: whether each free unknown is given.
+        given, at_bound, from_prior: whether each free unknown is given, is at a bound, and has what its prior says.
         tau: correlation time of the residuals of each channel, in samples, by experiment.
         iterations, success: as SciPy counts them, over all estimates of the noise.
     """
@@ -283,27 +290,28 @@ def _judged(
             factors.append(np.full(len(r), 1.0 / np.sqrt(tau[i][k])))
     factor = np.concatenate([*factors, np.ones(len(J) - sum(map(len, factors)))])
     J = J * factor[:, None]
-    with_data = len(J) - len(weighted.priors(x))
     eigenvalues, directions = np.linalg.eigh(J.T @ J)
-    eigenvalues = np.maximum(eigenvalues, 0.0)
-    weak = eigenvalues < 1.0 / UNRESOLVED**2
-    share = (directions[:, weak] ** 2).sum(axis=1)
-    covariance = (directions[:, ~weak] / eigenvalues[~weak]) @ directions[:, ~weak].T
-    own = J[:with_data].T @ J[:with_data]  # of the data alone
-    priors = np.array([problem.all[k].prior is not None for k in free])
-    from_prior = priors & (np.diag(own) < 1.0)
+    covariance, lost = _inverse(J)
+    spread = np.sqrt(np.diag(covariance))
+    priors = np.array([1.0 if (p := problem.all[k].prior) is None else p[1] / problem.all[k].scale for k in free])
+    there = np.array([problem.all[k].prior is not None for k in free])
+    from_prior = there & (spread > _NO_NEWS * priors)
+    given = ~lost & (spread < UNRESOLVED * np.where(there, np.maximum(Z_95 * priors, 1.0), 1.0) * (1.0 + 1e-6))
     at_bound = (z - low < 2e-3) | (high - z < 2e-3)
-    return Fit(
-        x,
-        free,
-        sigmas,
-        covariance,
-        eigenvalues,
-        directions,
-        share < _TAKES_PART,
-        at_bound,
-        from_prior,
-        tau,
-        iterations,
-        success,
-    )
+    kinds = given, at_bound, from_prior
+    return Fit(x, free, sigmas, covariance, np.maximum(eigenvalues, 0.0), directions, *kinds, tau, iterations, success)
+
+
+def _inverse(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of J^T J without the directions in which J has no more than the error of its differences, and
+    whether each unknown moves along such a direction."""
+    norms = np.linalg.norm(J, axis=0)
+    lost = norms == 0.0
+    norms = np.where(lost, 1.0, norms)
+    values, V = np.linalg.eigh((J / norms).T @ (J / norms))
+    empty = values < _EMPTY
+    along = V / norms[:, None]
+    along = along / np.linalg.norm(along, axis=0)
+    lost = lost | (np.abs(along[:, empty]) > _MOVES).any(axis=1)
+    kept = V[:, ~empty] / norms[:, None]
+    return (kept / values[~empty]) @ kept.T, lost

@@ -197,19 +197,17 @@ def towing(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
 def trim(vehicle: Vehicle, postures: "Postures", tau: np.ndarray) -> np.ndarray:
     """(n, 2) roll and pitch [rad] in which weight, buoyancy and a wrench tau (n, 6) in B balance, yaw being free."""
     moments = postures.moments(vehicle)
-    found = np.empty((len(tau), 2))
-    for i, (moment, wrench) in enumerate(zip(moments, tau, strict=True)):
-        x, y, z = moment / max(float(np.linalg.norm(moment)), 1e-12)
-        found[i] = np.arctan2(y, z), -np.arcsin(np.clip(x, -1.0, 1.0))
-        if wrench[3:].any():
-            found[i] = least_squares(_unbalanced, found[i], args=(moment, wrench[3:])).x
+    x, y, z = (moments / np.maximum(np.linalg.norm(moments, axis=1), 1e-12)[:, None]).T
+    found = np.stack([np.arctan2(y, z), -np.arcsin(np.clip(x, -1.0, 1.0))], axis=1)
+    for i in np.flatnonzero(tau[:, 3:].any(axis=1)):
+        found[i] = least_squares(_unbalanced, found[i], args=(moments[i], tau[i, 3:])).x
     return found
 
 
 def _unbalanced(angles: np.ndarray, moment: np.ndarray, K: np.ndarray) -> np.ndarray:
     roll, pitch = angles
     up = np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-    return np.cross(moment, up) + K
+    return np.cross(moment, up) + K - (K @ up) * up  # about the vertical nothing balances a moment
 
 
 class Postures:
@@ -217,18 +215,15 @@ class Postures:
 
     def __init__(self, vehicle: Vehicle, q: np.ndarray, gravity: float) -> None:
         """``q`` (n, m): positions of the joints."""
-        self._gravity, self._statics = gravity, [Statics(vehicle, each) for each in q]
+        self._gravity, self._links = gravity, np.zeros((len(q), 3))
+        for i, each in enumerate(q):
+            statics = Statics(vehicle, each)
+            for link, p, R in zip(vehicle.arm.links, statics.p[1:], statics.R[1:], strict=True):
+                self._links[i] += link.displaced_mass * (p + R @ link.r_b) - link.mass * (p + R @ link.r_g)
 
     def moments(self, vehicle: Vehicle) -> np.ndarray:
-        """(n, 3) the sum of each upward force times its place, in B [N m]."""
-        found = np.empty((len(self._statics), 3))
-        for i, statics in enumerate(self._statics):
-            bodies = (vehicle, *vehicle.arm.links)
-            found[i] = sum(
-                body.displaced_mass * (p + R @ body.r_b) - body.mass * (p + R @ body.r_g)
-                for body, p, R in zip(bodies, statics.p, statics.R, strict=True)
-            )
-        return self._gravity * found
+        """(n, 3) the sum of each upward force times its place, in B [N m]; the vehicle has the same arm."""
+        return self._gravity * (vehicle.displaced_mass * vehicle.r_b - vehicle.mass * vehicle.r_g + self._links)
 
 
 def plant_of(data: Data, mjcf: Mjcf, timestep: float, thrusters: Mapping[str, Any] | None) -> "Plant | Postures | None":

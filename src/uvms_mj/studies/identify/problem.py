@@ -1,9 +1,8 @@
 """The least-squares problem: free coefficients, the unknowns of each experiment, and residuals."""
 
-import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,7 +112,8 @@ class Problem:
             return plant.predicted(vehicle, start, current, named.get("delay", given.delay), named.get("clock", 0.0))
         if isinstance(plant, Postures):
             tau = data.given.get("tau", np.zeros((len(data.channels[0].t), 6)))
-            return list(trim(vehicle, plant, tau).T)
+            angles = trim(vehicle, plant, tau)
+            return [angles[:, ("roll", "pitch").index(each.name)] for each in data.channels]
         force = towing(vehicle, data.given["nu"])
         return [force[:, "XYZKMN".index(each.name[-1])] for each in data.channels]
 
@@ -233,19 +233,3 @@ def _unknowns(i: int, data: Data) -> list[Unknown]:
             for (name, unit, scale, low, high), start in zip(_UNKNOWNS[word], starts, strict=True)
         ]
     return found
-
-
-def without_motions(problem: Problem, kept: Sequence[int]) -> Problem:
-    """The problem with some of its experiments."""
-    data = tuple(problem.data[i] for i in kept)
-    unknowns = [
-        dataclasses.replace(each, of=kept.index(each.of))
-        for each in problem.unknowns
-        if each.of is not None and each.of in kept
-    ]
-    return dataclasses.replace(problem, data=data, unknowns=tuple(unknowns))
-
-
-def named(problem: Problem, x: np.ndarray) -> Mapping[str, float]:
-    """The coefficients of a vector by name."""
-    return {each.name: float(v) for each, v in zip(problem.coefficients, x, strict=False)}
