@@ -5,9 +5,8 @@
 import numpy as np
 
 from ...physics.kernels import kernel
-from ...physics.linear_algebra import solved
 from .approach import LAST_STEP
-from .motion_record import MOST_THRUSTERS, RESIDUAL
+from .motion_record import RESIDUAL
 from .motion_terms import between, copied, displaced, press, sense, thrust, velocity_at
 from .task_motion import DIFFERENCE, OUTDATED, ROUNDING
 
@@ -44,7 +43,7 @@ def force_at(motion, world, x):
         velocity_at(motion, x, nu)
         lack = missing(motion, commanded(motion, world, x, motion.free, nu))
         if np.any(lack != 0.0):
-            motion.force[:] += solved(motion.wrench, lack)[0]
+            motion.force[:] += np.linalg.solve(motion.wrench, lack)
 
 
 @kernel
@@ -61,12 +60,11 @@ def derivatives(motion, world, x, force):
         if k >= 6:
             motion.turned.tau_c[k - 6] += small
         free_force(motion, world, motion.turned, moved)
-        for i in range(6):
-            slope = (moved[i] - force[i]) / small
-            if k < 6:
-                motion.by_pose[i, k] = slope
-            else:
-                motion.by_wrench[i, k - 6] = slope
+        slope = (moved - force) / small
+        if k < 6:
+            motion.by_pose[:, k] = slope
+        else:
+            motion.by_wrench[:, k - 6] = slope
 
 
 @kernel
@@ -84,8 +82,7 @@ def stiffness_at(motion, world, x):
         if k % 2 == 0:
             first[:] = motion.turned.tau_c
         else:
-            for i in range(6):
-                motion.stiffness[i, k // 2] = (first[i] - motion.turned.tau_c[i]) / (2.0 * DIFFERENCE)
+            motion.stiffness[:, k // 2] = (first - motion.turned.tau_c) / (2.0 * DIFFERENCE)
 
 
 @kernel
@@ -97,9 +94,7 @@ def water_by_pose(motion, world, x, nu, rate):
         change[k] = DIFFERENCE
         displaced(x, change, motion.turned)
         motion.turned.tau_c[:] = x.tau_c
-        slope = (thrust(motion, world, motion.turned, nu + rate * change) - at) / DIFFERENCE
-        for i in range(6):
-            motion.by_water[i, k] = slope[i]
+        motion.by_water[:, k] = (thrust(motion, world, motion.turned, nu + rate * change) - at) / DIFFERENCE
 
 
 @kernel
@@ -132,10 +127,7 @@ def at_limits(motion, world, x):
     nu = np.zeros(6)
     velocity_at(motion, x, nu)
     u = motion.shares @ commanded(motion, world, x, motion.free, nu)
-    limited = np.zeros(MOST_THRUSTERS)
-    for k in range(motion.thrusters):
-        if not (motion.least[k] <= u[k] and u[k] <= motion.most[k]):
-            limited[k] = 1.0
+    limited = np.where((motion.least <= u) & (u <= motion.most), 0.0, 1.0)
     if np.max(limited) == 0.0:
         return
     rate = 1.0 / motion.step if motion.step <= LAST_STEP else 0.0
@@ -144,5 +136,4 @@ def at_limits(motion, world, x):
         motion.known_water = 1
     by_pose = motion.by_water - motion.stiffness + motion.wrench @ motion.J - rate * (motion.wrench @ motion.D_d)
     lost = (motion.B * limited) @ (motion.shares @ by_pose)
-    for k in range(6):
-        motion.J[:, k] -= solved(motion.wrench, lost[:, k])[0]
+    motion.J -= np.linalg.solve(motion.wrench, lost)

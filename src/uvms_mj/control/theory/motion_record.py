@@ -60,7 +60,7 @@ MOTION = np.dtype(
         *((name, "f8", (4,)) for name in ("quat_d", "quat_end")),
         *((name, "f8") for name in ("t", "step", "ends", "largest", "sharp", "h", "limited_s", "first")),
         *((name, "i8") for name in ("uses_truth", "integrates", "follows", "scheduled", "led_on", "limits", "memory")),
-        *((name, "i8") for name in ("pairs", "samples", "steps", "rows", "thrusters", "delivered")),
+        *((name, "i8") for name in ("pairs", "samples", "steps", "rows", "delivered")),
         *((name, "i8") for name in ("known", "known_before", "known_water")),
         *((name, "f8", (MOST_STATES,)) for name in ("value", "next")),
         *(("B", "f8", (6, MOST_THRUSTERS)), ("shares", "f8", (MOST_THRUSTERS, 6))),

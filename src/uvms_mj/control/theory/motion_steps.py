@@ -96,7 +96,7 @@ def implicit(motion, world, step):
     left[:] = both @ (change - motion.lead) - carried - motion.force
     for _ in range(MOST_ITERATIONS):
         jacobian(motion, world, motion.at)
-        less = solved(both - motion.J, left)[0]
+        less = np.linalg.solve(both - motion.J, left)
         size, farthest, part, nearer = np.max(np.abs(left)), np.max(np.abs(less)), 1.0, 0
         moved = np.zeros(6)
         for _ in range(MOST_HALVES):

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ...physics.kernels import kernel
-from ...physics.linear_algebra import solved
 from .motion_record import GAINS
 from .motion_steps import asked
 from .motion_terms import control_wrench, demanded, resistance, unmodelled, velocity_at, within_limit
@@ -88,7 +87,7 @@ def _admittance(motion, world, x, out):
     after[:] = value
     if h != 0.0:
         pushed = motion.K_d @ eta_e - wanted - motion.K_d @ value[:6] + motion.M_d @ value[6:12] / h
-        after[6:12] = solved(motion.M_d / h + motion.D_d + h * half * motion.K_d, pushed)[0]
+        after[6:12] = np.linalg.solve(motion.M_d / h + motion.D_d + h * half * motion.K_d, pushed)
         after[:6] = value[:6] + h * half * after[6:12]
         nu_a_dot[:] = (after[6:12] - value[6:12]) / h
         after[12:] = value[12:] + h * gains.k_i * (eta_e - after[:6])

@@ -110,7 +110,7 @@ class RigidMotion(TaskMotion):
         own["gravity_W"] = setup.gravity_W
         self._sense()
         if self.thrust_map is not None:
-            n = record["thrusters"] = len(self.thrust_map.inverse)
+            n = len(self.thrust_map.inverse)
             _, record["least"][:n], record["most"][:n] = self.thrust_map.thrusts(np.zeros(6))
             record["B"][:, :n], record["shares"][:n] = vehicle.B, self.thrust_map.shares
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...physics.effects import add_effects
 from ...physics.frames import attitude
 from ...physics.kernels import called_on, kernel
-from ...physics.linear_algebra import backward, cholesky, forward, inverse, solved
+from ...physics.linear_algebra import backward, cholesky, forward, inverse
 from ...physics.operational import free_of_base, posture, task_inertia
 from ...physics.tree import frame_records, link_records, place_links
 from ...stages.setup import SetupLike
@@ -123,7 +123,7 @@ def push(rest, J_T, true, others):
     cholesky(true.M, true.L)
     forward(true.L, X)
     backward(true.L, X)
-    F = -solved(J_T.T @ X[:, :6], J_T.T @ X[:, 6])[0]
+    F = -np.linalg.solve(J_T.T @ X[:, :6], J_T.T @ X[:, 6])
     rest.r[:] = X[6:, :6] @ F + X[6:, 6]
     rest.tau += J_T @ F
 
