@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import importlib
 import json
 import re
 import shutil
@@ -23,6 +24,7 @@ from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
 from uvms_mj.engine.law_library.border import STATUSES
+from uvms_mj.engine.native.chain import Chain
 from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS
 
 pytest.importorskip("ziglang")
@@ -61,6 +63,16 @@ class Plain(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         said = str(signals.t)
         tau_cmd[:] = float(said)
+"""
+READS_A_MODULE = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+from weight_of_law import WEIGHT
+@dataclass(frozen=True)
+class Reads(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.g_hat - 200.0 * signals.eta_e - WEIGHT * signals.nu_e
 """
 
 
@@ -853,6 +865,49 @@ def test_machine_code_of_another_one_is_refused(gsta, tmp_path):
     law = f"{gsta[0] / 'x86_64' / 'libgsta.so'}:gsta_law"
     with pytest.raises(InputError, match="is machine code for this machine alone; export it from its source"):
         write_library(scenario(law), tmp_path, ["x86_64"])
+
+
+def test_a_further_export_translates_and_compiles_nothing_and_gives_the_same_files(gsta, tmp_path, monkeypatch):
+    folder, _ = gsta
+
+    def never(*arguments, **options):
+        raise AssertionError("made again")
+
+    monkeypatch.setattr(linking, "compiled_c", never)
+    monkeypatch.setattr(linking, "_emitted", never)
+    monkeypatch.setattr(Chain, "_translated", never)
+    write_library(scenario("gsta"), tmp_path, [*MACHINES])
+    files = sorted(each.relative_to(folder) for each in folder.rglob("*") if each.is_file())
+    assert files == sorted(each.relative_to(tmp_path) for each in tmp_path.rglob("*") if each.is_file())
+    assert all((folder / each).read_bytes() == (tmp_path / each).read_bytes() for each in files)
+    with pytest.raises(AssertionError, match="made again"):
+        write_library(scenario("sta"), tmp_path, ["x86_64"])
+
+
+@pytest.mark.parametrize("suffix", ["py", "c"])
+def test_a_law_that_reads_another_file_leaves_with_what_the_file_has_now(tmp_path, monkeypatch, suffix):
+    """A number in a module or in a header beside the law is in no text of the law itself."""
+    beside = tmp_path / ("weight_of_law.py" if suffix == "py" else "weight.h")
+    if suffix == "py":
+        monkeypatch.syspath_prepend(tmp_path)
+        law = READS_A_MODULE
+    else:
+        (tmp_path / "reads.toml").write_text(MY_TOML)
+        law = '#include "weight.h"\n' + MY_LAW.replace("my_law", "reads").replace("100.0 *", "WEIGHT *")
+    path = tmp_path / f"reads.{suffix}"
+    path.write_text(law)
+    codes = []
+    for weight in ("100.0", "101.0", "100.0"):
+        beside.write_text(f"WEIGHT = {weight}\n" if suffix == "py" else f"#define WEIGHT {weight}\n")
+        sys.modules.pop("weight_of_law", None)
+        importlib.invalidate_caches()
+        sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+        label = f"{path}:Reads" if suffix == "py" else str(path)
+        made = write_library(scenario(label, SOFT), tmp_path / "out", ["x86_64"], "reads")
+        sys.dont_write_bytecode = before
+        assert made.targets[0].equal == made.steps
+        codes.append((tmp_path / "out/x86_64/libreads.a").read_bytes())
+    assert codes[0] == codes[2] != codes[1]
 
 
 def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):
