@@ -17,8 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
@@ -1010,3 +1012,11 @@ def test_functions_that_round_to_whole_numbers_are_exact():
             found = np.array([function(x) for x in values])
             wanted = getattr(np, name)(values)
             assert np.array_equal(found.view("u8")[~np.isnan(values)], wanted.view("u8")[~np.isnan(values)]), name
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    done = CliRunner().invoke(main, ["export", "law", "gsta", "--out", str(tmp_path / "taken"), "--force"])
+    assert done.exit_code != 0
+    assert "taken: is a file; name a folder" in done.output
+    assert (tmp_path / "taken").read_text() == "mine"
