@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import importlib
 import json
 import re
 import shutil
@@ -16,12 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
 from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
+from uvms_mj.engine.native.chain import Chain
 from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS, STATUSES
 
 pytest.importorskip("ziglang")
@@ -60,6 +64,16 @@ class Plain(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         said = str(signals.t)
         tau_cmd[:] = float(said)
+"""
+READS_A_MODULE = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+from weight_of_law import WEIGHT
+@dataclass(frozen=True)
+class Reads(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.g_hat - 200.0 * signals.eta_e - WEIGHT * signals.nu_e
 """
 
 
@@ -883,6 +897,49 @@ def test_machine_code_of_another_one_is_refused(gsta, tmp_path):
         write_library(scenario(law), tmp_path, ["x86_64"])
 
 
+def test_a_further_export_translates_and_compiles_nothing_and_gives_the_same_files(gsta, tmp_path, monkeypatch):
+    folder, _ = gsta
+
+    def never(*arguments, **options):
+        raise AssertionError("made again")
+
+    monkeypatch.setattr(linking, "compiled_c", never)
+    monkeypatch.setattr(linking, "_emitted", never)
+    monkeypatch.setattr(Chain, "_translated", never)
+    write_library(scenario("gsta"), tmp_path, [*MACHINES])
+    files = sorted(each.relative_to(folder) for each in folder.rglob("*") if each.is_file())
+    assert files == sorted(each.relative_to(tmp_path) for each in tmp_path.rglob("*") if each.is_file())
+    assert all((folder / each).read_bytes() == (tmp_path / each).read_bytes() for each in files)
+    with pytest.raises(AssertionError, match="made again"):
+        write_library(scenario("sta"), tmp_path, ["x86_64"])
+
+
+@pytest.mark.parametrize("suffix", ["py", "c"])
+def test_a_law_that_reads_another_file_leaves_with_what_the_file_has_now(tmp_path, monkeypatch, suffix):
+    """A number in a module or in a header beside the law is in no text of the law itself."""
+    beside = tmp_path / ("weight_of_law.py" if suffix == "py" else "weight.h")
+    if suffix == "py":
+        monkeypatch.syspath_prepend(tmp_path)
+        law = READS_A_MODULE
+    else:
+        (tmp_path / "reads.toml").write_text(MY_TOML)
+        law = '#include "weight.h"\n' + MY_LAW.replace("my_law", "reads").replace("100.0 *", "WEIGHT *")
+    path = tmp_path / f"reads.{suffix}"
+    path.write_text(law)
+    codes = []
+    for weight in ("100.0", "101.0", "100.0"):
+        beside.write_text(f"WEIGHT = {weight}\n" if suffix == "py" else f"#define WEIGHT {weight}\n")
+        sys.modules.pop("weight_of_law", None)
+        importlib.invalidate_caches()
+        sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+        label = f"{path}:Reads" if suffix == "py" else str(path)
+        made = write_library(scenario(label, SOFT), tmp_path / "out", ["x86_64"], "reads")
+        sys.dont_write_bytecode = before
+        assert made.targets[0].equal == made.steps
+        codes.append((tmp_path / "out/x86_64/libreads.a").read_bytes())
+    assert codes[0] == codes[2] != codes[1]
+
+
 def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ziglang", None)
     monkeypatch.setattr(linking.importlib.util, "find_spec", lambda name: None)
@@ -983,3 +1040,11 @@ def test_functions_that_round_to_whole_numbers_are_exact():
             found = np.array([function(x) for x in values])
             wanted = getattr(np, name)(values)
             assert np.array_equal(found.view("u8")[~np.isnan(values)], wanted.view("u8")[~np.isnan(values)]), name
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    done = CliRunner().invoke(main, ["export", "law", "gsta", "--out", str(tmp_path / "taken"), "--force"])
+    assert done.exit_code != 0
+    assert "taken: is a file; name a folder" in done.output
+    assert (tmp_path / "taken").read_text() == "mine"

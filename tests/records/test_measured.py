@@ -202,6 +202,19 @@ def test_a_bad_cell_is_one_sentence_with_file_column_and_row(column, row, value,
 
 
 @pytest.mark.parametrize(
+    ("column", "value", "said"), [("load", "4.x", "'4.x' is not a number"), ("down", "1,5", "has")]
+)
+@pytest.mark.parametrize("blank", ["\n", "  \n"])
+def test_blank_lines_are_left_out_and_counted(column, value, said, blank, made):
+    lines = spoilt(column, 9, value).splitlines(keepends=True)
+    (made.folder / "bad.csv").write_text("".join([*lines[:4], 3 * blank, *lines[4:], 2 * blank]))
+    table = made.folder / "bad.toml"
+    table.write_text(TABLE.replace("LOG", "bad.csv"))
+    with pytest.raises(InputError, match=rf"row 12: {re.escape(said)}"):
+        Trace.load(table)
+
+
+@pytest.mark.parametrize(
     ("was", "is_now", "said"),
     [
         ('unit = "kgf"', 'unit = "mm"', r"signals\.push\.unit: 'mm' is no unit of it; choose from N"),

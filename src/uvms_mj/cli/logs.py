@@ -277,7 +277,9 @@ def export_law(
         scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
         name = name or name_of(scenario)
         folder = Path(out or name)
-        if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not force)):
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"--out {folder}: is a file; name a folder")
+        if folder.exists() and any(folder.iterdir()) and not force:
             raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
         made = [] if folder.exists() else [folder]
         folder.mkdir(parents=True, exist_ok=True)

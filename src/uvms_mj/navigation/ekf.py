@@ -1,7 +1,8 @@
 r"""An error-state Kalman filter of inertial unit, DVL, pressure, heading and a position fix, with its own sensors.
 
-The stage simulates the sensors from the truth and runs the filter on them. The inertial unit decides the filter's rate.
-Between its samples the estimate of pose and velocity is held. Force and moment of the contact are measured in B by
+The stage simulates the sensors from the truth (:func:`sense`) and runs the filter on what they measured, without the
+truth (:func:`estimate`). The inertial unit decides the filter's rate. Between its samples the estimate of pose and
+velocity is held. Force and moment of the contact are measured in B by
 channels (:mod:`.channel`), by default perfectly at every time step.
 
 **Inertial unit.** One that integrates its rates on board and compensates coning and sculling gives, for each sample,
@@ -149,6 +150,7 @@ def normalised_square(P, error, L) -> float:
 
 # first random number of an instant for each use; those from 64 on are of the force's channels
 _IMU, _WALK, _DVL, _DEPTH, _HEADING, _POSITION, _START = 0, 6, 12, 15, 16, 17, 20
+_LEVEL = 3e-4  # squared cosine of the pitch, 89 degrees, above which there is a heading
 
 
 @kernel
@@ -159,9 +161,10 @@ def due(sample, samples) -> bool:
 
 
 @kernel
-def begin(settings, state, given, out):
-    """Draw the true biases and the error of the first estimate, from the covariance that the filter starts with."""
-    P, p, v, key, k = state.P, state.p, state.v, given.key, settings.assumed_noise * settings.assumed_noise
+def first_sample(settings, state, given):
+    """Draw the true biases and the error of the first estimate, from the covariance that the filter starts with, and
+    the first sample of the gyro."""
+    p, v, key = state.p, state.v, given.key
     to_world(given.R_WB, given.nu, state.v_before)
     for i in range(3):
         p[i] = given.p_WB[i] - settings.initial_position * standard_normal(key, 0, _START + i)
@@ -171,27 +174,21 @@ def begin(settings, state, given, out):
         state.b_a_true[i] = settings.accelerometer_bias * standard_normal(key, 0, _START + 12 + i)
         noise = settings.gyro_noise * standard_normal(key, 0, _IMU + i)
         state.omega[i] = given.nu[3 + i] + state.b_g_true[i] + noise
-        P[i, i] = k * settings.initial_position * settings.initial_position
-        P[3 + i, 3 + i] = k * settings.initial_velocity * settings.initial_velocity
-        P[6 + i, 6 + i] = k * settings.initial_attitude * settings.initial_attitude
-        P[9 + i, 9 + i] = k * settings.gyro_bias * settings.gyro_bias
-        P[12 + i, 12 + i] = k * settings.accelerometer_bias * settings.accelerometer_bias
     turned(given.quat_WB, state.correction[:3], state.quat)
     state.quat_before[:] = given.quat_WB
-    rotation(state.quat, out.R_WB)
 
 
 @kernel
 def measure_increments(settings, state, given):
-    """Set turn and push to a sample of the inertial unit less the estimated biases, and let the true biases walk."""
+    """Set turn and push to a sample of the inertial unit, and let the true biases walk."""
     h, key, instant = settings.interval, given.key, given.instant
     turn, push = state.turn, state.push
     increments(given, state.quat_before, state.v_before, settings.gravity_W, h, turn, push)
     for i in range(3):
         noise = settings.gyro_noise * standard_normal(key, instant, _IMU + i)
-        turn[i] += h * (state.b_g_true[i] - state.b_g[i] + noise)
+        turn[i] += h * (state.b_g_true[i] + noise)
         noise = settings.accelerometer_noise * standard_normal(key, instant, _IMU + 3 + i)
-        push[i] += h * (state.b_a_true[i] - state.b_a[i] + noise)
+        push[i] += h * (state.b_a_true[i] + noise)
         step = math.sqrt(h) * standard_normal(key, instant, _WALK + i)
         state.b_g_true[i] += settings.gyro_walk * step
         step = math.sqrt(h) * standard_normal(key, instant, _WALK + 3 + i)
@@ -199,10 +196,51 @@ def measure_increments(settings, state, given):
 
 
 @kernel
-def predict(settings, state, given, out):
+def sense(settings, state, given, sample):
+    """Set what the sensors measure at a sample of the inertial unit, from the truth: turn and push, dvl (3,) in B,
+    depth, heading and fix (3,) in W, and which of the last four are new. The first sample has the first estimate."""
+    key, instant, present, R = given.key, given.instant, state.present, given.R_WB
+    present[:] = 0.0
+    if sample == 0:
+        first_sample(settings, state, given)
+    else:
+        measure_increments(settings, state, given)
+    if due(sample, settings.dvl_samples):
+        present[0] = 1.0
+        for i in range(3):
+            state.dvl[i] = given.nu[i] + settings.dvl_noise * standard_normal(key, instant, _DVL + i)
+    if due(sample, settings.depth_samples):
+        present[1] = 1.0
+        state.depth[0] = given.p_WB[2] + settings.depth_noise * standard_normal(key, instant, _DEPTH)
+    if due(sample, settings.heading_samples) and R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] >= _LEVEL:
+        present[2] = 1.0
+        noise = settings.heading_noise * standard_normal(key, instant, _HEADING)
+        state.heading[0] = math.atan2(R[1, 0], R[0, 0]) + noise
+    if due(sample, settings.position_samples):
+        present[3] = 1.0
+        for i in range(3):
+            noise = settings.position_noise * standard_normal(key, instant, _POSITION + i)
+            state.fix[i] = given.p_WB[i] + noise
+
+
+@kernel
+def begin(settings, state, out):
+    """Set the covariance of the first estimate."""
+    P, k = state.P, settings.assumed_noise * settings.assumed_noise
+    for i in range(3):
+        P[i, i] = k * settings.initial_position * settings.initial_position
+        P[3 + i, 3 + i] = k * settings.initial_velocity * settings.initial_velocity
+        P[6 + i, 6 + i] = k * settings.initial_attitude * settings.initial_attitude
+        P[9 + i, 9 + i] = k * settings.gyro_bias * settings.gyro_bias
+        P[12 + i, 12 + i] = k * settings.accelerometer_bias * settings.accelerometer_bias
+    rotation(state.quat, out.R_WB)
+
+
+@kernel
+def predict(settings, state, out):
     """Take the estimate and its covariance over the interval of a sample of the inertial unit."""
-    measure_increments(settings, state, given)
-    h, R, turn, push, p, v = settings.interval, out.R_WB, state.turn, state.push, state.p, state.v
+    h, R, p, v = settings.interval, out.R_WB, state.p, state.v
+    turn, push = state.turn - h * state.b_g, state.push - h * state.b_a
     transition(R, push, turn, state.A, state.E)
     advance(state.P, R, state.A, state.E, h, state.work)
     advance(state.work, R, state.A, state.E, h, state.P)
@@ -235,52 +273,63 @@ def apply(state, innovation, sigma, out):
 
 
 @kernel
-def velocity_fix(settings, state, given, out):
+def velocity_fix(settings, state, out):
     """The DVL: velocity in B. R^T v changes by R^T dv + [R^T v]x dtheta."""
     H, R, sigma = state.H, out.R_WB, settings.assumed_noise * settings.dvl_noise
     for i in range(3):
         v = R.T @ state.v
-        measured = given.nu[i] + settings.dvl_noise * standard_normal(given.key, given.instant, _DVL + i)
         H[3:6] = R[:, i]
         next_axis, last_axis = (i + 1) % 3, (i + 2) % 3
         H[6 + next_axis], H[6 + last_axis] = -v[last_axis], v[next_axis]
-        apply(state, measured - v[i], sigma, out)
+        apply(state, state.dvl[i] - v[i], sigma, out)
 
 
 @kernel
-def depth_fix(settings, state, given, out):
+def depth_fix(settings, state, out):
     """The depth from the pressure: z of W."""
-    measured = given.p_WB[2] + settings.depth_noise * standard_normal(given.key, given.instant, _DEPTH)
     state.H[2] = 1.0
-    apply(state, measured - state.p[2], settings.assumed_noise * settings.depth_noise, out)
+    apply(state, state.depth[0] - state.p[2], settings.assumed_noise * settings.depth_noise, out)
 
 
 @kernel
-def heading_fix(settings, state, given, out):
+def heading_fix(settings, state, out):
     """The heading, the angle of x of B in the horizontal plane. The innovation is the sine of the difference, which
-    does not jump. Without an effect above 89 degrees of pitch, where there is no heading."""
-    H, R, true = state.H, out.R_WB, given.R_WB
+    does not jump. Without an effect above 89 degrees of estimated pitch, where there is no heading."""
+    H, R, heading = state.H, out.R_WB, state.heading[0]
     square = R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]
-    true_square = true[0, 0] * true[0, 0] + true[1, 0] * true[1, 0]
-    if min(square, true_square) < 3e-4:
+    if square < _LEVEL:
         return
-    noise = settings.heading_noise * standard_normal(given.key, given.instant, _HEADING)
-    scale = math.sqrt(square * true_square)
-    sine = (R[0, 0] * true[1, 0] - R[1, 0] * true[0, 0]) / scale
-    cosine = (R[0, 0] * true[0, 0] + R[1, 0] * true[1, 0]) / scale
     H[7] = (R[1, 0] * R[0, 2] - R[0, 0] * R[1, 2]) / square
     H[8] = (R[0, 0] * R[1, 1] - R[1, 0] * R[0, 1]) / square
-    innovation = sine * math.cos(noise) + cosine * math.sin(noise)
+    innovation = (R[0, 0] * math.sin(heading) - R[1, 0] * math.cos(heading)) / math.sqrt(square)
     apply(state, innovation, settings.assumed_noise * settings.heading_noise, out)
 
 
 @kernel
-def position_fix(settings, state, given, out):
+def position_fix(settings, state, out):
     """The position in W."""
     for i in range(3):
-        noise = settings.position_noise * standard_normal(given.key, given.instant, _POSITION + i)
         state.H[i] = 1.0
-        apply(state, given.p_WB[i] + noise - state.p[i], settings.assumed_noise * settings.position_noise, out)
+        apply(state, state.fix[i] - state.p[i], settings.assumed_noise * settings.position_noise, out)
+
+
+@kernel
+def estimate(settings, state, first, out):
+    """Run the filter on a sample of the sensors, without the truth; ``first`` is whether it is the first one."""
+    if first:
+        begin(settings, state, out)
+    else:
+        predict(settings, state, out)
+    state.squares[0], state.updates[0] = 0.0, 0.0
+    if state.present[0] > 0.0:
+        velocity_fix(settings, state, out)
+    if state.present[1] > 0.0:
+        depth_fix(settings, state, out)
+    if state.present[2] > 0.0:
+        heading_fix(settings, state, out)
+    if state.present[3] > 0.0:
+        position_fix(settings, state, out)
+    publish(state, out)
 
 
 @kernel
@@ -346,6 +395,7 @@ class Ekf(_ForceSensor):
     memory: ClassVar[Mapping[str, Any]] = {
         **{"P": (15, 15), "work": (15, 15), "H": 15, "correction": 15, "A": (3, 3), "E": (3, 3)},
         **{"p": 3, "v": 3, "quat": 4, "omega": 3, "turn": 3, "push": 3, "quat_before": 4, "v_before": 3},
+        **{"dvl": 3, "depth": 1, "heading": 1, "fix": 3, "present": 4},
         **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
 
@@ -383,24 +433,12 @@ class Ekf(_ForceSensor):
             to_world(out.R_WB, wrench, out.f_contact_m_W)
             return
         sample = instant // int(settings.imu_instants)
-        if sample == 0:
-            begin(settings, state, given, out)
-        else:
-            predict(settings, state, given, out)
-        state.squares[0], state.updates[0] = 0.0, 0.0
-        if due(sample, settings.dvl_samples):
-            velocity_fix(settings, state, given, out)
-        if due(sample, settings.depth_samples):
-            depth_fix(settings, state, given, out)
-        if due(sample, settings.heading_samples):
-            heading_fix(settings, state, given, out)
-        if due(sample, settings.position_samples):
-            position_fix(settings, state, given, out)
+        sense(settings, state, given, sample)
+        estimate(settings, state, sample == 0, out)
         if state.updates[0] > 0.0:
             state.nis[0] = state.squares[0] / state.updates[0]
             estimation_error(state, given, state.correction)
             state.nees[0] = normalised_square(state.P, state.correction, state.work)
-        publish(state, out)
         to_world(out.R_WB, wrench, out.f_contact_m_W)
 
 

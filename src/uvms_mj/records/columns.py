@@ -47,7 +47,7 @@ def columns_of(path: Path, time: str | None, scale: float) -> Columns:
         return _of_mcap(path)
     if kind not in (".csv", ".parquet"):
         raise InputError(f"{path}: the name of a log must end in .csv, .parquet or .mcap")
-    names, cells, first = _csv(path) if kind == ".csv" else _parquet(path)
+    names, cells, rows = _csv(path) if kind == ".csv" else _parquet(path)
     if time is not None and time not in names:
         raise InputError(f"{path}: has no column {time!r} of the time; {suggestion(time, names)}")
     if time is not None and list(names).count(time) > 1:
@@ -56,17 +56,18 @@ def columns_of(path: Path, time: str | None, scale: float) -> Columns:
 
     def column(name: str) -> np.ndarray:
         if name not in numbers:
-            each = cells(name)
-            numbers[name] = np.array([_number(path, name, first + i, cell) for i, cell in enumerate(each)], float)
+            numbers[name] = np.array(
+                [_number(path, name, *each) for each in zip(rows, cells(name), strict=True)], float
+            )
         return numbers[name]
 
     t = np.arange(len(cells(names[0])), dtype=float) if time is None else column(time) * scale
     if (gone := np.flatnonzero(np.isnan(t))).size:
-        raise InputError(f"{path}: column {time!r}, row {first + gone[0]}: the time is missing")
+        raise InputError(f"{path}: column {time!r}, row {rows[gone[0]]}: the time is missing")
     if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
         i = int(back[0]) + 1
         raise InputError(
-            f"{path}: column {time!r}, row {first + i}: the time goes back or stands still, {t[i]:.9g} s after "
+            f"{path}: column {time!r}, row {rows[i]}: the time goes back or stands still, {t[i]:.9g} s after "
             f"{t[i - 1]:.9g} s"
         )
 
@@ -91,25 +92,28 @@ def _number(path: Path, name: str, row: int, cell: Any) -> float:
     return value
 
 
-def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], int]:
-    """Names of columns, a function for the cells of one, and the number of the first row in the file, from 1."""
+def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], Sequence[int]]:
+    """Names of columns, a function for the cells of one, and the numbers of its rows in the file, from 1. Blank
+    lines are left out."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            table = [row for row in csv.reader(file) if row]
+            lines = enumerate(csv.reader(file), 1)
+            table = [(i, row) for i, row in lines if row and (len(row) > 1 or row[0].strip())]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: can't read it as CSV: {error}") from None
     if len(table) < 3:
         raise InputError(f"{path}: has fewer than two rows below its names of columns")
-    names, body = [name.strip() for name in table[0]], table[1:]
+    rows, (first, *body) = zip(*table, strict=True)
+    names = [name.strip() for name in first]
     if len(names) == 1 and (other := next((each for each in ";\t|" if each in names[0]), "")):
         raise InputError(f"{path}: its cells are separated by {other!r}; write it with commas, and points in numbers")
-    for i, row in enumerate(body):
+    for i, row in zip(rows[1:], body, strict=True):
         if len(row) != len(names):
-            raise InputError(f"{path}: row {i + 2}: has {len(row)} cells, and the first row names {len(names)} columns")
-    return names, lambda name: [row[names.index(name)] for row in body], 2
+            raise InputError(f"{path}: row {i}: has {len(row)} cells, and the first row names {len(names)} columns")
+    return names, lambda name: [row[names.index(name)] for row in body], rows[1:]
 
 
-def _parquet(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], int]:
+def _parquet(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], Sequence[int]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -117,7 +121,7 @@ def _parquet(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]],
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"{path}: can't read it as Parquet: {error}") from None
-    return table.column_names, lambda name: table.column(name).to_pylist(), 1
+    return table.column_names, lambda name: table.column(name).to_pylist(), range(1, table.num_rows + 1)
 
 
 def _of_mcap(path: Path) -> Columns:

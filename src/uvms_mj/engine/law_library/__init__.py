@@ -181,7 +181,7 @@ def _made(
     (place / "stages.o").write_bytes(
         linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target)
     )
-    objects = ["stages.o", linking.compiled_c(machine, "shell.c", place)]
+    objects = ["stages.o", linking.own_c(machine, place / "shell.c", place)]
     objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
     libraries = linking.linked(machine, name, objects, place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}

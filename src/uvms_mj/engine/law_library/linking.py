@@ -1,6 +1,7 @@
 """The targets of a law's library, and the tools that make it: LLVM for the stages, ziglang for C, archives and
 links."""
 
+import importlib.metadata
 import importlib.util
 import os
 import platform
@@ -9,12 +10,13 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...compiler.targets import Target
 from ...errors import InputError
+from ..native.compilation import object_name, recall, remember
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,10 @@ _C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-po
 
 def zig() -> list[str]:
     """The command of ziglang. Raises InputError if it is not installed."""
-    if importlib.util.find_spec("ziglang") is None:
+    found = importlib.util.find_spec("ziglang")
+    if found is None or found.origin is None:
         raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
-    return [sys.executable, "-P", "-m", "ziglang"]  # -P: no file of the working folder is a module of Python's
+    return [str(Path(found.origin).with_name("zig"))]  # without a start of Python for each call
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -154,8 +157,22 @@ sys.stdout.buffer.write(target.code(llvm.parse_assembly(sys.stdin.read())))
 
 
 def emitted(text: str, target: Target) -> bytes:
-    """The object of LLVM's text for a target. It is emitted in a process of its own, which LLVM ends where it does not
-    know what to do."""
+    """The object of LLVM's text for a target, which is kept on disk."""
+    return kept(object_name([b"emitted", text.encode(), repr(target).encode()]), lambda: _emitted(text, target))
+
+
+def kept(name: str, make: Callable[[], bytes]) -> bytes:
+    """What is kept on disk by a name that has all that it is made of; otherwise it is made, and kept."""
+    found = recall(name)
+    if found is not None:
+        return found[0]
+    made = make()
+    remember(name, made, {})
+    return made
+
+
+def _emitted(text: str, target: Target) -> bytes:
+    """It is emitted in a process of its own, which LLVM ends where it does not know what to do."""
     words = [target.triple, target.processor, target.features, target.reloc, target.codemodel]
     source = str(Path(__file__).parents[3])
     path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -181,7 +198,7 @@ def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, ou
     if machine.shared:
         shared = out / f"lib{name}.so"
         if machine.emulator == "arm":
-            objects = [*objects, compiled_c(machine, str(_FREESTANDING / "arm.c"), folder, ("-fvisibility=hidden",))]
+            objects = [*objects, own_c(machine, _FREESTANDING / "arm.c", folder, ("-fvisibility=hidden",))]
         links = [*zig(), "ld.lld", "-shared", "--gc-sections", "--build-id=none", "-soname", shared.name]
         run([*links, "-z", "noexecstack", *objects, "-o", str(shared.resolve())], folder)
         made.append(shared)
@@ -193,6 +210,21 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
     out = out or f"{Path(source).stem}.o"
     run([*zig(), "cc", *machine.zig, *_C, *options, "-c", source, "-o", out], folder)
     return out
+
+
+def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
+    """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
+    beside it, those of its folder ``freestanding`` and those of ziglang. What a user's file includes is not known."""
+    read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.h"))]
+    made_of = [importlib.metadata.version("ziglang"), *machine.zig, *_C, *options, *(each.name for each in read)]
+
+    def make() -> bytes:
+        return (folder / compiled_c(machine, str(source.resolve()), folder, options)).read_bytes()
+
+    parts = [b"C", *(word.encode() for word in made_of), *(each.read_bytes() for each in read)]
+    out = folder / f"{source.stem}.o"
+    out.write_bytes(kept(object_name(parts, sources=False), make))
+    return out.name
 
 
 def undefined(code: bytes) -> tuple[str, ...]:
@@ -246,11 +278,11 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path
     """A static program of a file of C, test.c or loop.c, for qemu-user, or for this processor, with a C library of some
     functions: one that ziglang builds takes minutes the first time."""
     common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
-    options = tuple(each for each in machine.zig if each != "-fPIC")
-    files = [source.resolve(), _FREESTANDING / "libc.c"]
+    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
+    files = [source, _FREESTANDING / "libc.c"]
     files += [_FREESTANDING / "arm.c"] if machine.emulator == "arm" else []
     for each in files:
-        run([*zig(), "cc", *options, *_C, *common, "-c", str(each), "-o", f"{each.stem}.o"], folder)
+        own_c(alone, each, folder, common)
     objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
     run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", source.stem], folder)
     return folder / source.stem

@@ -10,6 +10,7 @@ import ctypes
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -23,12 +24,13 @@ from ...stages.base import is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
 from .compilation import link as linked
-from .compilation import target_machine
+from .compilation import object_name, recall, remember, target_machine
 from .intrinsics import kernel_module, linked_stage_module
 from .loop import take_period
 from .pipeline import CompiledStage
 from .record import STAGE, STOP_NONE, with_numbers
 from .run_memory import RunMemory
+from .translation import parts_of
 from .user_stage import between_copies
 
 OF_THE_PLANT = ("tool", "navigation", "sensed", "encoder", "felt", "wrist", "truth", "inflow", "surroundings")
@@ -280,17 +282,47 @@ class Chain:
 
     def module(self, entry: str) -> str:
         """LLVM's text of the stages and of :func:`take_period` by the name ``entry``. No product and sum is rounded
-        once, so that every processor has the same numbers."""
+        once, so that every processor has the same numbers. It is kept on disk if all that it is made of is known."""
+        parts = self._made_of()
+        name = object_name([b"chain", entry.encode(), *parts]) if parts is not None else ""
+        if name and (kept := recall(name)) is not None:
+            return kept[0].decode()
+        text = self._translated(entry)
+        if name:
+            remember(name, text.encode(), {})
+        return text
+
+    def _made_of(self) -> list[bytes] | None:
+        """What the text of the stages is made of, besides the package's sources; None if that is not known."""
+        found = [repr((self.kind, self._memory.run.dtype)).encode()]
+        for link in self.links:
+            found.append(repr((link.name, link.kinds, link.compiled.users)).encode())
+            if not link.compiled.users:
+                source = Path(link.function.__code__.co_filename).read_bytes()
+                found += [source, link.function.__qualname__.encode()]
+                continue
+            found.append(type(link.compiled.stage).__name__.encode())
+            parts = parts_of(*self._between_copies(link))
+            if parts is None:
+                return None
+            found += parts
+        return found
+
+    @staticmethod
+    def _between_copies(link: Link) -> tuple[Any, dict[Any, tuple[np.dtype, str]]]:
+        """The function of a user's stage between copies, and its records."""
+        library, room = link.compiled.library, link.compiled.stage.room
+        return between_copies(library.kind if library else link.function, room, link.kinds)
+
+    def _translated(self, entry: str) -> str:
         symbols, users = [f"{entry}_{k}" for k in range(1, len(self.links) + 1)], list[str]()
         kernels: dict[str, Any] = {}
         whole, run = with_numbers(self.kind), with_numbers(self._memory.run.dtype)
         for symbol, link in zip(symbols, self.links, strict=True):
             kinds = tuple(whole if kind is run else kind for kind in link.kinds)
             if link.compiled.users:
-                stage = link.compiled
-                own = stage.library.kind if stage.library else None
-                parts = between_copies(own if own is not None else link.function, stage.stage.room, link.kinds)
-                users.append(linked_stage_module(*parts, symbol, type(stage.stage).__name__ if own is not None else ""))
+                word = type(link.compiled.stage).__name__ if link.compiled.library else ""
+                users.append(linked_stage_module(*self._between_copies(link), symbol, word))
             else:
                 settings, state, given, out = kinds
                 kernels[symbol] = link.function, [settings, state, given, state, out]
