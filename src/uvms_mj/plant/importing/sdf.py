@@ -15,10 +15,12 @@ import numpy as np
 from ..coefficients import DENSITY
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water, right_signs
+from .elements import inertia_of, kind_of, mesh_of, plugins_of, say_unread, shape_of
 from .fins import lift_drag
 from .moving import HERE, Pose
 from .reading import Source, one_of, place_of, positive
-from .shapes import Solid, mesh, primitive
+from .shapes import Solid
+from .uuv import uuv_fin, uuv_thruster, uuv_water
 
 _ENTRIES = "xyzpqr"
 _TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
@@ -29,15 +31,6 @@ def described(source: Source, root: Element) -> Description:
     """The vehicle of an SDF file. Raises InputError with the place of what is wrong."""
     model = _the_model(source, root)
     return _Model(source, root, model).description()
-
-
-def plugins_of(element: Element) -> list[Element]:
-    return list(element.iter("plugin"))
-
-
-def kind_of(plugin: Element) -> str:
-    """The words by which a plugin is known, in lower case."""
-    return f"{plugin.get('filename', '')} {plugin.get('name', '')}".lower()
 
 
 def _waters(model: Element) -> list[Element]:
@@ -212,8 +205,6 @@ class _Model:
         for plugin in plugins:
             place = place_of(plugin)
             if "underwater_object" in kind_of(plugin):
-                from .urdf import uuv_water
-
                 found |= uuv_water(self.source, plugin, self.links)
                 continue
             name = one_of(
@@ -403,16 +394,12 @@ class _Model:
         """What a plugin adds to a vehicle: a thruster, or a sentence about a fin or an engine."""
         source, kind, place = self.source, kind_of(plugin), place_of(plugin)
         if "uuv_thruster" in kind or "thruster_ros" in kind:
-            from .urdf import uuv_thruster
-
             uuv_thruster(about, plugin)
         elif "thruster" in kind or "motormodel" in kind or "motor_model" in kind:
             self._thruster(about, plugin, place)
         elif "liftdrag" in kind.replace("-", "") or "lift_drag" in kind:
             self._fin(about, plugin, place)
         elif "fin_ros" in kind:
-            from .urdf import uuv_fin
-
             uuv_fin(about, plugin)
         elif "buoyancy" in kind and "engine" in kind:
             name = plugin.findtext("link_name") or ""
@@ -502,35 +489,6 @@ class _Model:
                     self.source.say("gains of the servos of joints are settings of a scenario, [joints]")
 
 
-_READ = re.compile(
-    r"hydrodynamics|underwater_object|thruster|motor_?model|lift[-_]?drag|fin_ros|uuv_fin|buoyancy|"
-    r"joint[-_]?(position|velocity)?[-_]?controller"
-)
-"""What the name of a plugin has that is read, or about which there is a sentence."""
-
-
-def say_unread(source: Source, root: Element) -> None:
-    """Say the sensors of a description, and the plugins that are not read."""
-    for each in root.iter("sensor"):
-        source.say("sensors are settings of a scenario, [navigation]: left out", each.get("name", "sensor"))
-    for plugin in plugins_of(root):
-        if not _READ.search(kind_of(plugin)):
-            source.say("plugins that are not read", plugin.get("name") or plugin.get("filename") or "plugin")
-
-
-def inertia_of(source: Source, element: Element | None, place: str) -> np.ndarray:
-    """(3, 3) from the elements of SDF or the attributes of URDF; ones on the diagonal if there is none, as in SDF."""
-    if element is None:
-        return np.eye(3)
-
-    def of(key: str, default: str) -> float:
-        return source.number(element.get(key) or element.findtext(key) or default, f"{place} {key}")
-
-    ixx, iyy, izz = (of(key, "1") for key in ("ixx", "iyy", "izz"))
-    ixy, ixz, iyz = (of(key, "0") for key in ("ixy", "ixz", "iyz"))
-    return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-
-
 _LENGTHS = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -553,32 +511,3 @@ def _geometry(source: Source, element: Element, pose: Pose, name: str, place: st
     for tag in _LENGTHS[kind]:
         lengths += source.numbers(element.findtext(tag), f"{place} <{tag}>", counts.get(tag, 1))
     return shape_of(source, kind, lengths, pose, name, place)
-
-
-def shape_of(source: Source, kind: str, lengths: list[float], pose: Pose, name: str, place: str) -> Solid:
-    for each in lengths:
-        positive(source, each, place)
-    return primitive(kind, lengths, pose, name)  # pyrefly: ignore
-
-
-def mesh_of(source: Source, uri: str, scale: str, pose: Pose, name: str, place: str) -> Solid:
-    """A mesh of a file in the folders named; where the file isn't there, a shape without a volume."""
-    three = source.numbers(scale, f"{place} scale", 1, 3)
-    three = three * 3 if len(three) == 1 else three
-    suffix = f".{uri.rpartition('.')[2].lower()}"
-    if suffix not in (".stl", ".obj"):
-        return mesh_unread(uri, pose, name)
-    path = source.referred(uri, place)
-    if not path.is_file():
-        raise source.fault(place, f"refers to the mesh {uri}, which is not there")
-    source_size = path.stat().st_size
-    if source_size > 10 * 2**20:
-        raise source.fault(place, f"its mesh {path.name} is larger than 10 MiB")
-    return mesh(path, three, pose, name)
-
-
-def mesh_unread(uri: str, pose: Pose, name: str) -> Solid:
-    called = uri.replace("\\", "/").rpartition("/")[2]
-    return Solid(
-        None, (0.0, 0.0, 0.0), pose, None, pose.p, f"its mesh {called} is not read: only STL and OBJ are", name
-    )
