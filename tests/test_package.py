@@ -65,6 +65,7 @@ CALLS = {
     "sitl": ("simulate", "engine.ardupilot.ArduPilot"),
     "study": ("Study.load", "Study.run", "Study.plot", "Study.report"),
     "tune": ("Tuning.load", "Tuning.run", "Tuning.report"),
+    "identify": ("Identification.load", "Identification.run"),
     "bench": ("reproduce.bench.bench",),
     "paper": ("reproduce.paper.repeat",),
     "practicality": ("reproduce.practicality.repeat",),

@@ -141,6 +141,7 @@ def residuals(problem: Problem, result: Result, i: int) -> Figure:
             right.vlines(lags, 0.0, [float(r[:-lag] @ r[lag:]) / power for lag in lags], color=BLACK, linewidth=LINE)
             for sign in (-1.0, 1.0):
                 right.axhline(sign * 1.96 / np.sqrt(len(r)), color=GREY, linewidth=LINE, linestyle=(0, (3, 2)))
+            right.set_xlim(0.0, float(lags[-1]) + 1.0)
             right.set_ylabel("correlation")
             if k == len(data.channels) - 1:
                 for ax, label in zip((left, middle, right), (along, along, "lag [samples]"), strict=True):
