@@ -135,7 +135,7 @@ def test_what_a_helper_does_wrong_is_in_the_helpers_line(body, reason, words):
         ("m = 'go' if g.k > 0.0 else 'stop'", "it is the text 'go' or the text 'stop'"),
         ("out[0] = {'a': 1.0, 'b': 2.0}['a' if g.k > 0.0 else 'b']", "it is the text 'a' or the text 'b'"),
         ("out[0] = isinstance(s.n, int)", "a number of Python or of NumPy is not known"),
-        ("try:\n    out[0] = 1.0\nexcept ValueError:\n    pass", "the language has no try"),
+        ("try:\n    out[0] = 1.0\nfinally:\n    pass", "the language has no finally, and no try within another one"),
         ("SHARED[0] = 1.0", "keep it in a state or a memory"),
         ("x = out[:3]\nif g.k > 0.0:\n    x = out[::2]\nx[0] = 1.0", "x has its numbers in another order here"),
         ("x = s.x\nif g.k > 0.0:\n    x = 1.0", "x is a float here, and an array of shape (6,) before"),

@@ -101,6 +101,9 @@ SAME = [
     "a, b = POINTS[g.n % 3] ;; o.s[0] = a - b ;; o.s[1] = len(POINTS[g.n % 3] * 2)",
     "o.s[0] = isinstance(ROWS[g.n % 3], list) ;; o.s[1] = sum(ROWS[g.n % 3])",
     "o.s[2] = POINTS[g.n % 3] == (10.0, 1.0)",
+    # what is tried, and does not raise
+    "try: ;;     o.x[:] = np.linalg.solve(g.A, g.x) ;; except np.linalg.LinAlgError: ;;     o.x[:] = 0.0",
+    "for e in g.x: ;;     try: ;;         o.s[0] += 1.0 / e ;;     except ZeroDivisionError: ;;         continue",
     # what is known of an object
     "o.s[0] = hasattr(g, 'k') + 2.0 * hasattr(g, 'kk') ;; o.s[1] = getattr(g, 'kk', 3.0) * getattr(g, 'k')",
     "o.s[0] = LAW.update(g.k) + getattr(LAW, 'gain')",
@@ -130,6 +133,10 @@ LEFT_TO_PYTHON = [
     "o.s[0] = g.x.item(1).sum()",
     "a = 1.5 ;; o.s[0] = a.size",
     "o.x[:] = np.r_[0:6]",
+    "try: ;;     o.s[0] = math.sqrt(g.k) ;; except ValueError: ;;     pass",
+    "try: ;;     o.s[0] = float(g.k) ** 1000 ;; except OverflowError: ;;     pass",
+    "f = lambda: 1.0 / float(g.k) ;; try: ;;     o.s[0] = f() ;; except ZeroDivisionError: ;;     pass",
+    "try: ;;     o.s[0] = 1.0 ;; finally: ;;     o.s[1] = 2.0",
     "o.s[0] = hasattr(g.x, 'sum')",
     "o.x[:] = g.x ** np.full(1, 0.5)",
     "for e in (a for a in g.x if a > 0.0): ;;     o.s[0] += e",
@@ -140,6 +147,17 @@ LEFT_TO_PYTHON = [
 def test_left_to_python(body):
     with pytest.raises(Lacking):
         Compiled(program(body), [GIVEN, OUT])
+
+
+@pytest.mark.parametrize(
+    "tried", ["np.linalg.solve(0.0 * g.A, g.x)[0]", "1.0 / (0.0 * float(g.k))", "g.x[6 + g.n * g.n]"]
+)
+def test_machine_code_ends_where_what_is_tried_raises(tried):
+    function = program(f"try: ;;     o.s[0] = {tried} ;; except Exception: ;;     o.s[0] = 3.0")
+    mine = arguments([GIVEN, OUT], np.random.default_rng(0))
+    assert Compiled(function, [GIVEN, OUT])(*mine) != 0
+    function(*(as_python(each) for each in mine))
+    assert mine[1]["s"][0, 0] == 3.0
 
 
 def test_a_sequence_of_more_axes_is_refused_as_numpy_refuses_it():

@@ -422,6 +422,8 @@ class Expressions(Forms):
     def _of_value(self, function: Value, node: ast.Call) -> Value | None:
         """A call of what a local name, an entry or a field stands for."""
         form, known = function.kind.form, self.object_of(function)
+        if self.trying and known is MISSING:
+            self.lack("within try, functions of NumPy alone are called; write the call before it")
         if isinstance(form, Form) and isinstance(form.of, types.FunctionType):
             captured = dict(zip(form.keys, items_of(function)[1:], strict=True))
             return self.unit.call(self, form.of, self._arguments(form.of, node, captured), bool(self.rounding))
@@ -440,6 +442,8 @@ class Expressions(Forms):
         if isinstance(known, types.MethodType) and not self.is_foreign(known.__func__):
             owner = Given(self.frozen(known.__self__))
             return self._of_known(known.__func__, ast.Call(node.func, [owner, *node.args], node.keywords))
+        if self.trying and not _ends_early(known):
+            self.lack("within try, functions of NumPy alone are called; write the call before it")
         if isinstance(known, str):
             self.mistake(f"{known!r} can't be called")
         if (written := _hashed(known)) in FORMS:
@@ -678,6 +682,14 @@ def _is_number(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and type(node.value) in (int, float)
 
 
+def _ends_early(known: Any) -> bool:
+    """Whether machine code of a call surely ends early where Python raises."""
+    of_numpy = str(getattr(known, "__module__", None)).startswith("numpy") or isinstance(known, np.ufunc)
+    return of_numpy or any(known is each for each in _NEVER_RAISE)
+
+
+_NEVER_RAISE = (abs, len, float, bool, range, enumerate, zip, print)
+"""Functions of Python that raise nowhere in the run."""
 _TO_PYTHON = ("item", "tolist")
 """Methods of an array that give numbers of Python."""
 _NUMPYS = (np.int64, np.sum, np.mean, np.dot, np.linalg.norm, np.linalg.det, np.trace)
@@ -699,7 +711,6 @@ _SPOKEN = {
     "Lambda": "lambda; write a function with def at the top of the file",
     "SetComp": "set",
     "With": "with",
-    "Try": "try",
     "Delete": "del",
     "Import": "import within a function",
     "ImportFrom": "import within a function",

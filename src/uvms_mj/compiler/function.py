@@ -221,6 +221,16 @@ class Function(Assignments):
     def _Assert(self, node: ast.Assert) -> None:
         self.demand(self.test(node.test), RAISED)
 
+    def _Try(self, node: ast.Try) -> None:
+        """What is tried. Where it raises, machine code ends early, and Python goes on with what catches that."""
+        if node.finalbody or self.trying or not self.unit.checked:
+            self.lack("the language has no finally, and no try within another one")
+        self.trying = True
+        self.body(node.body, straight=True)
+        self.trying = False
+        if not self.at.block.is_terminated:
+            self.body(node.orelse, straight=True)
+
     def _Pass(self, node: ast.Pass) -> None:
         pass
 

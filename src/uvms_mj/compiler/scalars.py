@@ -10,7 +10,7 @@ from llvmlite import ir
 
 from . import library
 from .emission import Emission
-from .refusals import CONVERSION, DIVISION, OVERFLOW
+from .refusals import CONVERSION, DIVISION, OVERFLOW, RAISED
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, LIBM, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
@@ -42,6 +42,9 @@ def of_libm(module: ir.Module, symbol: str, n: int) -> ir.Function:
 
 class Scalars(Emission):
     """Operations on numbers."""
+
+    trying = False
+    """Whether an exception of Python's would be caught here."""
 
     def constant(self, value: object) -> Value:
         """A Python number."""
@@ -114,6 +117,10 @@ class Scalars(Emission):
     def of_python(self, name: str, left: Value, right: Value) -> Value:
         """As :meth:`operation`, of two numbers of Python. Its integers grow where a processor's wrap, and the quotient
         of two of them is rounded once: a user's function ends early there."""
+        if self.trying and name in ("Div", "FloorDiv", "Mod"):  # Python's floats raise, NumPy's do not
+            self.demand(self.comparison("!=", right, whole(0)).llvm[0], RAISED)
+        if self.trying and name == "Pow":
+            self.lack("a power within try: a float of Python's may be too large; write np.power")
         known = left.constant is not None and right.constant is not None
         if not self.unit.checked or self.ours or known or FLOAT in (left.kind.base, right.kind.base):
             return self.operation(name, left, right)
