@@ -10,7 +10,7 @@ Those of long runs take a folder:
     paper            of `uvms-mj paper --out FOLDER`; without it, the certificate alone
     benchmarks       of `scripts/benchmark.py --json FOLDER/benchmark.json`
     practicality     of `uvms-mj practicality --out FOLDER`
-    studies          of `uvms-mj study monte_carlo --out FOLDER/mc` and `uvms-mj study gain_map --out FOLDER/gm`
+    studies          of `uvms-mj study NAME --out FOLDER/SHORT`: monte_carlo as mc, gain_map as gm, waves as wv
     validation       of the records of the pool, which are not in the repository
 
 replay.png needs a Vulkan driver, push_wall.png, push.gif, vehicles.png, arms.png and walls.png an EGL driver.

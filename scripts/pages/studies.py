@@ -1,5 +1,5 @@
-"""docs/evidence/studies.md, from the folders of the shipped studies, mc of ``monte_carlo`` and gm of ``gain_map``:
-their figures and what they found."""
+"""docs/evidence/studies.md, from the folders of the shipped studies, mc of ``monte_carlo``, gm of ``gain_map`` and wv of
+``waves``: their figures and what they found."""
 
 import functools
 from collections.abc import Iterator
@@ -68,13 +68,37 @@ def numbers(folder: str) -> Iterator[tuple]:
     corner = (found["controller.k_1"] + found["controller.k_2"]).idxmax()
     yield "falls to the {} N of the desired impedance", found["contact.peak_N"][corner]
     yield "still bounces after 20 s, up to {} times", (found["contact.touches"].max(), 3.0)
+    yield from of_waves(study(Path(folder) / "wv"))
+
+
+def of_waves(data: StudyRows) -> Iterator[tuple]:
+    impedance, sta, admittance, gsta = (rows(data, law) for law in ("impedance", "sta", "admittance", "gsta"))
+    yield "impedance control holds {} of the", int(impedance["succeeds"].sum())
+    yield "of the {} sea states, up to", len(impedance)
+    yield "sea states, up to a height of {} m; then the waves", highest_held(impedance)
+    yield "Super-twisting holds {}, admittance", int(sta["succeeds"].sum())
+    yield "admittance control {} and GSTA", int(admittance["succeeds"].sum())
+    yield "and GSTA {}. GSTA holds", int(gsta["succeeds"].sum())
+    yield "GSTA holds every sea up to {} m at each period", highest_held(gsta)
+    limited = gsta.groupby("succeeds")["saturated_s"].median()
+    yield "GSTA is at a limit for {} s of the 60 s", limited[False]
+    yield "and for {} s where it holds", limited[True]
+
+
+def highest_held(table: pd.DataFrame) -> float:
+    """The greatest height [m] up to which every height succeeds at each period."""
+    held = table.groupby("sea.height")["succeeds"].all()
+    return float(held.index[held.to_numpy().cumprod().astype(bool)].max())
 
 
 def main(folder: str) -> None:
-    draws, gains = study(Path(folder) / "mc"), study(Path(folder) / "gm")
+    draws, gains, waves = (study(Path(folder) / name) for name in ("mc", "gm", "wv"))
     below = figures.distributions(draws)
     assert below is not None
     stacked([figures.overview(draws, figures.success_rates(draws)), below], "monte_carlo")
     found = sensitivities(gains)
     (pair,) = figures.pairs(found)
     stacked([figures.maps(gains, pair, figures.shown(found, pair, True))], "gain_map")
+    found = sensitivities(waves)
+    (pair,) = figures.pairs(found)
+    stacked([figures.maps(waves, pair, figures.shown(found, pair, True)[:2])], "waves")

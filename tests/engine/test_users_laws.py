@@ -221,3 +221,27 @@ def test_a_plain_law_can_not_write_on_its_signals(tmp_path):
     path = law_file(tmp_path, one_liner("Careless", slip))
     with pytest.warns(PlainPythonWarning), pytest.raises(LawError, match="read-only"):
         simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, f"{path}:Careless"))
+
+
+def test_a_plain_law_may_give_its_signals_to_a_library_that_asks_for_memory_to_write(tmp_path):
+    """A function in C may take a buffer that can be written, and only read it, as SciPy's Rotation does."""
+    body = one_liner("Turned", "tau_cmd[:] = signals.g_hat\ntau_cmd[:3] -= turned(signals.quat_WB, signals.nu[:3])")
+    turned = """
+import ctypes
+
+def turned(quat, v):
+    taken = (ctypes.c_double * 3).from_buffer(v)  # raises for memory that can only be read
+    return np.array(taken[:])
+"""
+    path = law_file(tmp_path, body + turned)
+    with pytest.warns(PlainPythonWarning):
+        trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, f"{path}:Turned"))
+    assert trace.status.name == "completed"
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+def test_a_plain_law_that_changes_its_signals_is_refused_also_where_no_array_tells(tmp_path):
+    slip = "tau_cmd[:] = signals.g_hat\nmemoryview(signals.nu).cast('B').cast('d')[0] = eval('3.0')"
+    path = law_file(tmp_path, one_liner("Hidden", slip))
+    with pytest.raises(LawError, match="wrote on its settings or signals, which it may only read"):
+        simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, f"{path}:Hidden"))

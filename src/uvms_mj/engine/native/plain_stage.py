@@ -26,6 +26,9 @@ from ...stages.namespace import is_installed, namespace_named, without_names
 from .guard import end_copy
 from .memory import OwnMemory, settle_modes
 
+_READ = ("settings", "given")
+"""The records that a stage may only read."""
+
 
 class StageFault(Exception):
     """A stage raised or violated its contract. The message names the stage and, where it is known, the line."""
@@ -43,7 +46,9 @@ class PlainStage:
     in C, and calls it.
 
     A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
-    kept stays as it was at its instant.
+    kept stays as it was at its instant. It may read settings and signals only. Their arrays can be written all the
+    same, since libraries in C ask for that where they only read (SciPy's Rotation); so their bytes are compared after
+    each call.
     """
 
     def __init__(self, stage: Stage, own: OwnMemory, library: Callable[..., int] | None = None) -> None:
@@ -52,13 +57,16 @@ class PlainStage:
         self._generators = _Generators()
         self._arguments, self._references = self._taken(), 0
 
-    def _taken(self) -> list[Any]:
-        """The arguments of the function."""
+    def _taken(self, readonly: bool = False) -> list[Any]:
+        """The arguments of the function. With ``readonly``, writing on settings and signals raises."""
         records = dict(self.own.arrays)
-        for name in ("settings", "given"):  # writing there raises
+        for name in _READ if readonly else ():
             records[name] = records[name].view()
             records[name].flags.writeable = False
         return [_argument(called, records[name]) for name, called in self.own.names.items()]
+
+    def _read_bytes(self) -> tuple[bytes, ...]:
+        return () if self._library else tuple(self.own.arrays[name].tobytes() for name in _READ)
 
     def _move(self) -> None:
         self._memory = self.own.move()
@@ -84,7 +92,7 @@ class PlainStage:
 
     def __call__(self) -> None:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
-        process = os.getpid()
+        process, before = os.getpid(), self._read_bytes()
         try:
             with self._generators:
                 returned = self.function(*self._arguments)
@@ -95,9 +103,30 @@ class PlainStage:
         finally:
             end_copy(process)
             settle_modes()
+        wrote = self._read_bytes() != before
         did = f"returned {returned}" if self._library and returned else self.own.wrong()
-        if did:
-            raise self.fault(did)
+        if wrote or did:
+            raise self._writing(before) or self.fault(
+                "wrote on its settings or signals, which it may only read; copy what it changes" if wrote else did
+            )
+
+    def _writing(self, before: tuple[bytes, ...]) -> StageFault | None:
+        """The exception for a function that writes on its settings or signals, which were ``before`` the call: called
+        again with arrays that it can only read, it raises in the line."""
+        if self._library:
+            return None
+        for name, each in zip(_READ, before, strict=True):
+            array = self.own.arrays[name]
+            array[...] = np.frombuffer(each, array.dtype).reshape(array.shape)
+        try:
+            with np.errstate(all="ignore"):
+                self.function(*self._taken(readonly=True))
+        except ValueError as error:
+            if "destination is read-only" in str(error) or "output array is read-only" in str(error):
+                return StageFault(self._raised(error))
+        except Exception:
+            pass
+        return None
 
     def fault_of(self, function: Callable) -> StageFault | None:
         """Call another function in the stage's place. Returns what it did wrong, if anything."""
@@ -114,7 +143,7 @@ class PlainStage:
         """Call the stage. Returns whether it raises, and passes through this line."""
         try:
             with np.errstate(all="ignore"):
-                self.function(*self._arguments)
+                self.function(*self._taken(readonly=True))
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -137,7 +166,7 @@ class PlainStage:
         line = ""
         try:
             with np.errstate(all="ignore"), _first_not_finite(self._file) as found:
-                self.function(*self._arguments)
+                self.function(*self._taken(readonly=True))
             line = found.get("line", "")
         except KeyboardInterrupt:
             raise
