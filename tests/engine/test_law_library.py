@@ -120,6 +120,26 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
     assert library.record < 12_000
 
 
+def test_a_program_does_not_carry_the_law_of_a_run(gsta, tmp_path):
+    """GSTA with model, allocation and T200 is at most 16 kB of code. The law of a run is in none of the sizes: it is an
+    object of its own, which the linker leaves out of a program."""
+    settings = HEAVY | {"actuation.name": "scaled"}
+    made = write_library(scenario("gsta", settings), tmp_path / "heavy", ["x86_64"], test=False).targets[0]
+    assert made.code <= 16 * 1024
+    folder, library = gsta
+    made = next(each for each in library.targets if each.target == "x86_64")
+    archive = folder / "x86_64" / "libgsta.a"
+    linking.run([*linking.zig(), "ar", "x", str(archive)], tmp_path)
+    objects = {each.stem: each.read_bytes() for each in tmp_path.glob("*.o")}
+    adapter = objects.pop("as_law")
+    assert "gsta_law" in linking.defined(adapter)
+    assert sum(linking.sizes(code)[0] for code in objects.values()) == made.code
+    assert sum(linking.sizes(adapter)) == made.adapter
+    program = linking.program(MACHINES["x86_64"], archive, folder / "test.c", tmp_path).read_bytes()
+    assert "gsta_step_of" in linking.defined(program)
+    assert "gsta_law" not in linking.defined(program)
+
+
 def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
     """The test of a library can fail: with another gain it says which number of which step differs."""
     folder, _ = gsta

@@ -42,6 +42,7 @@ class Made:
         files: the libraries by their names below the folder, each with its SHA-256.
         code, constants: bytes of code, and of constants with the record as it begins.
         undefined: the symbols that it takes from the program.
+        adapter: bytes of the object by which a run takes it as a law, which no program links: in none of the above.
         equal, stack: recorded steps that were equal where the test ran, and its stack [bytes]; None where it did not.
         said: what the test said of the first step that differs.
     """
@@ -51,6 +52,7 @@ class Made:
     code: int
     constants: int
     undefined: tuple[str, ...]
+    adapter: int
     equal: int | None = None
     stack: int | None = None
     said: str = ""
@@ -127,8 +129,9 @@ def write_library(
             _write(new / file, content)
         sources = {
             f"{name}.h": files[f"{name}.h"],
-            "image.h": texts.image(border, name, law, export),
+            "image.h": texts.image(border, name, export),
             "shell.c": texts.shell(name),
+            **(texts.as_law(border, law) if law is not None else {}),
         }
 
         def make(target: str) -> Made:
@@ -183,13 +186,15 @@ def _made(
     )
     objects = ["stages.o", linking.own_c(machine, place / "shell.c", place)]
     objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
-    libraries = linking.linked(machine, name, objects, place, folder / target)
+    adapter = [linking.own_c(machine, each, place) for each in place.glob("as_law.c")]  # no program links it
+    libraries = linking.linked(machine, name, [*objects, *adapter], place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
     codes = [(place / each).read_bytes() for each in objects]
     defined = {each for code in codes for each in linking.defined(code)}
     undefined = sorted({each for code in codes for each in linking.undefined(code)} - defined)
     code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
-    found = Made(target, files, code, constants, tuple(undefined))
+    more = sum(sum(linking.sizes((place / each).read_bytes())) for each in adapter)
+    found = Made(target, files, code, constants, tuple(undefined), more)
     emulator = linking.emulator(machine) if test else None
     if emulator is None or found.foreign:
         return found
@@ -311,4 +316,5 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
             f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
         )
     again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
-    return texts.readme(border, library.name, title, rows, made, bits, again, asked)
+    adapter = max(each.adapter for each in library.targets)
+    return texts.readme(border, library.name, title, rows, made, bits, again, asked, adapter)

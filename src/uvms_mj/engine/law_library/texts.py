@@ -31,7 +31,7 @@ def named(text: str, name: str) -> str:
 @functools.cache
 def is_free(word: str) -> bool:
     """Whether a word may name a library: a name in C that neither its sources nor its files have."""
-    sources = "".join(_read(name) for name in ("shell.c", "test.c", "loop.c"))
+    sources = "".join(_read(name) for name in ("shell.c", "as_law.c", "test.c", "loop.c"))
     code = re.sub(r"/\*.*?\*/", " ", sources, flags=re.DOTALL)  # without comments
     return is_c_name(word) and word not in re.findall(r"\w+", f"law {code}")
 
@@ -197,7 +197,7 @@ def _words(values: np.ndarray) -> str:
     return ",\n".join(",".join(words[k : k + 8]) for k in range(0, len(words), 8))
 
 
-def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
+def image(border: Border, name: str, export: int) -> str:
     """The numbers of the shell: the export's own, places of what is exchanged, and the record before the first
     period."""
     chain = border.chain
@@ -210,7 +210,6 @@ def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
         _table("reference_at", border.reference) if border.reference else "",
         _table("settings_at", border.settings),
         _table("command_at", border.command),
-        *_of_law(border, law),
         f"static const uint64_t constants[] = {{{_words(np.frombuffer(chain.constants or bytes(8), '<u8'))}}};\n",
         *_runs(chain.image.view("<u8")),
     ]
@@ -226,19 +225,18 @@ def _runs(words: np.ndarray) -> Iterable[str]:
     yield f"static const unsigned image_lengths[IMAGE_RUNS] = {{{', '.join(map(str, lengths.tolist()))}}};\n"
 
 
-def _of_law(border: Border, law: AsLaw | None) -> Iterable[str]:
-    """The numbers of the library as a law of a run."""
-    yield f"#define AS_LAW {int(law is not None)}\n"
-    if law is not None:
-        numbers = ", ".join(f"UINT64_C({each})" for each in law.numbers)
-        yield f"#define RECORDS {numbers}\n#define GAINS {sum(e.n for e in law.gains)}\n"
-        for table, entries in (
-            ("measured_in", border.measured),
-            ("reference_in", border.reference),
-            ("impedance_in", law.impedance),
-        ):
-            moved = [dataclasses.replace(each, place=law.place(each)) for each in entries]
-            yield _table(table, moved) if moved or table == "impedance_in" else ""
+def as_law(border: Border, law: AsLaw) -> dict[str, str]:
+    """The library as a law of a run, in C: its numbers and its function."""
+    numbers = ", ".join(f"UINT64_C({each})" for each in law.numbers)
+    parts = [f"#define RECORDS {numbers}\n#define GAINS {sum(e.n for e in law.gains)}\n"]
+    for table, entries in (
+        ("measured_in", border.measured),
+        ("reference_in", border.reference),
+        ("impedance_in", law.impedance),
+    ):
+        moved = [dataclasses.replace(each, place=law.place(each)) for each in entries]
+        parts.append(_table(table, moved) if moved or table == "impedance_in" else "")
+    return {"as_law.h": "".join(parts), "as_law.c": named(_read("as_law.c"), law.name.removesuffix(SUFFIX))}
 
 
 @functools.cache
@@ -326,9 +324,11 @@ def readme(
     bits: str,
     again: Sequence[str],
     asked: int,
+    adapter: int,
 ) -> str:
     """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
-    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it."""
+    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it;
+    ``adapter`` are the bytes at most of the object by which a run takes the library as its law."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
@@ -348,6 +348,13 @@ def readme(
         law = (
             f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
         )
+    apart = (
+        f"""
+`{name}{SUFFIX}`, by which uvms-mj takes the library as a law, is an object of its own of at most {adapter} bytes, which
+are in no column: a program that does not call it does not carry it."""
+        if adapter
+        else ""
+    )
     linux = next((row[0] for row in rows), "x86_64")
     if asked:
         one = next(row[0] for row in rows if MACHINES[row[0]].shared)
@@ -376,7 +383,7 @@ the machine code of the run. {left}{guidance} {bits}
 {table}
 
 The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is
-that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.
+that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.{apart}
 
 ## Use
 
