@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import importlib
 import json
+import platform
 import re
 import shutil
 import socket
@@ -138,6 +139,22 @@ def test_a_program_does_not_carry_the_law_of_a_run(gsta, tmp_path):
     program = linking.program(MACHINES["x86_64"], archive, folder / "test.c", tmp_path).read_bytes()
     assert "gsta_step_of" in linking.defined(program)
     assert "gsta_law" not in linking.defined(program)
+
+
+def test_the_readme_has_the_line_of_a_compiler_for_each_target(gsta, tmp_path):
+    """Each line names one target's library and its processor. The line for this machine is run as it stands."""
+    folder = shutil.copytree(gsta[0], tmp_path / "copy")
+    lines = [line.partition(" && ") for line in (folder / "README.md").read_text().splitlines() if " -std=c99 " in line]
+    for target, machine in MACHINES.items():
+        mine = [line for line, _, _ in lines if f" {target}/libgsta.a " in line]
+        tests, loops = ([line for line in mine if f" {program}.c " in line] for program in ("test", "loop"))
+        assert (len(tests), len(loops)) == ((2, 2) if machine.shared else (1, 0))
+        triple = f"-target {(machine if machine.shared else MACHINES['armv7']).zig[1]} "
+        assert all(line.startswith("cc ") or triple in line for line in mine)
+    if platform.machine() != "x86_64" or not shutil.which("cc"):
+        pytest.skip("no C compiler for this machine")
+    (line,) = [line for line in map("".join, lines) if line.startswith("cc ") and "test.c x86_64/" in line]
+    assert subprocess.run(line, shell=True, cwd=folder, capture_output=True).returncode == 0
 
 
 def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
@@ -527,6 +544,8 @@ def test_the_library_is_a_law_again(gsta):
             assert np.array_equal(usual[name], again[name], equal_nan=True), name
     with pytest.raises(InputError, match=r"names no function; give .*libgsta.so:gsta_law$"):
         scenario(str(folder / "x86_64" / "libgsta.so"))
+    beside = Scenario.load(folder / "scenario.toml", settings, f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law")
+    assert np.array_equal(simulate(beside, engine="free_body").tau_cmd, usual.tau_cmd)
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
 

@@ -153,6 +153,7 @@ def write_library(
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
+        _write(new / "scenario.toml", scenario.to_toml())
         _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
         for earlier in MACHINES:  # a library that was made before has other gains
             for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):

@@ -33,7 +33,7 @@ def is_free(word: str) -> bool:
     """Whether a word may name a library: a name in C that neither its sources nor its files have."""
     sources = "".join(_read(name) for name in ("shell.c", "as_law.c", "test.c", "loop.c"))
     code = re.sub(r"/\*.*?\*/", " ", sources, flags=re.DOTALL)  # without comments
-    return is_c_name(word) and word not in re.findall(r"\w+", f"law {code}")
+    return is_c_name(word) and word not in re.findall(r"\w+", f"law scenario {code}")
 
 
 def _fields(entries: Iterable[Entry]) -> Iterable[str]:
@@ -271,7 +271,6 @@ def loop(border: Border, name: str) -> str:
         "LAYOUT_OF_SIGNALS": str(LAYOUT),
         "SIGNALS_COUNT": str(SIGNALS.itemsize // 8),
         "STANDARD_PORT": str(PORT),
-        "TARGET": "armv7",
         "REFERENCE_STRUCT": "    law_reference reference;\n" if border.reference else "",
         "REFERENCE_ARGUMENT": "&reference, " if border.reference else "",
         "FRAME_ARGUMENT": "&given.reference, " if border.reference else "",
@@ -315,6 +314,21 @@ static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
     return named(text, name)
 
 
+def _programs(program: str, name: str, targets: Sequence[str], end: str = "") -> str:
+    """Lines of a shell that compile test.c or loop.c and run it: on each target itself, and on another machine."""
+    lines = []
+    for target in targets:
+        made = f"-std=c99 {program}.c {target}/lib{name}.a -o {program} &&"
+        if MACHINES[target].shared:
+            lines += [f"# {target}: on the target itself", f"cc {made} ./{program}{end}"]
+        machine = MACHINES[target]
+        lines += [
+            f"# {target}: on another machine",
+            f"{machine.compiler} {made} qemu-{machine.emulator} ./{program}{end}",
+        ]
+    return "\n".join(lines)
+
+
 def readme(
     border: Border,
     name: str,
@@ -341,13 +355,18 @@ def readme(
     reference = "" if not border.reference else "&reference, "
     left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
     law = ""
+    targets = [row[0] for row in rows]
     if again:
-        run = (
-            f"uvms-mj run --controller {again[0]}/lib{name}.so:{name}{SUFFIX} --set controller.period={chain.period:g}"
-        )
-        law = (
-            f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
-        )
+        of = "x86_64" if "x86_64" in again else again[0]
+        run = f"uvms-mj run scenario.toml --controller {of}/lib{name}.so:{name}{SUFFIX}"
+        law = f"As a law of uvms-mj on {of} it gives the run again:\n\n```sh\n{run}\n```\n\n"
+    bare = (
+        """
+Without an operating system, build `test.c` as a part of your program, with its compiler and its `printf`.
+"""
+        if any(not MACHINES[each].shared for each in targets)
+        else ""
+    )
     apart = (
         f"""
 `{name}{SUFFIX}`, by which uvms-mj takes the library as a law, is an object of its own of at most {adapter} bytes, which
@@ -355,15 +374,14 @@ are in no column: a program that does not call it does not carry it."""
         if adapter
         else ""
     )
-    linux = next((row[0] for row in rows), "x86_64")
     if asked:
-        one = next(row[0] for row in rows if MACHINES[row[0]].shared)
-        run = f"uvms-mj run --controller udp --set controller.export={asked} --set controller.period={chain.period:g}"
+        loops = _programs("loop", name, [each for each in targets if MACHINES[each].shared], " &")
+        run = f"uvms-mj run scenario.toml --controller udp controller.export={asked}"
         law += f"""The processor in the loop with the plant gives the run again, too. `loop.c` answers over UDP on its
-own machine, and the run knows this export by its number:
+own machine; choose one line. The run knows this export by its number:
 
 ```sh
-cc -std=c99 loop.c {one}/lib{name}.a -o loop && ./loop &
+{loops}
 {run}
 ```
 
@@ -405,11 +423,15 @@ refused. `law_reset` begins anew, `law_set` changes gains, and each function ret
 
 ## Test
 
-```sh
-cc -std=c99 test.c {linux}/lib{name}.a -o test && ./test     # on the target; 0: all steps are equal
-```
+`cc` is the target's own compiler. On another machine ziglang makes a program that can be copied there; its first one
+for a target takes half a minute. Choose one line:
 
+```sh
+{_programs("test", name, targets)}
+```
+{bare}
 It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the first number and the bit that differs.
+Its status is 0 if all are equal.
 {made[2]}
 
 {law}## What is not promised
@@ -418,7 +440,8 @@ The simulation has the same numbers for the same measurements. That the law is s
 sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
 the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 
-Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests.
+Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests; `scenario.toml` has
+the scenario alone.
 """,
         name,
     )
