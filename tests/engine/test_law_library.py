@@ -498,6 +498,18 @@ def test_functions_of_the_targets_c_library_are_named(tmp_path):
 
 
 @pytest.mark.slow
+def test_what_a_library_has_not_is_said_once(tmp_path):
+    """The estimate comes from the vehicle's own filter; with joints the bits are not the run's, and no run takes it."""
+    filtered = write_library(scenario("gsta", SOFT | {"navigation.name": "ekf"}), tmp_path, ["x86_64"], test=False)
+    (note,) = [each for each in filtered.notes if "navigation ekf" in each]
+    assert "p_WB, quat_WB, nu must be the estimate of the vehicle's own filter" in note
+    assert note.partition(": ")[2] in (tmp_path / "README.md").read_text()
+    joints = write_library(Scenario.load("tool_push"), tmp_path / "joints", ["x86_64"], test=False)
+    assert [sum(word in each for each in joints.notes) for word in ("with joints", "no loop.c")] == [1, 1]
+    assert not (tmp_path / "joints" / "loop.c").exists()
+
+
+@pytest.mark.slow
 def test_the_caller_gives_the_reference(tmp_path):
     """The library has no guidance: its recorded steps have the reference of the run's."""
     library = write_library(scenario("gsta", SOFT), tmp_path, ["x86_64"], guided=False)
@@ -514,7 +526,7 @@ def test_a_vehicle_with_joints_has_the_same_bits_everywhere(tmp_path):
     targets = ["x86_64", *(each for each in ("aarch64",) if runs_here(each))]
     library = write_library(scenario("impedance", {"simulation.duration": 0.2}, "tool_push"), tmp_path, targets)
     assert {each.equal for each in library.targets} <= {None, library.steps}
-    assert "of the largest command" in (tmp_path / "README.md").read_text()
+    assert "of the largest one" in (tmp_path / "README.md").read_text()
     assert "q_dot_m[" in (tmp_path / "impedance.h").read_text()
 
 

@@ -291,8 +291,6 @@ def export_law(
             remove_if_empty(made)
         for note in library.notes:
             warn(note)
-        if library.left:
-            warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
         for each in library.targets:
             if each.foreign:
                 of = f"{each.target}: the law's C takes {', '.join(each.foreign)} from the C library there"

@@ -30,6 +30,7 @@ from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
+_NO_LAW = "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, a tool or a delay"
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 
@@ -66,8 +67,8 @@ class Made:
 @dataclass(frozen=True)
 class Library:
     """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
-    steps, the stages of the scenario that it leaves behind, the library of each target, and the warnings of the
-    scenario."""
+    steps, the stages of the scenario that it leaves behind, the library of each target, and notes: the warnings of the
+    scenario, what is left behind, and what a vehicle with joints has not."""
 
     name: str
     record: int
@@ -143,9 +144,10 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        library = Library(
-            name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made, notes
-        )
+        missing = [*_apart(border, steps), *([] if askable else [_NO_LAW])]
+        notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
+        record = 8 * _HEADER_WORDS + chain.kind.itemsize
+        library = Library(name, record, chain.period, steps.steps, chain.left, made, notes)
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
@@ -288,6 +290,17 @@ def _about(scenario: Scenario, border: Border, library: Library, export: int) ->
     }
 
 
+def _apart(border: Border, steps: Vectors) -> list[str]:
+    """How far the commands are from the run's, with joints."""
+    if not border.chain.joints and steps.apart == 0.0:
+        return []
+    return [
+        "with joints the library has the same bits on every processor that keeps IEEE arithmetic, but not the run's: "
+        f"its commands differ by up to {steps.apart:.1g} of the largest one, since the run rounds some products and "
+        "sums once"
+    ]
+
+
 def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool, asked: int) -> str:
     rows = [
         (
@@ -311,11 +324,8 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
     foreign = sorted({word for each in library.targets for word in each.foreign})
     if foreign:
         bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."
-    if (apart := steps.apart) > 0.0:
-        bits = (
-            "Its numbers are the same on every processor that keeps IEEE arithmetic. Those of the run differ by up to "
-            f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
-        )
+    for sentence in _apart(border, steps):
+        bits = f"{sentence[0].upper()}{sentence[1:]}."
     again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
     adapter = max(each.adapter for each in library.targets)
     return texts.readme(border, library.name, title, rows, made, bits, again, asked, adapter)

@@ -314,6 +314,20 @@ static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
     return named(text, name)
 
 
+def left_behind(border: Border) -> Iterable[str]:
+    """What of the scenario is not in the library, and what stands in its place: a sentence for each."""
+    filters = [each for each in border.chain.left if each.startswith("navigation ")]
+    others = [each for each in border.chain.left if each not in filters]
+    if others:
+        yield f"not in the library: {', '.join(others)}; their place is taken by the vehicle and its sensors"
+    for each in filters:
+        given = ", ".join(entry.word for entry in border.measured if entry.group in ("pose", "velocity"))
+        yield (
+            f"not in the library: {each}; {given} must be the estimate of the vehicle's own filter, and the recorded "
+            "steps have the run's"
+        )
+
+
 def _programs(program: str, name: str, targets: Sequence[str], end: str = "") -> str:
     """Lines of a shell that compile test.c or loop.c and run it: on each target itself, and on another machine."""
     lines = []
@@ -353,7 +367,7 @@ def readme(
         else ("You give the reference to each call, as `law_reference`.")
     )
     reference = "" if not border.reference else "&reference, "
-    left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
+    left = "".join(f"{sentence[0].upper()}{sentence[1:]}. " for sentence in left_behind(border))
     law = ""
     targets = [row[0] for row in rows]
     if again:
