@@ -319,7 +319,7 @@ def left_behind(border: Border) -> Iterable[str]:
     filters = [each for each in border.chain.left if each.startswith("navigation ")]
     others = [each for each in border.chain.left if each not in filters]
     if others:
-        yield f"not in the library: {', '.join(others)}; their place is taken by the vehicle and its sensors"
+        yield f"not in the library, which takes your measurements and gives commands: {', '.join(others)}"
     for each in filters:
         given = ", ".join(entry.word for entry in border.measured if entry.group in ("pose", "velocity"))
         yield (
