@@ -510,6 +510,17 @@ def test_what_a_library_has_not_is_said_once(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("delay", "asked"), [(0.04, True), (0.03, False)])
+def test_a_delay_of_whole_periods_leaves_with_loop_c(tmp_path, delay, asked):
+    """Another delay has a period of its own, at which no law of a run is called; the export says so."""
+    settings = SOFT | {"controller.period": 0.02, "controller.delay": delay}
+    library = write_library(scenario("gsta", settings), tmp_path, ["x86_64"], test=False)
+    assert (tmp_path / "loop.c").exists() == asked
+    assert any("no whole number of control periods" in note for note in library.notes) != asked
+    assert library.period == pytest.approx(0.02 if asked else 0.01)
+
+
+@pytest.mark.slow
 def test_the_caller_gives_the_reference(tmp_path):
     """The library has no guidance: its recorded steps have the reference of the run's."""
     library = write_library(scenario("gsta", SOFT), tmp_path, ["x86_64"], guided=False)

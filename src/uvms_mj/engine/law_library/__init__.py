@@ -31,8 +31,8 @@ from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
 _NO_LAW = (
-    "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, the task is at a tool, or "
-    "the delay is no whole number of control periods"
+    "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, the task is at a tool, "
+    "or the delay is no whole number of control periods"
 )
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
