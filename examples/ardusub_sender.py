@@ -231,6 +231,7 @@ def checked(vehicle: Vehicle, directions: list[int]) -> int:
 
 def drive(vehicle: Vehicle, law: Law, motors: list[int], directions: list[int], seconds: float, wait: float) -> None:
     """Let the law drive for so long. Raises Refused where it may not, or not any longer."""
+    print("waits for an autopilot", flush=True)
     vehicle.wait("heartbeat of an autopilot", 30.0, lambda: "HEARTBEAT" in vehicle.last)
     for message in (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
         interval = 1e6 * law.period, *[0.0] * 5

@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import importlib
 import json
+import platform
 import re
 import shutil
 import socket
@@ -118,6 +119,42 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
     assert set(made.undefined) <= moves
     assert made.code < 16_000
     assert library.record < 12_000
+
+
+def test_a_program_does_not_carry_the_law_of_a_run(gsta, tmp_path):
+    """GSTA with model, allocation and T200 is at most 16 kB of code. The law of a run is in none of the sizes: it is an
+    object of its own, which the linker leaves out of a program."""
+    settings = HEAVY | {"actuation.name": "scaled"}
+    made = write_library(scenario("gsta", settings), tmp_path / "heavy", ["x86_64"], test=False).targets[0]
+    assert made.code <= 16 * 1024
+    folder, library = gsta
+    made = next(each for each in library.targets if each.target == "x86_64")
+    archive = folder / "x86_64" / "libgsta.a"
+    linking.run([*linking.zig(), "ar", "x", str(archive)], tmp_path)
+    objects = {each.stem: each.read_bytes() for each in tmp_path.glob("*.o")}
+    adapter = objects.pop("as_law")
+    assert "gsta_law" in linking.defined(adapter)
+    assert sum(linking.sizes(code)[0] for code in objects.values()) == made.code
+    assert sum(linking.sizes(adapter)) == made.adapter
+    program = linking.program(MACHINES["x86_64"], archive, folder / "test.c", tmp_path).read_bytes()
+    assert "gsta_step_of" in linking.defined(program)
+    assert "gsta_law" not in linking.defined(program)
+
+
+def test_the_readme_has_the_line_of_a_compiler_for_each_target(gsta, tmp_path):
+    """Each line names one target's library and its processor. The line for this machine is run as it stands."""
+    folder = shutil.copytree(gsta[0], tmp_path / "copy")
+    lines = [line.partition(" && ") for line in (folder / "README.md").read_text().splitlines() if " -std=c99 " in line]
+    for target, machine in MACHINES.items():
+        mine = [line for line, _, _ in lines if f" {target}/libgsta.a " in line]
+        tests, loops = ([line for line in mine if f" {program}.c " in line] for program in ("test", "loop"))
+        assert (len(tests), len(loops)) == ((2, 2) if machine.shared else (1, 0))
+        triple = f"-target {(machine if machine.shared else MACHINES['armv7']).zig[1]} "
+        assert all(line.startswith("cc ") or triple in line for line in mine)
+    if platform.machine() != "x86_64" or not shutil.which("cc"):
+        pytest.skip("no C compiler for this machine")
+    (line,) = [line for line in map("".join, lines) if line.startswith("cc ") and "test.c x86_64/" in line]
+    assert subprocess.run(line, shell=True, cwd=folder, capture_output=True).returncode == 0
 
 
 def test_a_byte_of_the_record_that_changes_is_found(gsta, tmp_path):
@@ -461,6 +498,29 @@ def test_functions_of_the_targets_c_library_are_named(tmp_path):
 
 
 @pytest.mark.slow
+def test_what_a_library_has_not_is_said_once(tmp_path):
+    """The estimate comes from the vehicle's own filter; with joints the bits are not the run's, and no run takes it."""
+    filtered = write_library(scenario("gsta", SOFT | {"navigation.name": "ekf"}), tmp_path, ["x86_64"], test=False)
+    (note,) = [each for each in filtered.notes if "navigation ekf" in each]
+    assert "p_WB, quat_WB, nu must be the estimate of the vehicle's own filter" in note
+    assert note.partition(": ")[2] in (tmp_path / "README.md").read_text()
+    joints = write_library(Scenario.load("tool_push"), tmp_path / "joints", ["x86_64"], test=False)
+    assert [sum(word in each for each in joints.notes) for word in ("with joints", "no loop.c")] == [1, 1]
+    assert not (tmp_path / "joints" / "loop.c").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("delay", "asked"), [(0.04, True), (0.03, False)])
+def test_a_delay_of_whole_periods_leaves_with_loop_c(tmp_path, delay, asked):
+    """Another delay has a period of its own, at which no law of a run is called; the export says so."""
+    settings = SOFT | {"controller.period": 0.02, "controller.delay": delay}
+    library = write_library(scenario("gsta", settings), tmp_path, ["x86_64"], test=False)
+    assert (tmp_path / "loop.c").exists() == asked
+    assert any("no whole number of control periods" in note for note in library.notes) != asked
+    assert library.period == pytest.approx(0.02 if asked else 0.01)
+
+
+@pytest.mark.slow
 def test_the_caller_gives_the_reference(tmp_path):
     """The library has no guidance: its recorded steps have the reference of the run's."""
     library = write_library(scenario("gsta", SOFT), tmp_path, ["x86_64"], guided=False)
@@ -477,7 +537,7 @@ def test_a_vehicle_with_joints_has_the_same_bits_everywhere(tmp_path):
     targets = ["x86_64", *(each for each in ("aarch64",) if runs_here(each))]
     library = write_library(scenario("impedance", {"simulation.duration": 0.2}, "tool_push"), tmp_path, targets)
     assert {each.equal for each in library.targets} <= {None, library.steps}
-    assert "of the largest command" in (tmp_path / "README.md").read_text()
+    assert "of the largest one" in (tmp_path / "README.md").read_text()
     assert "q_dot_m[" in (tmp_path / "impedance.h").read_text()
 
 
@@ -507,6 +567,8 @@ def test_the_library_is_a_law_again(gsta):
             assert np.array_equal(usual[name], again[name], equal_nan=True), name
     with pytest.raises(InputError, match=r"names no function; give .*libgsta.so:gsta_law$"):
         scenario(str(folder / "x86_64" / "libgsta.so"))
+    beside = Scenario.load(folder / "scenario.toml", settings, f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law")
+    assert np.array_equal(simulate(beside, engine="free_body").tau_cmd, usual.tau_cmd)
     weaker = scenario(f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law", settings | {"controller.k_1": 1.0})
     assert not np.array_equal(simulate(weaker, engine="free_body").tau_cmd, usual.tau_cmd)
 

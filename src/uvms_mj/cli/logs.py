@@ -217,8 +217,8 @@ def export_plugin(vehicle: str, out: str | None) -> None:
 @scenario_argument
 @set_option
 @click.option(
-    "-t", "--target", "targets", multiple=True, metavar="T",
-    help="Processor: x86_64, aarch64, armv7 or thumbv7em; may be repeated [default: x86_64].",
+    "-t", "--target", "targets", multiple=True, metavar="T[,T]",
+    help="Processors: x86_64, aarch64, armv7 or thumbv7em; may be repeated [default: x86_64].",
 )  # fmt: skip
 @path_option("-o", "--out", metavar="DIR", help="Folder of the files [default: NAME of the library].")
 @click.option("--name", metavar="NAME", help="Name of the library and its functions [default: the law's].")
@@ -245,10 +245,11 @@ def export_law(
     and pulse widths with thrusters.name=t200: tracking, model, task, law, delay and allocation, each the machine code
     of the run. DIR gets for each target libNAME.a and, for Linux, libNAME.so; NAME.h for C99 and C++17; test.c, which
     compares 1,200 recorded steps bit for bit; loop.c, which answers a run over UDP, with the target's processor in the
-    loop; NAME.toml with scenario, gains and digests; a README.
+    loop, and takes measurements over UDP or a serial line on the vehicle; NAME.toml with gains and digests;
+    scenario.toml; a README with a compiler's line for each target.
 
     \b
-    uvms-mj export law gsta push_wall controller.period=0.01 --target aarch64 --target armv7 --out gsta
+    uvms-mj export law gsta push_wall controller.period=0.01 --target aarch64,armv7 --out gsta
     uvms-mj export law my_law.py:MyLaw vehicle.model=bluerov2_heavy thrusters.name=t200 --target armv7
     uvms-mj run -c gsta/x86_64/libgsta.so:gsta_law        the library as a law again
     uvms-mj run -c udp controller.export=NUMBER           the program loop.c answers; NUMBER is in its README
@@ -268,7 +269,8 @@ def export_law(
 
         if "=" in law:
             raise InputError(f"{law}: name the law first, as in uvms-mj export law gsta {law}")
-        for target in targets:
+        chosen = list(dict.fromkeys(names_in("--target", targets))) or ["x86_64"]
+        for target in chosen:
             if target not in MACHINES:
                 raise InputError(f"--target {target}: is not known; {suggestion(target, MACHINES)}")
         scenario_name, overrides = asked_for(arguments, settings)
@@ -284,14 +286,11 @@ def export_law(
         made = [] if folder.exists() else [folder]
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            guided, chosen = reference == "guidance", list(dict.fromkeys(targets)) or ["x86_64"]
-            library = write_library(scenario, folder, chosen, name, guided, not no_test)
+            library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test)
         finally:
             remove_if_empty(made)
         for note in library.notes:
             warn(note)
-        if library.left:
-            warn(f"{', '.join(library.left)}: not in the library, which takes your measurements and gives commands")
         for each in library.targets:
             if each.foreign:
                 of = f"{each.target}: the law's C takes {', '.join(each.foreign)} from the C library there"

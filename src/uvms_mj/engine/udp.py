@@ -31,15 +31,15 @@ SIGNALS = record_dtype(GIVEN)
 LAYOUT = int.from_bytes(hashlib.sha256(repr([(s.name, s.shape) for s in GIVEN]).encode()).digest()[:8], "little") >> 1
 """A number of this record's fields."""
 STATUSES = {
-    "OK": (0, "the command is that of the law"),
-    "LATE": (1, "the command is that of the law, but the time since the last one is not a period within half of it"),
+    "OK": (0, "it is the law's command"),
+    "LATE": (1, "it is the law's command, but the time since the last one is not a period within half of it"),
     "NULL": (-1, "a pointer is null"),
     "OTHER_HEADER": (-2, "the program was compiled with the header of another library"),
     "NOT_BEGUN": (-3, "init was not called, or refused"),
     "NOT_FINITE": (-4, "a number that was given is not finite"),
     "MISSING": (-5, "a measurement is missing that the law needs"),
     "NO_ATTITUDE": (-6, "the quaternion has not the length 1"),
-    "TIME_BACK": (-7, "the time is not after that of the last call; reset begins anew"),
+    "TIME_BACK": (-7, "the time is not after the last call's; reset begins anew"),
     "GAP": (-8, "the last call was too long ago; the next one goes on"),
     "FAULT": (-9, "a stage ended early, or a command was out of bounds; only reset goes on"),
     "OTHER_ARITHMETIC": (-10, "the processor does not round to the nearest, or flushes small numbers to zero"),

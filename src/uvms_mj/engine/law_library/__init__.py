@@ -30,6 +30,10 @@ from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
+_NO_LAW = (
+    "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, the task is at a tool, "
+    "or the delay is no whole number of control periods"
+)
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 
@@ -42,6 +46,7 @@ class Made:
         files: the libraries by their names below the folder, each with its SHA-256.
         code, constants: bytes of code, and of constants with the record as it begins.
         undefined: the symbols that it takes from the program.
+        adapter: bytes of the object by which a run takes it as a law, which no program links: in none of the above.
         equal, stack: recorded steps that were equal where the test ran, and its stack [bytes]; None where it did not.
         said: what the test said of the first step that differs.
     """
@@ -51,6 +56,7 @@ class Made:
     code: int
     constants: int
     undefined: tuple[str, ...]
+    adapter: int
     equal: int | None = None
     stack: int | None = None
     said: str = ""
@@ -64,8 +70,8 @@ class Made:
 @dataclass(frozen=True)
 class Library:
     """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
-    steps, the stages of the scenario that it leaves behind, the library of each target, and the warnings of the
-    scenario."""
+    steps, the stages of the scenario that it leaves behind, the library of each target, and notes: the warnings of the
+    scenario, what is left behind, and what a vehicle with joints has not."""
 
     name: str
     record: int
@@ -127,8 +133,9 @@ def write_library(
             _write(new / file, content)
         sources = {
             f"{name}.h": files[f"{name}.h"],
-            "image.h": texts.image(border, name, law, export),
+            "image.h": texts.image(border, name, export),
             "shell.c": texts.shell(name),
+            **(texts.as_law(border, law) if law is not None else {}),
         }
 
         def make(target: str) -> Made:
@@ -140,9 +147,10 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        library = Library(
-            name, 8 * _HEADER_WORDS + chain.kind.itemsize, chain.period, steps.steps, chain.left, made, notes
-        )
+        missing = [*_apart(border, steps), *([] if askable else [_NO_LAW])]
+        notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
+        record = 8 * _HEADER_WORDS + chain.kind.itemsize
+        library = Library(name, record, chain.period, steps.steps, chain.left, made, notes)
         for each in made:
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
@@ -150,6 +158,7 @@ def write_library(
             if law is not None and MACHINES[each.target].shared:
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
+        _write(new / "scenario.toml", scenario.to_toml())
         _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
         for earlier in MACHINES:  # a library that was made before has other gains
             for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):
@@ -183,13 +192,15 @@ def _made(
     )
     objects = ["stages.o", linking.own_c(machine, place / "shell.c", place)]
     objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
-    libraries = linking.linked(machine, name, objects, place, folder / target)
+    adapter = [linking.own_c(machine, each, place) for each in place.glob("as_law.c")]  # no program links it
+    libraries = linking.linked(machine, name, [*objects, *adapter], place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
     codes = [(place / each).read_bytes() for each in objects]
     defined = {each for code in codes for each in linking.defined(code)}
     undefined = sorted({each for code in codes for each in linking.undefined(code)} - defined)
     code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
-    found = Made(target, files, code, constants, tuple(undefined))
+    more = sum(sum(linking.sizes((place / each).read_bytes())) for each in adapter)
+    found = Made(target, files, code, constants, tuple(undefined), more)
     emulator = linking.emulator(machine) if test else None
     if emulator is None or found.foreign:
         return found
@@ -282,6 +293,17 @@ def _about(scenario: Scenario, border: Border, library: Library, export: int) ->
     }
 
 
+def _apart(border: Border, steps: Vectors) -> list[str]:
+    """How far the commands are from the run's, with joints."""
+    if not border.chain.joints and steps.apart == 0.0:
+        return []
+    return [
+        "with joints the library has the same bits on every processor that keeps IEEE arithmetic, but not the run's: "
+        f"its commands differ by up to {steps.apart:.1g} of the largest one, since the run rounds some products and "
+        "sums once"
+    ]
+
+
 def _readme(border: Border, library: Library, title: str, steps: Vectors, law: bool, asked: int) -> str:
     rows = [
         (
@@ -305,10 +327,8 @@ def _readme(border: Border, library: Library, title: str, steps: Vectors, law: b
     foreign = sorted({word for each in library.targets for word in each.foreign})
     if foreign:
         bits += f" Its C takes {', '.join(foreign)} from the program's C library, whose last digits may be others."
-    if (apart := steps.apart) > 0.0:
-        bits = (
-            "Its numbers are the same on every processor that keeps IEEE arithmetic. Those of the run differ by up to "
-            f"{apart:.1g} of the largest command: for a vehicle with joints it rounds some products and sums once."
-        )
+    for sentence in _apart(border, steps):
+        bits = f"{sentence[0].upper()}{sentence[1:]}."
     again = [each.target for each in library.targets if law and MACHINES[each.target].shared]
-    return texts.readme(border, library.name, title, rows, made, bits, again, asked)
+    adapter = max(each.adapter for each in library.targets)
+    return texts.readme(border, library.name, title, rows, made, bits, again, asked, adapter)

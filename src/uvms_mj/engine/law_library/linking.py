@@ -39,6 +39,13 @@ class Machine:
     emulator: str
     rounds: bool = True
 
+    @property
+    def compiler(self) -> str:
+        """The command that compiles a program for it on another machine, where there is no Linux a program for qemu's
+        ARM."""
+        options = self.zig if self.shared else MACHINES["armv7"].zig
+        return " ".join(["python -m ziglang cc", *(each for each in options if each != "-fPIC"), "-static"])
+
 
 def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
     return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True)

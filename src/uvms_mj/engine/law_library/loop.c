@@ -3,6 +3,8 @@
 
    cc -std=c99 loop.c TARGET/libLAW.a -o loop && ./loop [PORT] or ./loop /dev/ttyAMA0 [BAUD]
 
+   TARGET is the folder of the processor that runs it. README.md has the line of each compiler.
+
    A request of a run of uvms-mj, --controller udp: "uvms-mj1", the number of the instant (uint64), and the record of
    signals of a run. Its answer: the number of the instant, tau_cmd, the status of the law (int64), the numbers of the
    export and of the record (uint64), and the thrust of each thruster.

@@ -31,9 +31,9 @@ def named(text: str, name: str) -> str:
 @functools.cache
 def is_free(word: str) -> bool:
     """Whether a word may name a library: a name in C that neither its sources nor its files have."""
-    sources = "".join(_read(name) for name in ("shell.c", "test.c", "loop.c"))
+    sources = "".join(_read(name) for name in ("shell.c", "as_law.c", "test.c", "loop.c"))
     code = re.sub(r"/\*.*?\*/", " ", sources, flags=re.DOTALL)  # without comments
-    return is_c_name(word) and word not in re.findall(r"\w+", f"law {code}")
+    return is_c_name(word) and word not in re.findall(r"\w+", f"law scenario {code}")
 
 
 def _fields(entries: Iterable[Entry]) -> Iterable[str]:
@@ -197,7 +197,7 @@ def _words(values: np.ndarray) -> str:
     return ",\n".join(",".join(words[k : k + 8]) for k in range(0, len(words), 8))
 
 
-def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
+def image(border: Border, name: str, export: int) -> str:
     """The numbers of the shell: the export's own, places of what is exchanged, and the record before the first
     period."""
     chain = border.chain
@@ -210,7 +210,6 @@ def image(border: Border, name: str, law: AsLaw | None, export: int) -> str:
         _table("reference_at", border.reference) if border.reference else "",
         _table("settings_at", border.settings),
         _table("command_at", border.command),
-        *_of_law(border, law),
         f"static const uint64_t constants[] = {{{_words(np.frombuffer(chain.constants or bytes(8), '<u8'))}}};\n",
         *_runs(chain.image.view("<u8")),
     ]
@@ -226,19 +225,18 @@ def _runs(words: np.ndarray) -> Iterable[str]:
     yield f"static const unsigned image_lengths[IMAGE_RUNS] = {{{', '.join(map(str, lengths.tolist()))}}};\n"
 
 
-def _of_law(border: Border, law: AsLaw | None) -> Iterable[str]:
-    """The numbers of the library as a law of a run."""
-    yield f"#define AS_LAW {int(law is not None)}\n"
-    if law is not None:
-        numbers = ", ".join(f"UINT64_C({each})" for each in law.numbers)
-        yield f"#define RECORDS {numbers}\n#define GAINS {sum(e.n for e in law.gains)}\n"
-        for table, entries in (
-            ("measured_in", border.measured),
-            ("reference_in", border.reference),
-            ("impedance_in", law.impedance),
-        ):
-            moved = [dataclasses.replace(each, place=law.place(each)) for each in entries]
-            yield _table(table, moved) if moved or table == "impedance_in" else ""
+def as_law(border: Border, law: AsLaw) -> dict[str, str]:
+    """The library as a law of a run, in C: its numbers and its function."""
+    numbers = ", ".join(f"UINT64_C({each})" for each in law.numbers)
+    parts = [f"#define RECORDS {numbers}\n#define GAINS {sum(e.n for e in law.gains)}\n"]
+    for table, entries in (
+        ("measured_in", border.measured),
+        ("reference_in", border.reference),
+        ("impedance_in", law.impedance),
+    ):
+        moved = [dataclasses.replace(each, place=law.place(each)) for each in entries]
+        parts.append(_table(table, moved) if moved or table == "impedance_in" else "")
+    return {"as_law.h": "".join(parts), "as_law.c": named(_read("as_law.c"), law.name.removesuffix(SUFFIX))}
 
 
 @functools.cache
@@ -273,7 +271,6 @@ def loop(border: Border, name: str) -> str:
         "LAYOUT_OF_SIGNALS": str(LAYOUT),
         "SIGNALS_COUNT": str(SIGNALS.itemsize // 8),
         "STANDARD_PORT": str(PORT),
-        "TARGET": "armv7",
         "REFERENCE_STRUCT": "    law_reference reference;\n" if border.reference else "",
         "REFERENCE_ARGUMENT": "&reference, " if border.reference else "",
         "FRAME_ARGUMENT": "&given.reference, " if border.reference else "",
@@ -317,6 +314,35 @@ static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
     return named(text, name)
 
 
+def left_behind(border: Border) -> Iterable[str]:
+    """What of the scenario is not in the library, and what stands in its place: a sentence for each."""
+    filters = [each for each in border.chain.left if each.startswith("navigation ")]
+    others = [each for each in border.chain.left if each not in filters]
+    if others:
+        yield f"not in the library, which takes your measurements and gives commands: {', '.join(others)}"
+    for each in filters:
+        given = ", ".join(entry.word for entry in border.measured if entry.group in ("pose", "velocity"))
+        yield (
+            f"not in the library: {each}; {given} must be the estimate of the vehicle's own filter, and the recorded "
+            "steps have the run's"
+        )
+
+
+def _programs(program: str, name: str, targets: Sequence[str], end: str = "") -> str:
+    """Lines of a shell that compile test.c or loop.c and run it: on each target itself, and on another machine."""
+    lines = []
+    for target in targets:
+        made = f"-std=c99 {program}.c {target}/lib{name}.a -o {program} &&"
+        if MACHINES[target].shared:
+            lines += [f"# {target}: on the target itself", f"cc {made} ./{program}{end}"]
+        machine = MACHINES[target]
+        lines += [
+            f"# {target}: on another machine",
+            f"{machine.compiler} {made} qemu-{machine.emulator} ./{program}{end}",
+        ]
+    return "\n".join(lines)
+
+
 def readme(
     border: Border,
     name: str,
@@ -326,9 +352,11 @@ def readme(
     bits: str,
     again: Sequence[str],
     asked: int,
+    adapter: int,
 ) -> str:
     """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
-    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it."""
+    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it;
+    ``adapter`` are the bytes at most of the object by which a run takes the library as its law."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
@@ -339,24 +367,35 @@ def readme(
         else ("You give the reference to each call, as `law_reference`.")
     )
     reference = "" if not border.reference else "&reference, "
-    left = f"Not in it are {', '.join(chain.left)}: they stand for the vehicle and its sensors. " if chain.left else ""
+    left = "".join(f"{sentence[0].upper()}{sentence[1:]}. " for sentence in left_behind(border))
     law = ""
+    targets = [row[0] for row in rows]
     if again:
-        run = (
-            f"uvms-mj run --controller {again[0]}/lib{name}.so:{name}{SUFFIX} --set controller.period={chain.period:g}"
-        )
-        law = (
-            f"As a law of uvms-mj, in its scenario on such a machine, it gives the run again:\n\n```sh\n{run}\n```\n\n"
-        )
-    linux = next((row[0] for row in rows), "x86_64")
+        of = "x86_64" if "x86_64" in again else again[0]
+        run = f"uvms-mj run scenario.toml --controller {of}/lib{name}.so:{name}{SUFFIX}"
+        law = f"As a law of uvms-mj on {of} it gives the run again:\n\n```sh\n{run}\n```\n\n"
+    bare = (
+        """
+Without an operating system, build `test.c` as a part of your program, with its compiler and its `printf`.
+"""
+        if any(not MACHINES[each].shared for each in targets)
+        else ""
+    )
+    apart = (
+        f"""
+`{name}{SUFFIX}`, by which uvms-mj takes the library as a law, is an object of its own of at most {adapter} bytes, which
+are in no column: a program that does not call it does not carry it."""
+        if adapter
+        else ""
+    )
     if asked:
-        one = next(row[0] for row in rows if MACHINES[row[0]].shared)
-        run = f"uvms-mj run --controller udp --set controller.export={asked} --set controller.period={chain.period:g}"
+        loops = _programs("loop", name, [each for each in targets if MACHINES[each].shared], " &")
+        run = f"uvms-mj run scenario.toml --controller udp controller.export={asked}"
         law += f"""The processor in the loop with the plant gives the run again, too. `loop.c` answers over UDP on its
-own machine, and the run knows this export by its number:
+own machine; choose one line. The run knows this export by its number:
 
 ```sh
-cc -std=c99 loop.c {one}/lib{name}.a -o loop && ./loop &
+{loops}
 {run}
 ```
 
@@ -376,7 +415,7 @@ the machine code of the run. {left}{guidance} {bits}
 {table}
 
 The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is
-that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.
+that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.{apart}
 
 ## Use
 
@@ -398,11 +437,15 @@ refused. `law_reset` begins anew, `law_set` changes gains, and each function ret
 
 ## Test
 
-```sh
-cc -std=c99 test.c {linux}/lib{name}.a -o test && ./test     # on the target; 0: all steps are equal
-```
+`cc` is the target's own compiler. On another machine ziglang makes a program that can be copied there; its first one
+for a target takes half a minute. Choose one line:
 
+```sh
+{_programs("test", name, targets)}
+```
+{bare}
 It compares {made[0]} recorded steps of {made[1]}, bit for bit, and names the first number and the bit that differs.
+Its status is 0 if all are equal.
 {made[2]}
 
 {law}## What is not promised
@@ -411,7 +454,8 @@ The simulation has the same numbers for the same measurements. That the law is s
 sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
 the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 
-Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests.
+Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests; `scenario.toml` has
+the scenario alone.
 """,
         name,
     )
