@@ -269,6 +269,14 @@ def test_a_mesh_outside_of_the_folders_is_not_read(tmp_path, uri):
         read(inside, ".sdf", text, packages={"fish": inside})
 
 
+def test_a_name_that_cant_be_looked_up_is_refused(tmp_path):
+    (tmp_path / "loop.stl").symlink_to("loop.stl")
+    for name in ("a" * 5000 + ".stl", "loop.stl"):
+        body = f"<collision name='m'><geometry><mesh><uri>{name}</uri></mesh></geometry></collision></link>"
+        with pytest.raises(InputError, match=r"<mesh>: refers to .*, which "):
+            read(tmp_path, ".sdf", SDF.replace("</link>", body, 1))
+
+
 def test_a_link_that_leads_out_of_the_folder_is_not_followed(tmp_path):
     inside = tmp_path / "in"
     inside.mkdir()
