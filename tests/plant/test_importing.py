@@ -538,6 +538,15 @@ def test_what_is_not_read_is_said(tmp_path):
     assert "Xuu" in {each.name for each in vehicle.products}
 
 
+def test_elements_of_hydrodynamics_that_are_not_read_are_said(tmp_path):
+    """A misspelt coefficient is not lost in silence, and what is known is not said."""
+    said = "elements of the Hydrodynamics plugin that are not read"
+    text = sdf().replace("<xDotU>", "<xUUU>-3</xUUU><disable_coriolis>true</disable_coriolis><xDotU>")
+    record, _ = read(tmp_path, ".sdf", text)
+    before, _ = read(tmp_path, ".sdf", sdf())
+    assert [each for each in record.left_out if each not in before.left_out] == [f"<xUUU>, <disable_coriolis>: {said}"]
+
+
 def test_a_mass_report_and_a_table_of_drag_stand_for_the_files(by_hand, tmp_path):
     """Grams and millimetres, y right and z down, integrals about the origin; drag by two points of a parabola."""
     I_o = INERTIA - MASS * skew(R_G) @ skew(R_G)

@@ -29,6 +29,12 @@ def arm(kind="revolute", parent="fish/base_link", child="arm", low="-1"):
 
 BROKEN = {
     # suffix, text, place and reason
+    "coefficient twice": (
+        ".sdf",
+        SDF.replace("<xDotU>", "<xDotU>-99</xDotU><xDotU>"),
+        "<xDotU>",
+        "is given twice",
+    ),
     "no plugin": (".sdf", SDF.replace(HYDRO, ""), "<model name='fish'>", "no Hydrodynamics plugin"),
     "two models": (
         ".sdf",

@@ -24,6 +24,8 @@ from .uuv import uuv_fin, uuv_thruster, uuv_water
 
 _ENTRIES = "xyzpqr"
 _TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
+_NO_TERMS = ("link_name", "namespace", "water_density", "waterDensity", "disable_added_mass", "default_current")
+"""Elements of the Hydrodynamics plugin that are read, or mean nothing here, beside its coefficients."""
 _SIGNS = "derivatives of gz-sim are negative for added mass and damping"
 
 
@@ -223,10 +225,16 @@ class _Model:
     def _hydrodynamics(self, plugin: Element, name: str, place: str) -> Water:
         source, M_A, D, D_D = self.source, np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
         terms: dict[tuple[int, int, int, bool], float] = {}
+        given: set[str] = set()
         for each in plugin:
             match = _TERM.fullmatch(each.tag)
             if match is None:
+                if each.tag not in _NO_TERMS:
+                    source.say("elements of the Hydrodynamics plugin that are not read", f"<{each.tag}>")
                 continue
+            if each.tag in given:
+                raise source.fault(f"{place} <{each.tag}>", "is given twice")
+            given.add(each.tag)
             value = source.number(each.text, f"{place} <{each.tag}>")
             i, j = "xyzkmn".index(match[1]), "UVWPQR".index(match[3])
             if match[2]:
