@@ -27,6 +27,9 @@ def arm(kind="revolute", parent="fish/base_link", child="arm", low="-1"):
     return urdf(URDF_ARM.format(kind=kind, parent=parent, child=child, low=low))
 
 
+NESTED = """<model name="pod" {0}><pose>0 0 1 0 0 0</pose><link name="k"><pose>1 0 0 0 0 0</pose></link></model>
+    <joint name="weld" type="fixed"><parent>hull</parent><child>pod::k</child></joint>"""
+
 BROKEN = {
     # suffix, text, place and reason
     "coefficient twice": (
@@ -34,6 +37,18 @@ BROKEN = {
         SDF.replace("<xDotU>", "<xDotU>-99</xDotU><xDotU>"),
         "<xDotU>",
         "is given twice",
+    ),
+    "inertia in another frame": (
+        ".sdf",
+        SDF.replace("<inertial><pose>", '<inertial><pose relative_to="port">'),
+        "<link name='hull'> <inertial> <pose>",
+        "has relative_to",
+    ),
+    "model placed by a frame": (
+        ".sdf",
+        sdf(NESTED.format('placement_frame="k"')),
+        "<model name='pod'>",
+        "has a placement_frame",
     ),
     "no plugin": (".sdf", SDF.replace(HYDRO, ""), "<model name='fish'>", "no Hydrodynamics plugin"),
     "two models": (

@@ -119,6 +119,11 @@ class _Model:
                 raise self.source.fault(place_of(model, f"<{each.tag}>"), "has no name")
             if name in self.poses:
                 raise self.source.fault(place_of(each), f"the name {name!r} is given twice")
+            placed_by = (each.get("placement_frame"), each.findtext("placement_frame"), inner.get("placement_frame"))
+            if each.tag in ("model", "include") and any(placed_by):
+                raise self.source.fault(
+                    place_of(each), "has a placement_frame, which is not read: give the pose of the model itself"
+                )
             if each.tag == "link":
                 self.links[name] = each
             elif each.tag == "joint":
@@ -291,7 +296,9 @@ class _Model:
             at = f"{place} <inertial>"
             if source.truth(inertial.get("auto"), at):
                 raise source.fault(at, 'is auto="true": the mass of the shapes is not computed; write mass and inertia')
-            pose, _ = self._pose(inertial, at)
+            pose, relative = self._pose(inertial, at)
+            if relative:
+                raise source.fault(f"{at} <pose>", "has relative_to: SDF has the inertia in the frame of its link only")
             link.mass = source.number(inertial.findtext("mass", "1"), f"{at} <mass>")
             if link.mass < 0.0:
                 raise source.fault(f"{at} <mass>", f"{link.mass:g}: must not be negative")
