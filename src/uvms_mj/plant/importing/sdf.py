@@ -98,6 +98,8 @@ class _Model:
         self.joints: dict[str, Element] = {}
         self.poses: dict[str, tuple[Pose, str, str]] = {}
         """Of each frame: pose, the frame in which it stands, and its place."""
+        self._scopes: dict[str, tuple[str, str]] = {}
+        """Of each frame: what stands before the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
 
@@ -124,19 +126,24 @@ class _Model:
                 raise self.source.fault(
                     place_of(each), "has a placement_frame, which is not read: give the pose of the model itself"
                 )
+            self._scopes[name] = prefix, top
             if each.tag == "link":
                 self.links[name] = each
             elif each.tag == "joint":
                 self.joints[name] = each
                 default = prefix + (each.findtext("child") or "").strip()
             elif each.tag == "frame" and each.get("attached_to"):
-                default = prefix + each.get("attached_to", "")
+                default = self._named(each.get("attached_to", ""), name)
             placed = each if each.find("pose") is not None else inner
             pose, relative = self._pose(placed, place_of(each))
-            relative = top if relative == "__model__" else prefix + relative if relative else default
-            self.poses[name] = pose, relative, place_of(each)
+            self.poses[name] = pose, self._named(relative, name) if relative else default, place_of(each)
             if each.tag in ("model", "include"):
                 self._collect(inner, prefix if each.get("merge") == "true" else f"{name}::", name)
+
+    def _named(self, frame: str, within: str) -> str:
+        """The frame that an element means, which is in the model of the frame ``within``."""
+        prefix, top = self._scopes[within]
+        return top if frame == "__model__" else prefix + frame
 
     def _pose(self, element: Element, place: str) -> tuple[Pose, str]:
         """The pose that an element gives, and the frame that it names; here and none if it gives none."""
@@ -315,8 +322,8 @@ class _Model:
 
     def _solid(self, element: Element, link: str, place: str) -> Solid | None:
         pose, relative = self._pose(element, place)
-        if relative and relative != link:
-            pose = self.in_model(link, place).inverse() @ self.in_model(relative, place) @ pose
+        if relative:
+            pose = self.in_model(link, place).inverse() @ self.in_model(self._named(relative, link), place) @ pose
         geometry = element.find("geometry")
         if geometry is None or not len(geometry):
             return None
@@ -324,7 +331,7 @@ class _Model:
 
     def _joint(self, name: str, element: Element) -> Joint:
         place, source = place_of(element), self.source
-        prefix = name[: name.rfind("::") + 2] if "::" in name else ""
+        prefix, top = self._scopes[name]
         parent, child = (prefix + (element.findtext(tag) or "").strip() for tag in ("parent", "child"))
         parent = "world" if parent == f"{prefix}world" else parent
         for end in (parent, child):
@@ -345,11 +352,11 @@ class _Model:
             raise source.fault(f"{place} <axis> <xyz>", "has no length")
         frame = here.R
         if xyz is not None and xyz.get("expressed_in"):
-            frame = below.R.T @ self.in_model(xyz.get("expressed_in", ""), place).R
+            frame = below.R.T @ self.in_model(self._named(xyz.get("expressed_in", ""), name), place).R
         elif axis is not None and source.truth(
             axis.findtext("use_parent_model_frame"), f"{place} <use_parent_model_frame>"
         ):
-            frame = below.R.T
+            frame = below.R.T @ self.in_model(top, place).R
         joint.axis = frame @ given / np.linalg.norm(given)
         if axis is None:
             return joint
