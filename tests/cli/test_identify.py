@@ -46,6 +46,18 @@ def test_what_is_not_given_is_said(here, file):
     assert "found/report.html" in done.stdout
 
 
+def test_a_vehicle_of_this_name_is_not_written_over(here, file):
+    done = here("identify", file, "--out", "first", "--json")
+    vehicle = Path(json.loads(done.stdout)["vehicle"])
+    mine = Path("mine", vehicle.name)
+    mine.parent.mkdir()
+    mine.write_text("<mine/>")
+    done = here("identify", file, "--out", "mine")
+    assert done.exit_code == 2, done.output
+    assert f"has a vehicle {vehicle.name} already" in done.stderr
+    assert mine.read_text() == "<mine/>"
+
+
 def test_bad_input_is_one_line_with_its_place(here, file):
     lines = Path("my_rov.csv").read_text().splitlines()
     Path("my_rov.csv").write_text("\n".join([*lines[:4], "0.01,0.5", *lines[5:]]))

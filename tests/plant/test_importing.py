@@ -12,6 +12,7 @@ from descriptions import (
     D_QUADRATIC,
     DENSITY,
     DISPLACED,
+    EDGES,
     INERTIA,
     M_A,
     MASS,
@@ -536,6 +537,44 @@ def test_what_is_not_read_is_said(tmp_path):
     assert len(new) == len(expected)
     assert all(any(word in each for each in new) for word in expected)
     assert "Xuu" in {each.name for each in vehicle.products}
+
+
+@pytest.mark.parametrize(
+    ("relative", "axis"),
+    [
+        ('relative_to="__model__"', '<xyz expressed_in="__model__">1 0 0</xyz>'),
+        ('relative_to="__model__"', "<use_parent_model_frame>1</use_parent_model_frame><xyz>1 0 0</xyz>"),
+        ('relative_to="mark"', '<xyz expressed_in="mark">1 0 0</xyz>'),
+    ],
+)
+def test_names_in_a_nested_model_are_those_of_that_model(tmp_path, relative, axis):
+    """A nested model, turned by 90 degrees in yaw: x of its frame is y of the vehicle. The frame "mark", attached to
+    it, is the same frame, and another "mark" of the vehicle is not meant."""
+    edges, at, inside = (0.1, 0.2, 0.3), np.array([0.0, 0.3, 0.5]), np.array([0.2, 0.0, 0.0])
+    pod = f"""<frame name="mark"><pose>3 0 0 1 0 0</pose></frame>
+      <model name="pod"><pose>{words(at)} 0 0 {np.pi / 2!r}</pose><frame name="mark" attached_to="__model__"/>
+        <link name="k"><pose>1 0 0 0.4 0 0</pose><inertial><mass>1</mass></inertial><collision name="c">
+          <pose {relative}>{words(inside)} 0 0 0</pose><geometry><box><size>{words(edges)}</size></box></geometry>
+        </collision></link><link name="screw"><pose>0 0 0 0.3 0.2 0.1</pose></link>
+        <joint name="turn" type="revolute"><parent>k</parent><child>screw</child><axis>{axis}</axis></joint></model>
+      <joint name="weld" type="fixed"><parent>hull</parent><child>pod::k</child></joint>"""
+    plugin = """<plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
+        <joint_name>pod::turn</joint_name><max_thrust_cmd>5</max_thrust_cmd><min_thrust_cmd>-5</min_thrust_cmd></plugin>"""
+    _, vehicle = read(tmp_path, ".sdf", sdf(pod, plugin))
+    V, more = np.prod(EDGES), np.prod(edges)
+    centre = at + np.array([-inside[1], inside[0], inside[2]])
+    np.testing.assert_allclose(vehicle.r_b, (V * R_B + more * centre) / (V + more), atol=1e-12)
+    force = np.array([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(vehicle.B[:, -1], np.r_[force, np.cross(at, force)], atol=1e-12)
+
+
+def test_elements_of_hydrodynamics_that_are_not_read_are_said(tmp_path):
+    """A misspelt coefficient is not lost in silence, and what is known is not said."""
+    said = "elements of the Hydrodynamics plugin that are not read"
+    text = sdf().replace("<xDotU>", "<xUUU>-3</xUUU><disable_coriolis>true</disable_coriolis><xDotU>")
+    record, _ = read(tmp_path, ".sdf", text)
+    before, _ = read(tmp_path, ".sdf", sdf())
+    assert [each for each in record.left_out if each not in before.left_out] == [f"<xUUU>, <disable_coriolis>: {said}"]
 
 
 def test_a_mass_report_and_a_table_of_drag_stand_for_the_files(by_hand, tmp_path):

@@ -27,8 +27,29 @@ def arm(kind="revolute", parent="fish/base_link", child="arm", low="-1"):
     return urdf(URDF_ARM.format(kind=kind, parent=parent, child=child, low=low))
 
 
+NESTED = """<model name="pod" {0}><pose>0 0 1 0 0 0</pose><link name="k"><pose>1 0 0 0 0 0</pose></link></model>
+    <joint name="weld" type="fixed"><parent>hull</parent><child>pod::k</child></joint>"""
+
 BROKEN = {
     # suffix, text, place and reason
+    "coefficient twice": (
+        ".sdf",
+        SDF.replace("<xDotU>", "<xDotU>-99</xDotU><xDotU>"),
+        "<xDotU>",
+        "is given twice",
+    ),
+    "inertia in another frame": (
+        ".sdf",
+        SDF.replace("<inertial><pose>", '<inertial><pose relative_to="port">'),
+        "<link name='hull'> <inertial> <pose>",
+        "has relative_to",
+    ),
+    "model placed by a frame": (
+        ".sdf",
+        sdf(NESTED.format('placement_frame="k"')),
+        "<model name='pod'>",
+        "has a placement_frame",
+    ),
     "no plugin": (".sdf", SDF.replace(HYDRO, ""), "<model name='fish'>", "no Hydrodynamics plugin"),
     "two models": (
         ".sdf",
@@ -267,6 +288,14 @@ def test_a_mesh_outside_of_the_folders_is_not_read(tmp_path, uri):
     text = re.sub(r"<box>.*?</box>", f"<mesh><uri>{uri}</uri></mesh>", SDF, flags=re.S)
     with pytest.raises(InputError, match="is in none of the folders named"):
         read(inside, ".sdf", text, packages={"fish": inside})
+
+
+def test_a_name_that_cant_be_looked_up_is_refused(tmp_path):
+    (tmp_path / "loop.stl").symlink_to("loop.stl")
+    for name in ("a" * 5000 + ".stl", "loop.stl"):
+        body = f"<collision name='m'><geometry><mesh><uri>{name}</uri></mesh></geometry></collision></link>"
+        with pytest.raises(InputError, match=r"<mesh>: refers to .*, which "):
+            read(tmp_path, ".sdf", SDF.replace("</link>", body, 1))
 
 
 def test_a_link_that_leads_out_of_the_folder_is_not_followed(tmp_path):

@@ -61,8 +61,13 @@ class Source:
         return self.packages[name].resolve()
 
     def within(self, path: Path, place: str) -> Path:
-        """The real path of a file. Raises InputError if it is in none of the folders."""
-        real = path.resolve()
+        """The real path of a file. Raises InputError if it is in none of the folders, or can't be looked up."""
+        try:
+            real = path.resolve()
+            real.is_file()  # raises at a name that is too long
+        except (OSError, RuntimeError, ValueError):  # RuntimeError: links that lead back, before Python 3.13
+            reason = "can't be looked up: its name is too long, or its links lead back"
+            raise self.fault(place, f"refers to {shortened(str(path))}, which {reason}") from None
         folders = [self.path.resolve().parent, *(folder.resolve() for folder in self.packages.values())]
         if not any(real.is_relative_to(folder) for folder in folders):
             reason = "is in none of the folders named: the file's own and --package NAME=FOLDER"

@@ -24,6 +24,8 @@ from .uuv import uuv_fin, uuv_thruster, uuv_water
 
 _ENTRIES = "xyzpqr"
 _TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
+_NO_TERMS = ("link_name", "namespace", "water_density", "waterDensity", "disable_added_mass", "default_current")
+"""Elements of the Hydrodynamics plugin that are read, or mean nothing here, beside its coefficients."""
 _SIGNS = "derivatives of gz-sim are negative for added mass and damping"
 
 
@@ -96,6 +98,8 @@ class _Model:
         self.joints: dict[str, Element] = {}
         self.poses: dict[str, tuple[Pose, str, str]] = {}
         """Of each frame: pose, the frame in which it stands, and its place."""
+        self._scopes: dict[str, tuple[str, str]] = {}
+        """Of each frame: what stands before the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
 
@@ -117,19 +121,29 @@ class _Model:
                 raise self.source.fault(place_of(model, f"<{each.tag}>"), "has no name")
             if name in self.poses:
                 raise self.source.fault(place_of(each), f"the name {name!r} is given twice")
+            placed_by = (each.get("placement_frame"), each.findtext("placement_frame"), inner.get("placement_frame"))
+            if each.tag in ("model", "include") and any(placed_by):
+                raise self.source.fault(
+                    place_of(each), "has a placement_frame, which is not read: give the pose of the model itself"
+                )
+            self._scopes[name] = prefix, top
             if each.tag == "link":
                 self.links[name] = each
             elif each.tag == "joint":
                 self.joints[name] = each
                 default = prefix + (each.findtext("child") or "").strip()
             elif each.tag == "frame" and each.get("attached_to"):
-                default = prefix + each.get("attached_to", "")
+                default = self._named(each.get("attached_to", ""), name)
             placed = each if each.find("pose") is not None else inner
             pose, relative = self._pose(placed, place_of(each))
-            relative = top if relative == "__model__" else prefix + relative if relative else default
-            self.poses[name] = pose, relative, place_of(each)
+            self.poses[name] = pose, self._named(relative, name) if relative else default, place_of(each)
             if each.tag in ("model", "include"):
                 self._collect(inner, prefix if each.get("merge") == "true" else f"{name}::", name)
+
+    def _named(self, frame: str, within: str) -> str:
+        """The frame that an element means, which is in the model of the frame ``within``."""
+        prefix, top = self._scopes[within]
+        return top if frame == "__model__" else prefix + frame
 
     def _pose(self, element: Element, place: str) -> tuple[Pose, str]:
         """The pose that an element gives, and the frame that it names; here and none if it gives none."""
@@ -223,10 +237,16 @@ class _Model:
     def _hydrodynamics(self, plugin: Element, name: str, place: str) -> Water:
         source, M_A, D, D_D = self.source, np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
         terms: dict[tuple[int, int, int, bool], float] = {}
+        given: set[str] = set()
         for each in plugin:
             match = _TERM.fullmatch(each.tag)
             if match is None:
+                if each.tag not in _NO_TERMS:
+                    source.say("elements of the Hydrodynamics plugin that are not read", f"<{each.tag}>")
                 continue
+            if each.tag in given:
+                raise source.fault(f"{place} <{each.tag}>", "is given twice")
+            given.add(each.tag)
             value = source.number(each.text, f"{place} <{each.tag}>")
             i, j = "xyzkmn".index(match[1]), "UVWPQR".index(match[3])
             if match[2]:
@@ -283,7 +303,9 @@ class _Model:
             at = f"{place} <inertial>"
             if source.truth(inertial.get("auto"), at):
                 raise source.fault(at, 'is auto="true": the mass of the shapes is not computed; write mass and inertia')
-            pose, _ = self._pose(inertial, at)
+            pose, relative = self._pose(inertial, at)
+            if relative:
+                raise source.fault(f"{at} <pose>", "has relative_to: SDF has the inertia in the frame of its link only")
             link.mass = source.number(inertial.findtext("mass", "1"), f"{at} <mass>")
             if link.mass < 0.0:
                 raise source.fault(f"{at} <mass>", f"{link.mass:g}: must not be negative")
@@ -300,8 +322,8 @@ class _Model:
 
     def _solid(self, element: Element, link: str, place: str) -> Solid | None:
         pose, relative = self._pose(element, place)
-        if relative and relative != link:
-            pose = self.in_model(link, place).inverse() @ self.in_model(relative, place) @ pose
+        if relative:
+            pose = self.in_model(link, place).inverse() @ self.in_model(self._named(relative, link), place) @ pose
         geometry = element.find("geometry")
         if geometry is None or not len(geometry):
             return None
@@ -309,7 +331,7 @@ class _Model:
 
     def _joint(self, name: str, element: Element) -> Joint:
         place, source = place_of(element), self.source
-        prefix = name[: name.rfind("::") + 2] if "::" in name else ""
+        prefix, top = self._scopes[name]
         parent, child = (prefix + (element.findtext(tag) or "").strip() for tag in ("parent", "child"))
         parent = "world" if parent == f"{prefix}world" else parent
         for end in (parent, child):
@@ -330,11 +352,11 @@ class _Model:
             raise source.fault(f"{place} <axis> <xyz>", "has no length")
         frame = here.R
         if xyz is not None and xyz.get("expressed_in"):
-            frame = below.R.T @ self.in_model(xyz.get("expressed_in", ""), place).R
+            frame = below.R.T @ self.in_model(self._named(xyz.get("expressed_in", ""), name), place).R
         elif axis is not None and source.truth(
             axis.findtext("use_parent_model_frame"), f"{place} <use_parent_model_frame>"
         ):
-            frame = below.R.T
+            frame = below.R.T @ self.in_model(top, place).R
         joint.axis = frame @ given / np.linalg.norm(given)
         if axis is None:
             return joint

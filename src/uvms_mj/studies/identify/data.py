@@ -162,6 +162,8 @@ def _motion(experiment: Experiment, name: str, path: Path, label: Path, vehicle:
         held = 0.25 * span
     if not 0.1 * span < held and np.isfinite(held):
         raise InputError(f"{label}: held_out_from: less than a tenth of the data would be fitted")
+    if span < held < np.inf:
+        raise InputError(f"{label}: held_out_from: nothing is held out: the data end at {t_0 + span:.6g} s")
     inputs = _inputs(experiment, path, label, vehicle, t_0, t_0 + span)
     return Data(experiment, name, path, tuple(channels), quat, {}, inputs, t_0, span, held, tuple(notes))
 

@@ -90,7 +90,7 @@ class Identification:
         return result
 
     def refuse_another(self, folder: Path) -> None:
-        """Raise InputError if a folder has another identification."""
+        """Raise InputError if a folder has another identification, or a vehicle of this name that none wrote."""
         self._journal(folder)
 
     @property
@@ -100,8 +100,10 @@ class Identification:
         return f"{self.problem.digest}-{hashlib.sha256(sources).hexdigest()[:8]}"
 
     def _journal(self, folder: Path) -> dict[str, Any] | None:
-        path = folder / JOURNAL
+        path, vehicle = folder / JOURNAL, folder / f"{self.file.name}.xml"
         if not path.exists():
+            if vehicle.exists() and not (folder / FOUND).exists():
+                raise InputError(f"--out {folder}: has a vehicle {vehicle.name} already; choose another folder")
             return None
         try:
             kept = json.loads(path.read_text(encoding="utf-8"))
