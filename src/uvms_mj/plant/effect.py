@@ -6,7 +6,7 @@ the water, the current and the thrusts::
 
     @dataclass(frozen=True)
     class Brush(Effect):
-        "A brush under the hull, whose drag grows with the push."
+        "A brush under the hull, which resists motion along x."
         k: float = setting(30.0, "N s/m", "drag over the velocity along x")
 
         @staticmethod
