@@ -159,6 +159,8 @@ HOSTILE = {
     "a walrus": "print(m := 3.0)",
     "a deletion": "del m",
     "a comprehension": "m = sum([1 for k in range(10**9)])",
+    "another type": "m = np.array(3.5, dtype=int)",
+    "an import of the name": "from other import m",
     "a long list": "m = [0] * 10**9",
     "many zeros": "m = np.eye(100000)",
     "nan": "m = 1e999 - 1e999",
@@ -178,6 +180,9 @@ HOSTILE_MATLAB = {
     "a power of a matrix": "mass = [1 2; 3 4]^2;",
     "text": "mass = '3';",
     "no end": "mass = ((((",
+    "entries without end": "mass(1)" + "=mass(1)" * 10_000 + ";",
+    "rows without end": "mass = [1" + "\n" * 90_000,
+    "remarks without end": "mass = x;\n" + "%{\n" * 30_000,
     "deep": "mass = " + "(" * 20_000 + "1" + ")" * 20_000 + ";",
 }
 

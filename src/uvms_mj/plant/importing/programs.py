@@ -19,7 +19,7 @@ from ..record import VehicleRecord
 from .reading import Source
 from .table import Table, record_of, validated
 
-_LONGEST = 300_000
+_LONGEST = 100_000
 """Bound on the text of a program [characters]."""
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "deg2rad", "abs")},
@@ -67,8 +67,8 @@ class _Numbers:
     def lose(self, name: str) -> None:
         """Forget the number of a name, and of every name of the same array."""
         old = self.found.get(name)
-        for each, value in self.found.items():
-            if value is not None and value is old:
+        for each, value in self.found.items() if isinstance(old, np.ndarray) else ():
+            if value is old:
                 self.found[each] = None
         self.found[name] = None
 
@@ -104,7 +104,9 @@ class _Numbers:
                 return np.transpose(self.value(node.value))
             case ast.Subscript():
                 return np.asarray(self.value(node.value))[self._index(node.slice)]
-            case ast.Call(func=func) if all(each.arg == "dtype" for each in node.keywords):
+            case ast.Call(func=func) if all(
+                (each.arg, _dotted(each.value)) == ("dtype", "float") for each in node.keywords
+            ):
                 return self._call(_dotted(func), node.args)
         raise _NoNumberError
 
@@ -199,7 +201,10 @@ def _run(numbers: _Numbers, body: Sequence[ast.stmt], prefix: str) -> None:
             case ast.FunctionDef() | ast.ClassDef():
                 if not prefix:
                     numbers.found[each.name] = None
-            case ast.Expr(value=ast.Constant()) | ast.Import() | ast.ImportFrom() | ast.Pass():
+            case ast.Import() | ast.ImportFrom():
+                for name in {alias.asname or alias.name for alias in each.names} & {*numbers.found}:
+                    numbers.lose(name)
+            case ast.Expr(value=ast.Constant()) | ast.Pass():
                 pass
             case _:
                 numbers.skipped.add(f"line {each.lineno}")
@@ -231,18 +236,22 @@ def _matlab(source: Source, text: str) -> _Numbers:
         else:
             depth += words[0] in _BLOCKS
             numbers.skipped.add(f"line {line}")
-            for i in (i for i, each in enumerate(words) if each == "="):
-                for each in (
-                    words[i - 1 : i] if words[i - 1].isidentifier() else words[:i]
-                ):  # [a, b] = ..., a(1, 2) = ...
-                    if each.isidentifier() and each not in _BLOCKS:
-                        numbers.lose(each)
+            equals = [i for i, each in enumerate(words) if each == "="]
+            lost = {words[i - 1] for i in equals}
+            if not all(each.isidentifier() for each in lost):  # [a, b] = ..., a(1, 2) = ...
+                lost = {*words[: equals[-1]]}
+            for each in lost & {*names} - {*_BLOCKS}:
+                numbers.lose(each)
     return numbers
 
 
 def _statements(text: str) -> Iterator[tuple[int, list[tuple[str, str]]]]:
     """The statements of a MATLAB text: the line on which each begins, and its tokens with their kinds."""
-    text = re.sub(r"^[ \t]*%\{[ \t]*$.*?^[ \t]*%\}[ \t]*$", "", text.replace("\r", ""), flags=re.DOTALL | re.MULTILINE)
+    lines, inside = text.replace("\r", "").split("\n"), 0
+    for i, each in enumerate(lines):
+        inside += (each.strip() == "%{") - (inside > 0 and each.strip() == "%}")
+        lines[i] = "" if inside else each
+    text = "\n".join(lines)
     found: list[tuple[str, str]] = []
     depth, at, line, begun = 0, 0, 1, 1
     while at < len(text):
@@ -290,9 +299,9 @@ def _expression(tokens: Sequence[tuple[str, str]]) -> ast.expr | None:
         elif each == "]":
             out.append("]])")
         elif inside and each in (";", "\n"):
-            rest = next((each for kind, each in tokens[i + 1 :] if kind != "space" and each not in (";", "\n")), "]")
-            if last == "operand" and rest != "]":
-                out.append("],[")
+            if last == "operand":
+                rest = (each for kind, each in tokens[i + 1 :] if kind != "space" and each not in (";", "\n"))
+                out.append("" if next(rest, "]") == "]" else "],[")
         else:
             out.append(repr(float(each)) if kind == "number" else _OPERATORS.get(each, each))
         if each in ("(", "["):
