@@ -377,7 +377,7 @@ def described(source: Source, text: str) -> VehicleRecord:
     if mass is None and W is not None and g is not None:
         mass = W / g
     volume, rho = given.one("volume", "nabla", "vol", needed=False), given.one("rho", needed=False)
-    lifts = [mass * B / W] if W and B is not None and mass is not None else []
+    lifts = [mass * (B / W)] if W and B is not None and mass is not None else []
     if W and lifts and not 0.5 < B / W < 2.0:
         given.faults.append(Fault("B", f"is {B:g} and W is {W:g}: B is no buoyancy"))
     lifts += [rho * volume] if volume is not None and rho is not None else []
