@@ -120,7 +120,9 @@ def by_table(tmp_path):
     return read(tmp_path, ".toml", table("ned", "derivatives", {}))
 
 
-@pytest.mark.parametrize(("suffix", "text"), [(".py", python()), (".m", matlab())])
+@pytest.mark.parametrize(
+    ("suffix", "text"), [(".py", python()), (".m", matlab()), (".m", matlab().replace("I_g = [", "moments = ["))]
+)
 def test_a_program_is_the_vehicle_of_the_table(tmp_path, by_table, suffix, text):
     record, vehicle = read(tmp_path, suffix, text, thrusters=by_table[0].thrusters)
     same(by_table[1], vehicle)
