@@ -6,6 +6,7 @@ Its numbers are in B: forward, left, up, about the origin. It is no real vehicle
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from uvms_mj.plant.importing import imported
 from uvms_mj.plant.mjcf import Mjcf
@@ -174,3 +175,22 @@ def read(folder: Path, suffix: str, text: str, **more) -> tuple[VehicleRecord, V
     written = folder / "fish.xml"
     written.write_text(mjcf_text(record))
     return record, Mjcf.find(str(written)).vehicle
+
+
+ARRAYS = ("M_RB", "M_A", "D_linear", "D_quadratic", "r_b", "B", "u_min", "u_max")
+
+
+def terms(vehicle):
+    return {each.term: each.coefficient for each in vehicle.products}
+
+
+def same(one, other, but=()):
+    """Whether two vehicles have the same numbers to 1e-12 of their greatest."""
+    for name in ARRAYS:
+        if name not in but:
+            a, b = getattr(one, name), getattr(other, name)
+            np.testing.assert_allclose(
+                a, b, rtol=0.0, atol=1e-12 * max(1.0, np.abs(a[np.isfinite(a)]).max()), err_msg=name
+            )
+    assert one.displaced_mass == pytest.approx(other.displaced_mass, rel=1e-12)
+    assert terms(one) == pytest.approx(terms(other), rel=1e-12)

@@ -22,6 +22,7 @@ from descriptions import (
     R_G,
     THRUSTERS,
     read,
+    same,
     sdf,
     table,
     urdf,
@@ -39,8 +40,6 @@ from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.record import mjcf_text
 from uvms_mj.plant.water import Fin
 
-ARRAYS = ("M_RB", "M_A", "D_linear", "D_quadratic", "r_b", "B", "u_min", "u_max")
-
 
 def skew(a):
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
@@ -49,22 +48,6 @@ def skew(a):
 def rigid(mass, r_g, I_g):
     S = skew(r_g)
     return np.block([[mass * np.eye(3), -mass * S], [mass * S, I_g - mass * S @ S]])
-
-
-def terms(vehicle):
-    return {each.term: each.coefficient for each in vehicle.products}
-
-
-def same(one, other, but=()):
-    """Whether two vehicles have the same numbers to 1e-12 of their greatest."""
-    for name in ARRAYS:
-        if name not in but:
-            a, b = getattr(one, name), getattr(other, name)
-            np.testing.assert_allclose(
-                a, b, rtol=0.0, atol=1e-12 * max(1.0, np.abs(a[np.isfinite(a)]).max()), err_msg=name
-            )
-    assert one.displaced_mass == pytest.approx(other.displaced_mass, rel=1e-12)
-    assert terms(one) == pytest.approx(terms(other), rel=1e-12)
 
 
 @pytest.fixture

@@ -239,8 +239,9 @@ BROKEN = {
     "not TOML": (".toml", TOML.replace("[body]", "[body"), "source.toml", "is not TOML"),
     "csv without a head": (".csv", "a,b\n1,2\n", "row 1", "the head must be key, value"),
     "csv twice": (".csv", "key,value\nframe,flu\nframe,ned\n", "row 3", "given twice"),
-    "MATLAB": (".m", "M = eye(6);", "source.m", "nothing is executed or guessed"),
-    "Python": (".py", "import os; os.abort()", "source.py", "nothing is executed or guessed"),
+    "MATLAB": (".m", "M = eye(6);", "source.m", "lacks the mass"),
+    "MATLAB's data": (".mat", "MATLAB 5.0", "source.mat", "nothing is executed or guessed"),
+    "Python": (".py", "import os; os.abort()", "source.py", "lacks the mass"),
 }
 
 

@@ -1,4 +1,5 @@
-"""Vehicles of other formats: SDF of Gazebo, URDF and xacro of the UUV Simulator, and plain tables, as our MJCF.
+"""Vehicles of other formats: SDF of Gazebo, URDF and xacro of the UUV Simulator, plain tables, and
+the numbers of programs of PythonVehicleSimulator and MSS, as our MJCF.
 
 What can't be carried over, and what was decided, is a list of sentences. It is printed, and stands in the file.
 """
@@ -15,10 +16,9 @@ from .reading import Source
 
 TABLES = (".toml", ".csv")
 DESCRIPTIONS = (".sdf", ".world", ".urdf", ".xacro")
+PROGRAMS = (".py", ".m")
 _NOT_READ = {
-    ".m": "MATLAB",
     ".mat": "MATLAB",
-    ".py": "Python",
     ".yaml": "YAML",
     ".yml": "YAML",
     ".dae": "a mesh",
@@ -29,7 +29,7 @@ _NOT_READ = {
 def is_imported(path: Path) -> bool:
     """Whether a file is of another format than MJCF, by its suffix or by the root of its XML."""
     suffix = path.suffix.lower()
-    if suffix in (*TABLES, *DESCRIPTIONS, *_NOT_READ):
+    if suffix in (*TABLES, *DESCRIPTIONS, *PROGRAMS, *_NOT_READ):
         return True
     try:
         with path.open("rb") as file:
@@ -50,7 +50,7 @@ def imported(
     """The vehicle of a file.
 
     Args:
-        path: of the file; SDF, URDF, xacro, TOML or CSV.
+        path: of the file; SDF, URDF, xacro, TOML, CSV, or a program in Python or MATLAB, which is not executed.
         name: of the vehicle.
         packages: folders by the names of packages, which the file may refer to.
         inertia: a mass report, whose mass, centre of gravity and inertia are the base's.
@@ -99,7 +99,7 @@ def imported(
 
 
 def _read(source: Source) -> VehicleRecord:
-    from . import sdf, table, urdf, xacro_files
+    from . import programs, sdf, table, urdf, xacro_files
     from .bodies import assembled
 
     suffix = source.path.suffix.lower()
@@ -111,6 +111,8 @@ def _read(source: Source) -> VehicleRecord:
     text = source.text(source.path)
     if suffix in TABLES:
         return table.described(source, text)
+    if suffix in PROGRAMS:
+        return programs.described(source, text)
     if suffix == ".xacro" or "www.ros.org/wiki/xacro" in text or "<xacro:" in text:
         root = xacro_files.expanded(source, text)
     else:

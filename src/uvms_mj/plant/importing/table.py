@@ -165,8 +165,8 @@ def _inertia(given: tuple[float, ...], products: str | None) -> np.ndarray:
 def described(source: Source, text: str) -> VehicleRecord:
     """The vehicle of a table. Raises InputError with the key of each error."""
     tables = _rows(source, text) if source.path.suffix.lower() == ".csv" else _toml(source, text)
-    given = _validated(source, Table, tables)
-    return _record(source, given)
+    given = validated(source, Table, tables)
+    return record_of(source, given)
 
 
 def _toml(source: Source, text: str) -> dict[str, Any]:
@@ -213,7 +213,8 @@ def _cell(text: str) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-def _validated(source: Source, kind: Any, tables: Mapping[str, Any]) -> Any:
+def validated(source: Source, kind: Any, tables: Mapping[str, Any]) -> Any:
+    """The tables as a kind of record. Raises InputError with the key of each error."""
     try:
         return TypeAdapter(kind).validate_python({key: _tuples(value) for key, value in tables.items()})
     except ValidationError as error:
@@ -230,7 +231,8 @@ def _tuples(value: Any) -> Any:
     return value
 
 
-def _record(source: Source, given: Table) -> VehicleRecord:
+def record_of(source: Source, given: Table) -> VehicleRecord:
+    """The vehicle of a table, in B."""
     body, signs = given.body, NED if given.frame == "ned" else np.ones(6)
     three = signs[:3]
     r_g, r_b = three * np.array(body.cg), three * np.array(body.cb)
@@ -335,7 +337,7 @@ def _terms(source: Source, given: Table) -> dict[tuple[int, int, int, bool], flo
 def mass_report(path: Path) -> MassReport:
     """The mass report in a TOML file. Raises InputError."""
     source = Source(path)
-    return _validated(source, MassReport, _toml(source, source.text(path)))
+    return validated(source, MassReport, _toml(source, source.text(path)))
 
 
 _SPEEDS = {"m_s": 1.0, "kn": 1852.0 / 3600.0, "rad_s": 1.0, "deg_s": np.pi / 180.0}
