@@ -1,5 +1,7 @@
 """Surfaces, contact bodies and bumpers: exact distances, motion, and the series of two springs and dampers."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -47,6 +49,14 @@ def test_the_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface(sha
         assert n == pytest.approx(gradient, abs=1e-8) or np.linalg.norm(gradient) < 0.999
         signs.add(d > 0.0)
     assert signs == {True, False}
+
+
+def test_no_two_shapes_have_the_same_distance(rng):
+    """A shape of the table without its own line in the kernel would be taken for another one."""
+    points = rng.uniform(-0.8, 0.8, (20, 3))
+    found = {name: [distance(surface(name), point)[0] for point in points] for name in SHAPES}
+    for a, b in itertools.combinations(SHAPES, 2):
+        assert np.abs(np.subtract(found[a], found[b])).max() > 1e-3, (a, b)
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,18 @@ def test_each_effect_has_records_a_table_and_a_field():
     assert all(hasattr(EFFECT_TABLES[name], "rate") for name in PUSHES)
 
 
+@pytest.mark.parametrize("name", SOME)
+def test_each_effect_acts(name):
+    """An effect of the table without its line in a kernel would do nothing."""
+    moving = {"initial.position": [0.9, 0.0, 0.0], "initial.velocity": [0.2, 0.1, 0.0, 0.0, 0.1, 0.0]}
+    key, value = SOME[name]
+    with_it, without = (Scenario.load("push_wall", moving | more) for more in ({key: value}, {}))
+    with Simulation(with_it, engine="free_body") as sim, Simulation(without, engine="free_body") as same:
+        sim.step(50)
+        same.step(50)
+        assert np.abs(sim.signals.nu - same.signals.nu).max() > 1e-9
+
+
 @pytest.mark.parametrize("engine", ["free_body", "mujoco"])
 def test_a_reset_changes_the_effects_there_are_and_adds_none(engine):
     scenario = Scenario.load("push_wall")
