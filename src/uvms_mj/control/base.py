@@ -53,7 +53,8 @@ class SteadyState:
         s: (6,) sliding variable.
         tau: (6,) wrench of the thrusters in B [N, N m].
         reached: whether the motion from the start comes to this rest, and stays (:mod:`.theory.balance`).
-        contacts: all contacts about the rest (:class:`.theory.loop.ContactsAtRest`), where shapes are in the way.
+        contacts: all contacts about the rest (:class:`.theory.contacts_about_rest.ContactsAtRest`), where shapes are in
+            the way.
     """
 
     force: float

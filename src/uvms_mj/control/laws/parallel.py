@@ -62,21 +62,22 @@ class Parallel(Controller):
         F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
         size = float(np.linalg.norm(F_d))
         n = F_d / size if size else F_d
-        M_hat = setup.design.M_hat
+        M_hat, M_d, wrench = setup.design.M_hat, setup.design.M_d, setup.design.M_hat @ setup.design.M_d_inv
 
         integral = Integral(self.limit if self.k_i else 0.0)
 
         def residual(balance: Any, x: Any) -> np.ndarray:
             missing = M_hat @ (balance.desired_acceleration(x) - balance.unmodelled(x))  # tau_cmd - tau_nom
             xi = n @ missing
-            return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
+            left = missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
+            return M_d @ np.linalg.solve(M_hat, left)
 
         def held(state: SteadyState) -> Any:  # at a limit the integral does not answer to small motions
             left = float(n @ (state.contacts.tau_c - F_d))
             return (("xi", (2.0 * np.sign(left) * self.limit if abs(left) > _LEFT else 0.0,)),)
 
         compiled = residuals.parallel(self.k_i, integral.limit, n, F_d)
-        rest = static_balance(setup, 0.0, residual, integral, wrench=np.eye(6), compiled=compiled)
+        rest = static_balance(setup, 0.0, residual, integral, wrench=wrench, compiled=compiled)
         return Stability(setup, held=held).checked(rest)
 
     def notes(self, setup: SetupLike) -> Iterator[str]:

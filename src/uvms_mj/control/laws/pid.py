@@ -60,7 +60,7 @@ class Pid(Controller):
 
         def residual(balance: Any, x: Any) -> np.ndarray:
             nu, spring = balance.measurement(x).nu, K_d @ balance.error(x)
-            measured = balance.resistance(nu) + setup.design.D_d @ nu
+            measured = balance.resistance(nu) + setup.design.D_d @ nu + integral.not_fed_forward(x)
             xi = -(balance.control_wrench(x) + measured + balance.K_f * balance.F_d + spring)
             return -integral.left(xi, self.k_i * spring)
 

@@ -56,8 +56,8 @@ from ...physics.spanned_axes import axes_spanned
 from ...stages.base import is_shipped
 from ...stages.setup import SetupLike
 from ..base import SteadyState
+from .contacts_about_rest import contacts_about
 from .free_motion import tool_rest
-from .loop import ContactsAtRest
 from .own_effects import OwnEffects
 from .rigid_motion import KEEPING, NOMINAL, Compiled, RigidMotion
 from .task_motion import TaskMotion, way_of
@@ -144,9 +144,10 @@ def static_balance(
         return reason
     contacts = None
     if not answering.all() or (push.any() and not balance.springs.convex):
-        seen = balance.error(pose), balance.measurement(pose).tau_c
         acts = None if answering.all() else setup.vehicle.B @ (answering[:, None] * thrust_map.inverse)
-        contacts = ContactsAtRest(-motion.stiffness(pose), balance.contact_damping(pose), *seen, acts)
+        contacts = contacts_about(motion, pose, acts)
+        if isinstance(contacts, str):
+            return contacts
     s = balance.sliding(pose, not answering.all())
     return _rubbed(balance, push) or SteadyState(
         float(push.sum()), pose.position, pose.quat, s, tau, reached=True, contacts=contacts

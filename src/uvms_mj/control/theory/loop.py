@@ -12,9 +12,9 @@ amplitude S, as in a describing function: super-twisting is infinitely steep at 
 Measurements and commands pass through the stages as in a run: each stage has its period and its delay, and takes the
 latest sample that has come to it. After N steps, the least common multiple of all periods, everything repeats. The
 eigenvalues of the matrix of these N steps decide: a motion grows with :math:`\ln |\lambda| / (N h)`. The model leaves
-out the loss of contact, quadratic damping, the restoring wrench, the attitude's effect on the directions, and limits.
-Effects of the water on a rigid vehicle, shipped ones and a user's, are in it by their slopes over pose and velocity at
-rest.
+out the loss of contact and limits. About a rest among shapes all that the water does is in it by its slopes over pose
+and velocity there. Elsewhere the model leaves out quadratic damping, the restoring wrench and the attitude's effect on
+the directions, and effects of the water on a rigid vehicle, shipped ones and a user's, are in it by such slopes.
 """
 
 import functools
@@ -27,7 +27,9 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.frames import skew
 from ...stages.setup import SetupLike
+from .contacts_about_rest import ContactsAtRest
 from .own_effects import OwnEffects
 
 _MOST_INSTANTS = 100_000
@@ -191,25 +193,6 @@ _LARGE = 2.0**300
 """Matrices are scaled where they have larger entries: over many periods a fast motion grows beyond any double."""
 
 
-@dataclass(frozen=True, eq=False)
-class ContactsAtRest:
-    """All contacts about a rest.
-
-    Attributes:
-        stiffness, damping: (6, 6): the wrench on the vehicle in B is minus these times displacement and rotation
-            vector, and nu.
-        eta_e: (6,) pose error as the law measures it. Its position turns with the vehicle.
-        tau_c: (6,) contact wrench as the law measures it [N, N m].
-        acts: (6, 6) change of the wrench per change of the command, if thrusters are at their limits. Default: I.
-    """
-
-    stiffness: np.ndarray
-    damping: np.ndarray
-    eta_e: np.ndarray
-    tau_c: np.ndarray
-    acts: np.ndarray | None = None
-
-
 class Line:
     """The samples that one stage takes from another, with N steps as their common period.
 
@@ -294,7 +277,8 @@ class Loop:
         amplitudes: B amplitudes of s [m/s]; none for a law without s. With them, the motion along the contact's normal
             counts alone.
         period: control period [s]; default: the run's. Its :class:`Timing` must not be too long.
-        rest: all contacts at the rest, in place of one contact.
+        rest: what acts on the vehicle about a rest, in place of one contact.
+        springs: which of its sets of contacts.
     """
 
     def __init__(
@@ -305,6 +289,7 @@ class Loop:
         amplitudes: tuple[float, ...] = (),
         period: float | None = None,
         rest: "ContactsAtRest | None" = None,
+        springs: int = 0,
     ) -> None:
         self.setup, self.h, self.contact = setup, setup.scenario.simulation.timestep, contact
         M_inv, normal = np.linalg.inv(setup.design.M), np.zeros(6) if contact is None else contact.normal
@@ -316,11 +301,11 @@ class Loop:
         if contact is not None:
             self.force = -np.kron([contact.stiffness, contact.damping], normal @ right)[None]
         if rest is not None:
-            self.force = -np.hstack([rest.stiffness, rest.damping])
+            self.force = -np.hstack(rest.springs[springs])
         self.widths = self.m, self.m, len(self.force), self.m
         self.law = self._law(about, amplitudes, left, right, pushed, M_inv, rest)
-        drag = -left @ M_inv @ setup.vehicle.D_linear @ right
-        self.step = self._step(self._drawn(left @ M_inv, right) + np.hstack([0.0 * drag, drag]), left @ M_inv @ pushed)
+        drawn = self._drawn(left @ M_inv, right) if rest is None else -M_inv @ rest.needs
+        self.step = self._step(drawn, left @ M_inv @ pushed)
         self._lines(period)
 
     def _law(
@@ -328,7 +313,7 @@ class Loop:
     ) -> np.ndarray:
         """Acceleration by the command, states, their rates, and s (B, 2 m + 2 n, 2 m + 1 + n), from x, nu, the contact
         force and the states."""
-        law = _Law(self.setup, about, bool(amplitudes), np.zeros(3) if rest is None else rest.eta_e[:3])
+        law = _Law(self.setup, about, bool(amplitudes), rest)
         acts = np.eye(6) if rest is None or rest.acts is None else rest.acts
         axes, states = divmod(law.n, 6) if self.m == 1 else (0, law.n)
         inner, outer = (np.kron(np.eye(axes), each) if axes else np.eye(states) for each in (left, right))
@@ -341,14 +326,14 @@ class Loop:
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
     def _drawn(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Acceleration (m, 2 m) by the effects of the water on a rigid vehicle, shipped ones and a user's, from x and
-        nu."""
-        effects = self.setup.scenario.effects
-        if self.setup.not_rigid:
-            return np.zeros((self.m, 2 * self.m))
-        slopes = self.setup.effect_slopes
-        if effects:
-            slopes = slopes + OwnEffects(effects, self.setup).slopes(self.setup)
+        """Acceleration (m, 2 m) by linear damping and by the effects of the water on a rigid vehicle, shipped ones and
+        a user's, from x and nu."""
+        effects, slopes = self.setup.scenario.effects, np.zeros((6, 12))
+        slopes[:, 6:] = -self.setup.vehicle.D_linear
+        if not self.setup.not_rigid:
+            slopes += self.setup.effect_slopes
+            if effects:
+                slopes += OwnEffects(effects, self.setup).slopes(self.setup)
         return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right])
 
     def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:
@@ -492,18 +477,20 @@ class _Law:
     """The law of a run about rest: tau, its n states as it leaves them, their rates, and the s of the task, from x, nu,
     tau_c and the states. zeta is the last of the states of a law that slides."""
 
-    def __init__(self, setup: SetupLike, about: About, slides: bool, p_e: np.ndarray) -> None:
+    def __init__(self, setup: SetupLike, about: About, slides: bool, rest: ContactsAtRest | None) -> None:
         law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
         kind = type(law)
         # records of NumPy, which the functions also take, are five times slower
         signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
         signals.M_hat, signals.M_d, signals.D_d, signals.M = design.M_hat, design.M_d, design.D_d, design.M
         signals.K_d, (signals.K_f, signals.F_d) = np.diag(design.K_d), map(np.array, impedance.at_end)
-        signals.quat_e, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), 1
+        p_e, epsilon = (np.zeros(3), np.zeros(3)) if rest is None else (rest.eta_e[:3], rest.eta_e[3:])
+        signals.quat_e, signals.instant = np.array([math.sqrt(1.0 - epsilon @ epsilon), *epsilon]), 1
         signals.period = setup.scenario.control_period
         self.signals, self.kind, self.task = signals, kind, type(task)
-        self.error = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # eta_e by displacement and rotation vector
-        self.error[:3, 3:] = [[0.0, -p_e[2], p_e[1]], [p_e[2], 0.0, -p_e[0]], [-p_e[1], p_e[0], 0.0]]
+        self.error = np.eye(6)  # eta_e by displacement and rotation vector, the attitude's as in eq. (17)
+        self.error[:3, 3:] = skew(p_e)
+        self.error[3:, 3:] = 0.5 * (signals.quat_e[0] * np.eye(3) + skew(epsilon))
         self.gains, self.task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
         self.state, self.rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in "xd")
         own = {**type(task).states, **type(task).memory}
@@ -515,8 +502,10 @@ class _Law:
         self.places = [slice(end - size, end) for end, size in zip(np.cumsum(sizes), sizes, strict=True)]
         self.base = np.concatenate([*self.states, np.zeros(0)])
         self.n = len(self.base)
-        self.D, self.D_hat = (each.D_linear for each in (setup.vehicle, setup.nominal))
-        self.D_hat = setup.scenario.estimates.damping * self.D_hat
+        self.D_hat = setup.scenario.estimates.damping * setup.nominal.D_linear
+        self.true, self.g_hat = np.hstack([np.zeros((6, 6)), setup.vehicle.D_linear]), np.zeros((6, 6))
+        if rest is not None:
+            self.true, self.g_hat = rest.needs, rest.known
 
     def by(self, given: np.ndarray) -> np.ndarray:
         """The change (12 + 2 n, columns) under each column (18 + n,) while the law is given s = 0."""
@@ -540,7 +529,8 @@ class _Law:
     def _given(self, y: np.ndarray) -> np.ndarray:
         signals = self.signals
         signals.eta_e, signals.nu, signals.tau_contact_m_B = self.error @ y[:6], y[6:12], y[12:18]
-        signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.D @ signals.nu
+        signals.nu_e, signals.D_hat_nu, signals.D_nu_r = signals.nu, self.D_hat @ signals.nu, self.true @ y[:12]
+        signals.g_hat = self.g_hat @ y[:6]
         signals.s = np.zeros(6)
         self._set(self.base + y[18:])
         if self.kind.uses_task:

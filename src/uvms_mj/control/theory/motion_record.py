@@ -51,7 +51,7 @@ MOTION = np.dtype(
     [
         *(
             (name, "f8", (6, 6))
-            for name in (*_MATRICES, "wrench", "by_pose", "by_wrench", "stiffness", "by_water", "J")
+            for name in (*_MATRICES, "inertia", "wrench", "by_pose", "by_wrench", "stiffness", "by_water", "J")
         ),
         *((name, "f8", (6,)) for name in ("K_f", "F_d", "F_1", "factor_inverse", "tau_dist", "left")),
         *((name, "f8", (6,)) for name in ("nu_d", "nu_d_before", "led", "lead", "nu_at_rest", "velocity")),

@@ -89,8 +89,8 @@ def lead(motion, way, t, step):
 def implicit(motion, world, step):
     """Set the change in one step of implicit Euler. Returns 0 if the step is too long."""
     change, left = np.zeros(6), np.zeros(6)
-    both = motion.M_d / (step * step) + motion.D_d / step
-    carried = motion.M_d @ motion.velocity / step
+    both = motion.inertia / (step * step) + motion.D_d / step
+    carried = motion.inertia @ motion.velocity / step
     copied(motion.y, motion.at)
     force_at(motion, world, motion.at)
     left[:] = both @ (change - motion.lead) - carried - motion.force

@@ -168,6 +168,15 @@ def velocity_at(motion, x, out):
 
 
 @kernel
+def not_fed_forward(motion, world, x):
+    """The wrench (6,) of drag and of the reference's acceleration in a step of a motion, which a law lacks that feeds
+    neither forward."""
+    nu, still = np.zeros(6), np.zeros(6)
+    velocity_at(motion, x, nu)
+    return thrust(motion, world, x, nu) - thrust(motion, world, x, still) + motion.M @ motion.led
+
+
+@kernel
 def within_limit(motion, needed, rate, limit):
     """What is left of the value (n,) of a limited integral that holds the vehicle, for its rate: :class:`.Integral`."""
     if math.isinf(motion.h):

@@ -11,7 +11,7 @@ import numpy as np
 from ...physics.kernels import kernel
 from .motion_record import GAINS
 from .motion_steps import asked
-from .motion_terms import control_wrench, demanded, resistance, unmodelled, velocity_at, within_limit
+from .motion_terms import control_wrench, demanded, not_fed_forward, resistance, unmodelled, velocity_at, within_limit
 from .rigid_motion import Compiled
 
 _PID = np.dtype([("k_i", "f8"), ("limit", "f8", (6,))], align=True)
@@ -35,6 +35,7 @@ def pid(k_i: float, limit: np.ndarray) -> Compiled:
 def _pid(motion, world, x, out):
     nu, spring = motion.seen.nu, motion.K_d @ motion.seen_error
     measured = resistance(motion, nu) + motion.D_d @ nu
+    measured += not_fed_forward(motion, world, x)
     xi = -(control_wrench(motion, world, x) + measured + motion.K_f * motion.F_d + spring)
     out[:] = -within_limit(motion, xi, world[GAINS].k_i * spring, world[GAINS].limit)
 
@@ -56,7 +57,7 @@ def _parallel(motion, world, x, out):
     xi, rate = np.zeros(6), np.zeros(6)
     xi[0], rate[0] = gains.n @ lacking, gains.k_i * (gains.n @ (motion.seen.tau_c - gains.F_d))
     left = within_limit(motion, xi, rate, np.full(6, gains.limit))
-    out[:] = lacking - gains.n * xi[0] + gains.n * left[0]
+    out[:] = motion.M_d @ (motion.M_hat_inv @ (lacking - gains.n * xi[0] + gains.n * left[0]))
 
 
 @kernel

@@ -95,7 +95,7 @@ class RigidMotion(TaskMotion):
             record[name] = getattr(design, name)
         record["M_hat_inv"], record["undelivered"] = balance.M_hat_inv, balance.undelivered
         record["delivered"], record["M_d_by_M"] = not balance.undelivered.any(), design.M_d @ np.linalg.inv(design.M)
-        record["wrench"], record["M_RB"] = self.wrench, vehicle.M_RB
+        record["wrench"], record["inertia"], record["M_RB"] = self.wrench, self.inertia, vehicle.M_RB
         record["factor_inverse"], record["F_1"] = balance.factor_inverse, setup.task.F_1
         record["tau_dist"], record["v_c_W"] = balance.tau_dist, scenario.mean_flow_W
         record["uses_truth"], record["integrates"] = balance.uses_truth, np.isinf(balance.K)

@@ -99,13 +99,14 @@ class Stability:
         return float(Loop(self.setup, contact, self.about, amplitudes, period).growths[0])
 
     def _grows_about(self, state: SteadyState) -> bool:
-        """Whether the motion about a rest among shapes grows, with all contacts at once. Super-twisting keeps eq. (7),
-        which :mod:`.approach` has checked."""
+        """Whether the motion about a rest among shapes grows, with one of the sets of contacts that it meets.
+        Super-twisting keeps eq. (7), which :mod:`.approach` has checked."""
         if state.contacts is None or self.layer == 0.0:
             return False
         amplitudes = () if math.isinf(self.layer) else (self.layer,)
-        loop = Loop(self.setup, None, (*self.about, *self.held(state)), amplitudes, rest=state.contacts)
-        return bool(loop.growths[0] > GROWS)
+        rest, about = state.contacts, (*self.about, *self.held(state))
+        loops = (Loop(self.setup, None, about, amplitudes, rest=rest, springs=k) for k in range(len(rest.springs)))
+        return any(loop.growths[0] > GROWS for loop in loops)
 
     def _ends(self, contact: Any) -> tuple[float, bool, float]:
         if math.isinf(self.layer):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ...physics.frames import quat_error, quat_turned, rotation_matrix, skew
 from ...stages.setup import SetupLike
 from ..task import Schedule
 from .approach import FIRST_STEP, GROWS, LAST_STEP, MOST_STEPS, UNSTABLE, approach, decays
@@ -40,9 +40,9 @@ _DRIFT = 1e-6
 _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 MOST_SAMPLES = 1200
-_BESIDE, _DECAYED = 0.01, 0.01
-"""Displacements [m, rad] from which the motions about a rest begin that take thrusters across their limits, and the
-part of them that is left of motions that decay [1]."""
+BESIDE, _DECAYED = 0.01, 0.01
+"""Displacements [m, rad] from which the motions about a rest begin that take thrusters across their limits and open or
+close contacts, and the part of them that is left of motions that decay [1]."""
 _LASTS, _INSTANT, _CHECKED = 100.0, 0.01, 10.0
 """Longest time of these motions, their longest step, and the time after which they are looked at [s]."""
 _REACH, _ANY = 0.05, 0.5
@@ -63,7 +63,7 @@ def comes_back(
     from scipy.linalg import expm
 
     answers = ((least <= u) & (u <= most))[:, None]
-    far = np.minimum(np.abs(u - least), np.abs(most - u)) > _BESIDE * np.abs(shares[:, :6]).max(axis=1)
+    far = np.minimum(np.abs(u - least), np.abs(most - u)) > BESIDE * np.abs(shares[:, :6]).max(axis=1)
     if far.all():
         return True
     fastest = np.abs(np.linalg.eigvals(np.eye(12, k=6) + pushes @ shares)).max()  # motion that the thrusters give
@@ -71,12 +71,12 @@ def comes_back(
     both = expm(h * np.vstack([np.hstack([rates, pushes]), np.zeros((n, 12 + n))]))  # with a constant push for a step
     step, push = both[:12, :12], both[:12, 12:]
     u, least, most = (each[:, None] for each in (u, least, most))
-    x, at_rest = _BESIDE * np.hstack([np.eye(12, 6), -np.eye(12, 6)]), np.clip(u, least, most)
+    x, at_rest = BESIDE * np.hstack([np.eye(12, 6), -np.eye(12, 6)]), np.clip(u, least, most)
     for _ in range(round(_LASTS / _CHECKED)):
         for _ in range(round(_CHECKED / h)):
             changes = shares @ x
             x = step @ x + push @ (np.clip(u + changes, least, most) - at_rest - answers * changes)
-        if np.abs(x[:6]).max() < _DECAYED * _BESIDE:
+        if np.abs(x[:6]).max() < _DECAYED * BESIDE:
             return True
     return False
 
@@ -121,7 +121,8 @@ class Track:
 
 
 class TaskMotion:
-    """The motion of a frame of mass M_d and damping D_d; a :class:`.approach.Motion` of poses.
+    """The motion of a frame with the damping D_d and with the inertia M_d of a law that keeps eq. (7), or with that
+    which another law leaves; a :class:`.approach.Motion` of poses.
 
     Args:
         balance: the terms of the static balance.
@@ -143,7 +144,7 @@ class TaskMotion:
         self.balance, self.residual, self.memory, self.thrust_map = balance, residual, memory, thrust_map
         design = balance.setup.design
         self.wrench = design.M @ design.M_d_inv if wrench is None else wrench
-        self.inertia, self.damping = design.M_d, design.D_d
+        self.inertia, self.damping = np.linalg.solve(self.wrench, design.M), design.D_d
         self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
         self.sharp, self.ends = 1e-7, 0.0
         self._end = balance.p_d, balance.quat_d
@@ -165,6 +166,12 @@ class TaskMotion:
     def _nu(self, pose: Pose) -> np.ndarray:
         """nu (6,) of the step that ends at a pose, zero at rest."""
         return between(self._from, pose) / self._step if self._step <= LAST_STEP else self._at_rest
+
+    def _not_fed_forward(self, pose: Pose) -> np.ndarray:
+        """The wrench (6,) of drag and of the reference's acceleration in the step that ends at a pose."""
+        thrust, M = self.balance.thrust, self.balance.setup.design.M
+        lacking: np.ndarray = thrust(pose, self._nu(pose)) - thrust(pose, np.zeros(6)) + M @ self._led
+        return lacking
 
     def _missing(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
         """What the thrusters at their limits add to the force of a law at a pose with a velocity nu (6,)."""
@@ -200,6 +207,7 @@ class TaskMotion:
         self._nu_d, self._led, self._step = (np.zeros(6), np.zeros(6)), np.zeros(6), math.inf
         if self.memory is not None:
             self.memory.begin()
+            self.memory.not_fed_forward = self._not_fed_forward
             self.memory.nu_e = lambda pose: self._nu(pose) - self._nu_d[1]
 
     def rest_from(
@@ -267,14 +275,13 @@ class TaskMotion:
         self.jacobian(pose)
         assert self._law is not None
         force, stiffness, still = self._free(pose), self.stiffness(pose), np.zeros(6)
-        needed, by_nu, drag = self.balance.thrust(pose, still), np.empty((6, 6)), np.empty((6, 6))
+        by_nu, needs = np.empty((6, 6)), self.needs(pose)
         for k, self._at_rest in enumerate(DIFFERENCE * np.eye(6)):
             by_nu[:, k] = (-self.residual(self.balance, pose) - force) / DIFFERENCE
-            drag[:, k] = (self.balance.thrust(pose, self._at_rest) - needed) / DIFFERENCE
         self._at_rest = still
         law = self.wrench @ np.hstack([self._law[1] + self._law[2] @ stiffness, by_nu - self.damping])
         damped = np.hstack([np.zeros((6, 6)), self.wrench @ self._law[2] @ self.balance.contact_damping(pose)])
-        needs = np.hstack([self._water(pose, still, 0.0) - stiffness, drag])
+        needs[:, :6] -= stiffness
         M_inv, shares = np.linalg.inv(self.balance.setup.design.M), self.thrust_map.shares @ (needs + law)
         u, least, most = self.thrust_map.thrusts(self._commanded(pose, force, still))
         limited = (u < least) | (most < u)
@@ -316,6 +323,15 @@ class TaskMotion:
         damping = self.wrench @ self.damping / self._step if moves else 0.0
         by_pose = self._by_water - stiffness + self.wrench @ J - damping
         return J + np.linalg.solve(self.wrench, by_command @ by_pose)
+
+    def needs(self, pose: Pose) -> np.ndarray:
+        """The derivative (6, 12) of the wrench that the vehicle needs in the water at rest at a pose, by the
+        coordinates from the pose and by nu."""
+        still, changes = np.zeros(6), DIFFERENCE * np.eye(6)
+        at, M_A = self.balance.thrust(pose, still), self.balance.setup.vehicle.M_A
+        drag = np.array([(self.balance.thrust(pose, nu) - at) / DIFFERENCE for nu in changes]).T
+        drag[:, 3:] += M_A[:, :3] @ skew(self.balance.flow(pose)).T  # the current turns in B, nu_c_dot = -omega x nu_c
+        return np.hstack([self._water(pose, still, 0.0), drag])
 
     def _water(self, pose: Pose, nu: np.ndarray, rate: float) -> np.ndarray:
         """The derivative (6, 6) of the wrench that the vehicle needs in the water at a pose with a velocity nu (6,),

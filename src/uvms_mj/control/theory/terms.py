@@ -105,6 +105,8 @@ class ContactSprings:
         return found["tau_C"].reshape(*shape, n, 6), f_n, depth
 
 
+_SMALL = 1e-6
+"""Rotation vector of a derivative [rad]."""
 _ZERO = 1e-9
 """A smaller thrust at rest is zero [N]."""
 
@@ -248,6 +250,11 @@ class Balance:
         wrench, push, _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
         return wrench.sum(axis=-2), push
 
+    def flow(self, x: Pose) -> np.ndarray:
+        """The velocity (3,) of the water at a pose, in B."""
+        v_c: np.ndarray = x.R_WB.T @ self.setup.mean_water.flow(x.position)
+        return v_c
+
     def contact_damping(self, x: Pose) -> np.ndarray:
         """The damping (6, 6) of the contacts that press at a pose, by nu in B. Bumpers have none."""
         wrench, push, _ = self.springs.wrenches(x.position[None], x.R_WB[None])
@@ -256,6 +263,14 @@ class Balance:
             if force > 0.0:
                 damping += b * np.outer(w, w) / force**2
         return damping
+
+    def known(self, x: Pose) -> np.ndarray:
+        """The change (6, 6) of the law's g_hat by the coordinates from a pose, at the measured attitude."""
+        quat, found = self.measurement(x).quat, np.zeros((6, 6))
+        for k, e in enumerate(_SMALL * np.eye(3)):
+            more, less = (self.restoring(self.setup.nominal, rotation_matrix(quat_turned(quat, x))) for x in (e, -e))
+            found[:, 3 + k] = (more - less) / (2.0 * _SMALL)
+        return self.setup.scenario.estimates.restoring * found
 
     def rubs(self, push: np.ndarray) -> bool:
         """Whether friction acts in contacts with the normal forces (..., n)."""
@@ -365,7 +380,7 @@ class Balance:
             unmodelled = x.tau_c - self.measurement(x).tau_c + self.undelivered @ self.thrust(x)
             if self.own_effects is not None:  # no law sees them
                 nu_r = np.zeros(6)
-                nu_r[:3] = -x.R_WB.T @ self.setup.mean_water.flow(x.position)
+                nu_r[:3] = -self.flow(x)
                 unmodelled += self._own(x, nu_r)
             return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unmodelled)
         unmodelled = (1.0 - self.factor_inverse) * self.drift(x)
@@ -376,7 +391,7 @@ class Balance:
     def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         body, nu_r = self.body, np.zeros(6) if nu is None else nu.copy()
-        nu_r[:3] -= x.R_WB.T @ self.setup.mean_water.flow(x.position)
+        nu_r[:3] -= self.flow(x)
         body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
         if self.own_effects is not None:
             body["d"] += self._own(x, nu_r)
@@ -413,6 +428,7 @@ class Memory:
         value: the states at the end of the latest step.
         next: the states that the latest residual has found.
         nu_e: the velocity error (6,) of the step that ends at a pose; the motion sets it.
+        not_fed_forward: the wrench (6,) of drag and of the reference's acceleration in this step, too.
         moves: whether the residual has the law's answer to the velocity, too.
     """
 
@@ -421,6 +437,7 @@ class Memory:
     def __init__(self, start: Any) -> None:
         self._start, self.step, self.value, self.next = start, math.inf, start, start
         self.nu_e: Callable[[Pose], np.ndarray] = lambda pose: np.zeros(6)
+        self.not_fed_forward = self.nu_e
 
     def advance(self) -> None:
         """Keep the states that the latest residual has found."""
