@@ -277,6 +277,8 @@ def _reached(
         if thrown.any():
             others.append(_followed(motion, start, thrown=thrown, limits=clipped))
         if saturates and not clipped:
+            if setup.scenario.controller.states:
+                return "the thrusters come to their limits on a way among shapes, where the law's states wind up"
             others.append(_followed(motion, start, limits=True))
             if reason := _lost_at_limits(motion, K, kept):
                 return reason
