@@ -66,9 +66,10 @@ from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
 """How far from its way the reference of the motions beside the vehicle's motion is, of a tool, whose way is short, and
 if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
-_LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
+_LIMITED_S, _LIMITED_OWN_S, _LIMITED_AMONG_S = 2.0, 1.0, 0.5
 """Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
-another one [s]."""
+another one, and among shapes under a law whose states wind up: with what is left of them it may pass a pile on the
+other side [s]."""
 _STEPS_LIMITED = 450
 """Most steps of a motion with the thrusters' limits: one that tumbles comes to no rest."""
 _SLOWLY = 0.3
@@ -277,8 +278,6 @@ def _reached(
         if thrown.any():
             others.append(_followed(motion, start, thrown=thrown, limits=clipped))
         if saturates and not clipped:
-            if setup.scenario.controller.states:
-                return "the thrusters come to their limits on a way among shapes, where the law's states wind up"
             others.append(_followed(motion, start, limits=True))
             if reason := _lost_at_limits(motion, K, kept):
                 return reason
@@ -308,6 +307,8 @@ def _kept_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np
 def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None) -> str:
     """The reason why a law with the slope K does not take the motion with the thrusters' limits; empty if it does."""
     longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
+    if not motion.balance.springs.convex and motion.balance.setup.scenario.controller.states:
+        longest = _LIMITED_AMONG_S
     if motion.limited_s > longest:
         return f"the thrusters are at their limits for more than {longest:g} s on the way"
     if kept is not None and (reason := kept(*motion.unmodelled())):
