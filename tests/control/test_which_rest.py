@@ -112,7 +112,7 @@ def test_a_law_that_winds_up_while_its_thrusters_are_at_their_limits_has_no_clos
 
 
 def test_what_winds_up_before_a_hit_may_pass_a_pile_on_the_other_side():
-    """The thrusters of gsta are at their limits for two seconds, and it hits the pile with z that is left from there."""
+    """The thrusters of gsta are at their limits for two seconds, and it hits the pile with the z that is left."""
     found = sweep_rests.tried((101, 877, False))
     assert found.measured == pytest.approx(26.5486, rel=1e-5)
     assert "at their limits for more than 0.5 s on the way" in found.reason
