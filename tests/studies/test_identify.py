@@ -166,6 +166,25 @@ def test_a_trim_is_an_attitude_at_rest_of_the_plant():
             assert np.abs(sim.signals.nu[3:5]).max() < 1e-6
 
 
+def test_a_published_towing_sweep_gives_its_published_coefficients(tmp_path):
+    """A BlueROV2 Heavy in a numerical towing tank (k-omega SST), five steady speeds in surge, and the fit published with
+    it: 0.3878 N s/m and 36.249 N s^2/m^2 with standard errors of 0.0281 and 0.0333 (Juhyunn0, BlueROV2-CFD-analysis,
+    2026, sweep_results.json). No table of a measured towing of an ROV is public with its points."""
+    points = {0.2: 1.52027, 0.4: 5.94857, 0.6: 13.28531, 0.8: 23.52181, 1.0: 36.62905}
+    (tmp_path / "tank.csv").write_text("u,F\n" + "".join(f"{u},{F}\n" for u, F in points.items()))
+    (tmp_path / "tank.toml").write_text(
+        f'name = "tank"\nvehicle = "{HEAVY}"\n[[free]]\nname = "X_u"\n[[free]]\nname = "X_uu"\n'
+        '[[experiment]]\nkind = "towing"\ndata = "tank.csv"\n'
+        '[experiment.signals]\nnu = {columns = ["u", "", "", "", "", ""], unit = "m/s, rad/s"}\n'
+        'tau = {columns = ["F", "", "", "", "", ""], unit = "N, N m"}\n'
+    )
+    linear, quadratic = Identification.load(tmp_path / "tank.toml").run(tmp_path / "out").coefficients
+    assert -linear.value == pytest.approx(0.387812, abs=2e-4)
+    assert -quadratic.value == pytest.approx(36.24888, abs=2e-4)
+    assert linear.half_width == pytest.approx(Z_95 * 0.028095, rel=1e-2)
+    assert quadratic.half_width == pytest.approx(Z_95 * 0.033295, rel=1e-2)
+
+
 NOISE, SAMPLES, TABLES = 0.4, 25, 200
 
 
