@@ -167,9 +167,9 @@ def test_a_trim_is_an_attitude_at_rest_of_the_plant():
 
 
 def test_a_published_towing_sweep_gives_its_published_coefficients(tmp_path):
-    """A BlueROV2 Heavy in a numerical towing tank (k-omega SST), five steady speeds in surge, and the fit published with
-    it: 0.3878 N s/m and 36.249 N s^2/m^2 with standard errors of 0.0281 and 0.0333 (Juhyunn0, BlueROV2-CFD-analysis,
-    2026, sweep_results.json). No table of a measured towing of an ROV is public with its points."""
+    """A BlueROV2 Heavy in a numerical towing tank (k-omega SST), five steady speeds in surge, and the fit that was
+    published with them: 0.3878 N s/m and 36.249 N s^2/m^2 with standard errors of 0.0281 and 0.0333 (Juhyunn0,
+    BlueROV2-CFD-analysis, 2026, sweep_results.json). No table of a measured towing was found with its points."""
     points = {0.2: 1.52027, 0.4: 5.94857, 0.6: 13.28531, 0.8: 23.52181, 1.0: 36.62905}
     (tmp_path / "tank.csv").write_text("u,F\n" + "".join(f"{u},{F}\n" for u, F in points.items()))
     (tmp_path / "tank.toml").write_text(
