@@ -30,6 +30,10 @@ from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
+_FILTERED = (
+    "a run can't take the library as its law: it has the Kalman filter, and a law of a run is given the estimate; "
+    "loop.c answers frames of measurements alone"
+)
 _NO_LAW = (
     "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, the task is at a tool, "
     "or the delay is no whole number of control periods"
@@ -123,7 +127,8 @@ def write_library(
         "test.c": texts.test(name),
         "LICENSE": _license(),
     }
-    if asked := askable and any(MACHINES[target].shared for target in targets):
+    shared, filtered = any(MACHINES[target].shared for target in targets), chain.filter is not None
+    if shared and (askable or filtered):
         files["loop.c"] = texts.loop(border, name)
     with tempfile.TemporaryDirectory() as where:
         place, new = Path(where, "work"), Path(where, "new")
@@ -147,7 +152,7 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        missing = [*_apart(border, steps), *([] if askable else [_NO_LAW])]
+        missing = [*_apart(border, steps), *([] if askable else [_FILTERED if filtered else _NO_LAW])]
         notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
         library = Library(name, record, chain.period, steps.steps, chain.left, made, notes)
@@ -159,7 +164,10 @@ def write_library(
                 _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
         _write(new / "scenario.toml", scenario.to_toml())
-        _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
+        _write(
+            new / "README.md",
+            _readme(border, library, title, steps, law is not None, export if askable and shared else 0),
+        )
         for earlier in MACHINES:  # a library that was made before has other gains
             for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):
                 (folder / earlier / file).unlink(missing_ok=True)

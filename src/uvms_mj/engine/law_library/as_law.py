@@ -58,9 +58,10 @@ MOST = 10_000
 
 def is_law(border: Border, scenario: Scenario) -> bool:
     """Whether a law of a run is called at the library's period and given all that it measures: pose, velocity and force
-    at B."""
+    at B. The samples of a filter's sensors are given to no law."""
     chain = border.chain
-    return chain.measured == "signals" and not chain.joints and abs(chain.period - scenario.control_period) < 1e-9
+    at_B = chain.measured == "signals" and not chain.joints
+    return at_B and chain.filter is None and abs(chain.period - scenario.control_period) < 1e-9
 
 
 def fits(border: Border, header_words: int) -> bool:
