@@ -395,7 +395,8 @@ def test_frames_of_samples_get_the_commands_of_the_run(filtered, tmp_path, targe
 
 def test_the_export_says_that_no_run_takes_it_and_what_is_in_it(filtered):
     folder, library = filtered
-    assert not list(folder.glob("*/gsta_law.toml"))
+    with pytest.raises(InputError, match=r"gsta_law.toml: no law of a run: it has the Kalman filter"):
+        Scenario.load("push_wall", {}, f"{folder / 'x86_64' / 'libgsta.so'}:gsta_law")
     (note,) = [each for each in library.notes if "Kalman filter" in each]
     assert "a run can't take the library as its law" in note
     about = tomllib.loads((folder / "gsta.toml").read_text())["library"]

@@ -288,8 +288,9 @@ def test(name: str) -> str:
     return named(_read("test.c"), name)
 
 
-def loop(border: Border, name: str) -> str:
-    """The program that answers a run over UDP, and frames of measurements over UDP or a serial line."""
+def loop(border: Border, name: str, asked: bool) -> str:
+    """The program that answers frames of measurements over UDP or a serial line, and a run over UDP if one can ask;
+    otherwise a request has no measurements for it."""
     fields: Any = SIGNALS.fields
 
     def taken(entries: Iterable[Entry], struct: str) -> str:
@@ -299,7 +300,7 @@ def loop(border: Border, name: str) -> str:
             for each, place in places
         )
 
-    asked = border.measured if border.chain.filter is None else ()  # a request has no samples of a filter's sensors
+    measured = border.measured if asked else ()
     text = _read("loop.c")
     for word, value in {
         "LAYOUT_OF_SIGNALS": str(LAYOUT),
@@ -310,7 +311,7 @@ def loop(border: Border, name: str) -> str:
         "FRAME_ARGUMENT": "&given.reference, " if border.reference else "",
         "SETTINGS": taken((each for each in border.settings if each.name in fields), "settings"),
         "PRESENT_IN_A_REQUEST": "LAW_NEEDED" if asked else "0",
-        "MEASUREDREFERENCE": taken(asked, "measured") + taken(border.reference, "reference"),
+        "MEASUREDREFERENCE": taken(measured, "measured") + taken(border.reference, "reference"),
     }.items():
         text = re.sub(rf"\b{word}" if word != "REFERENCE_ARGUMENT" else word, value, text)
     return named(text.replace("libLAW", f"lib{name}"), name)
@@ -401,7 +402,7 @@ def readme(
     adapter: int,
 ) -> str:
     """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
-    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it;
+    library can be a law of a run; ``asked`` is the number of the export, if a run can ask loop.c;
     ``adapter`` are the bytes at most of the object by which a run takes the library as its law."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
@@ -451,10 +452,9 @@ On the vehicle it takes frames of measurements, on that port or on a serial line
 head of `loop.c` has their layout.
 
 """
-    elif chain.filter is not None and any(MACHINES[each].shared for each in targets):
+    elif any(MACHINES[each].shared for each in targets):
         law += """`loop.c` takes frames of measurements, over UDP on its own machine or on a serial line:
-`./loop /dev/ttyAMA0 115200`. Its head has their layout. A run can't take this library as its law, nor ask the program:
-a law of a run is given the estimate, and not the samples of the filter's sensors.
+`./loop /dev/ttyAMA0 115200`. Its head has their layout. A run can't ask the program for its commands.
 
 """
     return named(
