@@ -1,5 +1,6 @@
 """A law's library with the Kalman filter: equal bits on four processors, and what its sensors may lack."""
 
+import contextlib
 import ctypes
 import re
 import shutil
@@ -68,15 +69,16 @@ def test_the_recorded_steps_are_equal_on_each_processor(filtered, target):
     assert "free motion, touch, pressing" in (folder / "README.md").read_text()
 
 
-def rows_of(folder):
-    """The recorded steps of the first segment: time, present, the fields by name, and the words of the command."""
-    text = (folder / "vectors.h").read_text()
+def rows_of(folder, name="gsta"):
+    """The recorded steps of the first segment: words of what is measured, and words of the command."""
+    header, text = (folder / f"{name}.h").read_text(), (folder / "vectors.h").read_text()
+    fields = re.search(rf"typedef struct {name}_measured {{(.*?)}}", header, re.DOTALL)[1]
+    given = sum(int(n or 1) for n in re.findall(r"^ *(?:double|uint64_t) \w+(?:\[(\d+)\])?;", fields, re.MULTILINE))
     steps = int(re.search(r"\{\"free motion\", 0\.0, 0, 0, (\d+),", text)[1])
     text = text[text.index("rows[STEPS]") :]
     words = np.array([int(word, 16) for word in re.findall(r"0x([0-9a-f]+)u", text)], np.uint64)
-    width = int(re.search(r"rows\[STEPS\]\[(\d+)\]", text)[1])
-    rows = words.reshape(-1, width)[:steps]
-    return rows[:, : NUMBERS + 2], rows[:, NUMBERS + 2 :]
+    rows = words.reshape(-1, int(re.search(r"rows\[STEPS\]\[(\d+)\]", text)[1]))[:steps]
+    return rows[:, :given], rows[:, given:]
 
 
 def test_each_sensor_comes_at_its_own_rate_and_what_is_not_there_is_no_number(filtered):
@@ -340,14 +342,40 @@ def test_time_that_goes_back_is_neutral_and_changes_no_estimate(vehicle):
 # loop.c, and runs
 
 
-def program_of(folder, target, place):
+@contextlib.contextmanager
+def answering(folder, target, place, name="gsta"):
+    """The program loop.c of a target on a port of this machine: the port, and a function that asks it."""
     machine = MACHINES[target]
     if not runs_here(target):
         pytest.skip(f"no qemu-{machine.emulator}: apt-get install qemu-user")
     for each in (*folder.glob("*.h"), folder / "loop.c"):
         shutil.copy(each, place)
-    program = linking.program(machine, folder / target / "libgsta.a", place / "loop.c", place)
-    return [*linking.emulator(machine), str(program)]
+    program = linking.program(machine, folder / target / f"lib{name}.a", place / "loop.c", place)
+    layout = int(tomllib.loads((folder / f"{name}.toml").read_text())["library"]["layout"], 16)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with contextlib.ExitStack() as stack:
+        peer = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        peer.connect(("127.0.0.1", port))
+        peer.settimeout(5.0)
+
+        def asked(instant, body):
+            """Status and words of the command."""
+            front = struct.pack("<8sIIQQ", b"uvms-mj2", len(body), ~len(body) & 0xFFFFFFFF, instant, layout)
+            until = time.monotonic() + 10.0
+            while True:  # until it listens
+                try:
+                    peer.send(front + body + struct.pack("<I", zlib.crc32(front + body)))
+                    data = peer.recv(4096)
+                    return struct.unpack_from("<q", data, 32)[0], np.frombuffer(data[56:-4], "<u8")
+                except ConnectionRefusedError:
+                    assert time.monotonic() < until
+                    time.sleep(0.02)
+
+        process = stack.enter_context(subprocess.Popen([*linking.emulator(machine), str(program), str(port)]))
+        stack.callback(process.kill)
+        yield port, asked
 
 
 @pytest.mark.parametrize("target", [target for target in MACHINES if MACHINES[target].shared])
@@ -355,42 +383,17 @@ def test_frames_of_samples_get_the_commands_of_the_run(filtered, tmp_path, targe
     """The first recorded steps as datagrams; the number 0 of an instant begins the law anew. A request of a run, which
     has no samples, is refused with the status."""
     folder, _ = filtered
-    layout = int(tomllib.loads((folder / "gsta.toml").read_text())["library"]["layout"], 16)
     given, wanted = rows_of(folder)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    peer.connect(("127.0.0.1", port))
-    peer.settimeout(5.0)
-
-    def asked(instant, body):
-        front = struct.pack("<8sIIQQ", b"uvms-mj2", len(body), ~len(body) & 0xFFFFFFFF, instant, layout)
-        peer.send(front + body + struct.pack("<I", zlib.crc32(front + body)))
-        data = peer.recv(4096)
-        return struct.unpack_from("<q", data, 32)[0], np.frombuffer(data[56:-4], "<u8")
-
-    with peer, subprocess.Popen([*program_of(folder, target, tmp_path), str(port)], stdout=subprocess.PIPE) as process:
-        try:
-            until = time.monotonic() + 10.0
-            while time.monotonic() < until:
-                try:
-                    asked(0, given[0].tobytes())
-                    break
-                except ConnectionRefusedError:
-                    time.sleep(0.02)
-            for _ in range(2):
-                for k in range(100):
-                    status, command = asked(k, given[k].tobytes())
-                    assert status == STATUS["OK"]
-                    assert np.array_equal(command, wanted[k])
-            peer.close()
-            keys = {"controller.port": port, "simulation.duration": 0.1, "controller.timeout": 5.0}
-            run = Scenario.load("push_wall", FILTERED, "gsta").updated(keys, controller="udp")
-            with pytest.raises(InputError, match="a measurement is missing that the law needs"):
-                simulate(run, engine="free_body")
-        finally:
-            process.kill()
+    with answering(folder, target, tmp_path) as (port, asked):
+        for _ in range(2):
+            for k in range(100):
+                status, command = asked(k, given[k].tobytes())
+                assert status == STATUS["OK"]
+                assert np.array_equal(command, wanted[k])
+        keys = {"controller.port": port, "simulation.duration": 0.1, "controller.timeout": 5.0}
+        run = Scenario.load("push_wall", FILTERED, "gsta").updated(keys, controller="udp")
+        with pytest.raises(InputError, match="a measurement is missing that the law needs"):
+            simulate(run, engine="free_body")
 
 
 def test_the_export_says_that_no_run_takes_it_and_what_is_in_it(filtered):
@@ -432,10 +435,19 @@ def test_other_rates_and_sensors_leave_with_the_bits_of_the_run(tmp_path, settin
     assert "GSTA_NEEDED (0)" in header or "GSTA_NEEDED (GSTA_FORCE)" in header
 
 
-@pytest.mark.long
-def test_the_filter_leaves_with_an_arm(tmp_path):
-    """The task at a tool, with the run's rounding apart."""
-    run = Scenario.load("tool_push", {"navigation.name": "ekf", "simulation.duration": 0.2}, "impedance")
-    targets = ["x86_64", *(each for each in ("aarch64",) if runs_here(each))]
-    library = write_library(run, tmp_path, targets)
+@pytest.mark.slow
+@pytest.mark.parametrize("navigation", ["perfect", pytest.param("ekf", marks=pytest.mark.long)])
+def test_frames_get_the_commands_of_a_law_at_a_tool(tmp_path, navigation):
+    """No run can ask this law, whose vehicle has joints: its recorded steps as datagrams get their commands."""
+    run = Scenario.load("tool_push", {"navigation.name": navigation, "simulation.duration": 0.2}, "impedance")
+    targets = ["x86_64", *(each for each in ("aarch64",) if navigation == "ekf" and runs_here(each))]
+    library = write_library(run, tmp_path / "made", targets)
     assert {each.equal for each in library.targets} <= {None, library.steps}
+    given, wanted = rows_of(tmp_path / "made", "impedance")
+    place = tmp_path / "place"
+    place.mkdir()
+    with answering(tmp_path / "made", "x86_64", place, "impedance") as (_, asked):
+        for k in range(100):
+            status, command = asked(k, given[k].tobytes())
+            assert status == STATUS["OK"]
+            assert np.array_equal(command, wanted[k])
