@@ -40,6 +40,7 @@ class Law:
         library = about["library"]
         self.export, self.period, self.layout = library["export"], library["period_s"], int(library["layout"], 16)
         self.start = about["scenario"].get("initial", {}).get("position", [0.0, 0.0, 0.0])
+        self.filters = "navigation" in library.get("stages", [])
         self.instant = 0
         self.peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.peer.connect(("127.0.0.1", port))
@@ -70,6 +71,8 @@ class Law:
             raise Refused(f"the law's program is export {export}, and not {self.export}")
         command = struct.unpack(f"<{(len(answer) - 60) // 8}d", answer[56:-4])
         n, odd = divmod(len(command) - 13, 2)  # tau_cmd, thrusts, pulses, tau_hat, saturated
+        if self.filters:
+            raise Refused("this export takes samples for its Kalman filter; export it with navigation.name=perfect")
         if odd or n < 1:
             raise Refused("this export has no pulses; its scenario needs thrusters.name=t200")
         return status, list(command[:6]), list(command[6 : 6 + n]), list(command[6 + n : 6 + 2 * n])

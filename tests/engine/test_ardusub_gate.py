@@ -674,6 +674,14 @@ def test_another_export_is_refused(exported, port):
         sender.Law(about, port)(0.0, [0.0, 0.0, 0.0, 1.0, *[0.0] * 9])
 
 
+def test_an_export_with_a_kalman_filter_is_refused(exported, port):
+    """ArduSub gives an estimate, and no samples of its sensors."""
+    library = exported[1]["library"]
+    about = {**exported[1], "library": library | {"stages": ["navigation", *library["stages"]]}}
+    with pytest.raises(sender.Refused, match=r"export it with navigation.name=perfect"):
+        sender.Law(about, port)(0.0, [0.0, 0.0, 0.0, 1.0, *[0.0] * 9])
+
+
 @pytest.mark.parametrize("more", ["--motors=1,1", "--motors=0,1", "--directions=1,2,1,1,1,1,1,1", "--directions=1"])
 def test_wrong_arguments_end_with_status_2(tmp_path, more):
     (tmp_path / "law.toml").write_text("")

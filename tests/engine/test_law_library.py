@@ -499,23 +499,29 @@ def test_functions_of_the_targets_c_library_are_named(tmp_path):
 
 @pytest.mark.slow
 def test_what_a_library_has_not_is_said_once(tmp_path):
-    """The estimate comes from the vehicle's own filter; with joints the bits are not the run's, and no run takes it."""
-    filtered = write_library(scenario("gsta", SOFT | {"navigation.name": "ekf"}), tmp_path, ["x86_64"], test=False)
-    (note,) = [each for each in filtered.notes if "navigation ekf" in each]
+    """Sensors stay behind, and the estimate is the vehicle's; with joints the bits are not the run's, and no run takes
+    it."""
+    sensed = write_library(scenario("gsta", SOFT | {"navigation.name": "sensors"}), tmp_path, ["x86_64"], test=False)
+    (note,) = [each for each in sensed.notes if "navigation sensors" in each]
     assert "p_WB, quat_WB, nu must be the estimate of the vehicle's own filter" in note
     assert note.partition(": ")[2] in (tmp_path / "README.md").read_text()
     joints = write_library(Scenario.load("tool_push"), tmp_path / "joints", ["x86_64"], test=False)
-    assert [sum(word in each for each in joints.notes) for word in ("with joints", "no loop.c")] == [1, 1]
-    assert not (tmp_path / "joints" / "loop.c").exists()
+    assert [sum(word in each for each in joints.notes) for word in ("with joints", "can't take the library")] == [1, 1]
+    law = f"{tmp_path}/joints/x86_64/lib{joints.name}.so:{joints.name}_law"
+    with pytest.raises(InputError, match=r"_law.toml: no law of a run: the vehicle has joints$"):
+        scenario(law)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("delay", "asked"), [(0.04, True), (0.03, False)])
-def test_a_delay_of_whole_periods_leaves_with_loop_c(tmp_path, delay, asked):
-    """Another delay has a period of its own, at which no law of a run is called; the export says so."""
+def test_a_run_can_ask_a_law_with_a_delay_of_whole_periods(tmp_path, delay, asked):
+    """Another delay has a period of its own, at which no law of a run is called; the export says so, and its program
+    answers frames alone."""
     settings = SOFT | {"controller.period": 0.02, "controller.delay": delay}
     library = write_library(scenario("gsta", settings), tmp_path, ["x86_64"], test=False)
-    assert (tmp_path / "loop.c").exists() == asked
+    loop = (tmp_path / "loop.c").read_text()
+    assert ("measured.present = GSTA_NEEDED;" in loop, "measured.present = 0;" in loop) == (asked, not asked)
+    assert ("controller.export=" in (tmp_path / "README.md").read_text()) == asked
     assert any("no whole number of control periods" in note for note in library.notes) != asked
     assert library.period == pytest.approx(0.02 if asked else 0.01)
 

@@ -165,8 +165,8 @@ def test_the_filter_needs_nothing_but_what_the_sensors_measure():
             for name in ("p", "v", "quat", "omega"):
                 alone[name][:] = state[name]
         seen.add(tuple(state.present))
-        estimate(settings, state, n == 0, out)
-        estimate(settings, alone, n == 0, its_out)
+        estimate(settings, state, n == 0, h, out)
+        estimate(settings, alone, n == 0, h, its_out)
         assert out.tobytes() == its_out.tobytes()
         assert state.P.tobytes() == alone.P.tobytes()
         assert np.linalg.norm(out.p_WB - p) < 0.05

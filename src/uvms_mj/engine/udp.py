@@ -33,6 +33,7 @@ LAYOUT = int.from_bytes(hashlib.sha256(repr([(s.name, s.shape) for s in GIVEN]).
 STATUSES = {
     "OK": (0, "it is the law's command"),
     "LATE": (1, "it is the law's command, but the time since the last one is not a period within half of it"),
+    "LEFT_OUT": (2, "it is the law's command; a measurement that is not finite was left out, as if it were not there"),
     "NULL": (-1, "a pointer is null"),
     "OTHER_HEADER": (-2, "the program was compiled with the header of another library"),
     "NOT_BEGUN": (-3, "init was not called, or refused"),

@@ -225,8 +225,9 @@ def sense(settings, state, given, sample):
 
 @kernel
 def begin(settings, state, out):
-    """Set the covariance of the first estimate."""
+    """Set the covariance of a first estimate, whose biases are zero."""
     P, k = state.P, settings.assumed_noise * settings.assumed_noise
+    P[:], state.b_g[:], state.b_a[:] = 0.0, 0.0, 0.0
     for i in range(3):
         P[i, i] = k * settings.initial_position * settings.initial_position
         P[3 + i, 3 + i] = k * settings.initial_velocity * settings.initial_velocity
@@ -237,9 +238,9 @@ def begin(settings, state, out):
 
 
 @kernel
-def predict(settings, state, out):
-    """Take the estimate and its covariance over the interval of a sample of the inertial unit."""
-    h, R, p, v = settings.interval, out.R_WB, state.p, state.v
+def predict(settings, state, h, out):
+    """Take the estimate and its covariance over the interval h [s] of a sample of the inertial unit."""
+    R, p, v = out.R_WB, state.p, state.v
     turn, push = state.turn - h * state.b_g, state.push - h * state.b_a
     transition(R, push, turn, state.A, state.E)
     advance(state.P, R, state.A, state.E, h, state.work)
@@ -314,12 +315,13 @@ def position_fix(settings, state, out):
 
 
 @kernel
-def estimate(settings, state, first, out):
-    """Run the filter on a sample of the sensors, without the truth; ``first`` is whether it is the first one."""
+def estimate(settings, state, first, interval, out):
+    """Run the filter on a sample of the sensors, without the truth. ``first`` is whether it has the first estimate;
+    otherwise ``interval`` is the time since the last one [s], where 0 is a sample without the inertial unit."""
     if first:
         begin(settings, state, out)
-    else:
-        predict(settings, state, out)
+    elif interval > 0.0:
+        predict(settings, state, interval, out)
     state.squares[0], state.updates[0] = 0.0, 0.0
     if state.present[0] > 0.0:
         velocity_fix(settings, state, out)
@@ -348,6 +350,23 @@ def publish(state, out):
     sigma = np.sqrt(np.diag(state.P))
     state.sigma_p[:], state.sigma_v[:], state.sigma_theta[:] = sigma[:3], sigma[3:6], sigma[6:9]
     state.sigma_b_g[:], state.sigma_b_a[:] = sigma[9:12], sigma[12:]
+
+
+@kernel
+def estimate_alone(settings, state, given, state_dot, out):
+    """The part of :meth:`Ekf.step` that a vehicle's own control system has: the estimate of what its sensors measured,
+    without the truth. ``given`` has the flags ``start``, ``inertial`` and ``present`` (4,) of what is new, and the
+    interval of the inertial unit [s]; ``state`` is :data:`ALONE` of the stage's, with the samples in it."""
+    state.present[:] = given.present
+    first, inertial = given.start > 0.0, given.inertial > 0.0
+    if first or inertial or np.any(given.present > 0.0):
+        estimate(settings, state, first, given.interval if inertial else 0.0, out)
+
+
+def estimate_with_force(settings, state, given, state_dot, out):
+    """As :func:`estimate_alone`, with the contact force that is measured in B, in W with the estimated attitude."""
+    estimate_alone(settings, state, given, state_dot, out)
+    to_world(out.R_WB, out.tau_contact_m_B, out.f_contact_m_W)
 
 
 _AIDS = ("dvl", "depth", "heading", "position")
@@ -434,12 +453,22 @@ class Ekf(_ForceSensor):
             return
         sample = instant // int(settings.imu_instants)
         sense(settings, state, given, sample)
-        estimate(settings, state, sample == 0, out)
+        estimate(settings, state, sample == 0, settings.interval, out)
         if state.updates[0] > 0.0:
             state.nis[0] = state.squares[0] / state.updates[0]
             estimation_error(state, given, state.correction)
             state.nees[0] = normalised_square(state.P, state.correction, state.work)
         to_world(out.R_WB, wrench, out.f_contact_m_W)
+
+
+KEPT = ("P", "p", "v", "quat", "omega", "b_g", "b_a")
+"""What the filter keeps from one sample to the next, of the stage's state."""
+SAMPLED = ("turn", "push", "dvl", "depth", "heading", "fix", "present")
+"""What the sensors measured, of the stage's state."""
+_WORKED = ("work", "H", "correction", "A", "E", "squares", "updates")
+_SPREAD = ("sigma_p", "sigma_v", "sigma_theta", "sigma_b_g", "sigma_b_a")
+ALONE = (*KEPT, *SAMPLED, *_WORKED, *_SPREAD)
+"""The part of the stage's state of which :func:`estimate` knows."""
 
 
 def _odd(aid: str, period: float, of: float, called: str) -> Iterator[Fault]:

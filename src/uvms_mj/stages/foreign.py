@@ -124,7 +124,8 @@ class OneState:
 @dataclasses.dataclass(frozen=True)
 class Description:
     """The description of a stage: the table of a scenario that it is for, a sentence, its settings and its states by
-    name; of a law, whether it uses s, zeta and tau_nom; and the names of further files that it reads."""
+    name; of a law, whether it uses s, zeta and tau_nom; the names of further files that it reads; and why the library
+    beside it has no such stage, if it has none."""
 
     stage: str
     summary: str = ""
@@ -132,6 +133,7 @@ class Description:
     states: dict[CName, OneState] = dataclasses.field(default_factory=dict)
     uses_task: StrictBool = True
     files: list[str] = dataclasses.field(default_factory=list)
+    refused: str = ""
 
     __pydantic_config__ = STRICT
 
@@ -154,6 +156,8 @@ class Description:
             found = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
             raise InputError(faults_of(error, choices=choices), path.name) from None
+        if found.refused:
+            raise InputError(f"{path.name}: {found.refused}")
         if found.stage not in stages:
             wrong = f"{found.stage!r} is not a table of a scenario with a stage; {suggestion(found.stage, stages)}"
             raise InputError([Fault("stage", wrong)], path.name)

@@ -30,10 +30,6 @@ from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
-_NO_LAW = (
-    "a run can't take the library as its law, and there is no loop.c: the vehicle has joints, the task is at a tool, "
-    "or the delay is no whole number of control periods"
-)
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 
@@ -110,8 +106,9 @@ def write_library(
     with sim:
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
-        askable = as_law.is_law(border, scenario)
-        law = AsLaw(border, scenario, name, _HEADER_WORDS) if askable and as_law.fits(border, _HEADER_WORDS) else None
+        not_asked = as_law.not_asked(border, scenario)
+        no_law = not_asked or as_law.no_room(border, _HEADER_WORDS)
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if not no_law else None
         text, notes = chain.module(f"{name}_chain"), sim.notes
         export = _number(border, text)
         steps = recorded(sim, border, text, f"{name}_chain")
@@ -123,8 +120,8 @@ def write_library(
         "test.c": texts.test(name),
         "LICENSE": _license(),
     }
-    if asked := askable and any(MACHINES[target].shared for target in targets):
-        files["loop.c"] = texts.loop(border, name)
+    if shared := any(MACHINES[target].shared for target in targets):
+        files["loop.c"] = texts.loop(border, name, not not_asked)
     with tempfile.TemporaryDirectory() as where:
         place, new = Path(where, "work"), Path(where, "new")
         for each in (place, new):
@@ -147,7 +144,7 @@ def write_library(
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
             made = list(pool.map(make, targets))
-        missing = [*_apart(border, steps), *([] if askable else [_NO_LAW])]
+        missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
         notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
         library = Library(name, record, chain.period, steps.steps, chain.left, made, notes)
@@ -155,11 +152,17 @@ def write_library(
             if each.equal is not None and each.equal != steps.steps:
                 wrong = f"{each.equal} of {steps.steps} recorded steps are equal on {each.target}; {each.said}"
                 raise InputError(f"export law: the library does not compute what the run computes: {wrong}")
-            if law is not None and MACHINES[each.target].shared:
-                _write(new / each.target / f"{law.name}.toml", tomli_w.dumps(law.toml()))
+            if MACHINES[each.target].shared:
+                toml = (
+                    law.toml() if law is not None else {"stage": "controller", "refused": f"no law of a run: {no_law}"}
+                )
+                _write(new / each.target / f"{name}{as_law.SUFFIX}.toml", tomli_w.dumps(toml))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
         _write(new / "scenario.toml", scenario.to_toml())
-        _write(new / "README.md", _readme(border, library, title, steps, law is not None, export if asked else 0))
+        _write(
+            new / "README.md",
+            _readme(border, library, title, steps, law is not None, export if shared and not not_asked else 0),
+        )
         for earlier in MACHINES:  # a library that was made before has other gains
             for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):
                 (folder / earlier / file).unlink(missing_ok=True)

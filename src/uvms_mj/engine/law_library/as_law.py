@@ -56,16 +56,25 @@ MOST = 10_000
 """Numbers that the memory of a stage may have."""
 
 
-def is_law(border: Border, scenario: Scenario) -> bool:
-    """Whether a law of a run is called at the library's period and given all that it measures: pose, velocity and force
-    at B."""
+def not_asked(border: Border, scenario: Scenario) -> str:
+    """Why no run can ask the library for its law's commands; empty if one can. A law of a run is called at the
+    library's period and given all that it measures: pose, velocity and force at B."""
     chain = border.chain
-    return chain.measured == "signals" and not chain.joints and abs(chain.period - scenario.control_period) < 1e-9
+    if chain.joints:
+        return "the vehicle has joints"
+    if chain.measured != "signals":
+        return "the task is at a tool"
+    if chain.filter is not None:
+        return "it has the Kalman filter, and a law of a run is given no samples of sensors"
+    if abs(chain.period - scenario.control_period) >= 1e-9:
+        return "the delay is no whole number of control periods"
+    return ""
 
 
-def fits(border: Border, header_words: int) -> bool:
-    """Whether the memory of a law of a run has room for an instance."""
-    return 2 * (header_words + border.chain.kind.itemsize // 8) <= MOST
+def no_room(border: Border, header_words: int) -> str:
+    """Why the memory of a law of a run has no room for an instance; empty if it has."""
+    size = 2 * (header_words + border.chain.kind.itemsize // 8)
+    return f"an instance has {size} halves of words, and a law of a run keeps {MOST} numbers" if size > MOST else ""
 
 
 def _default(law: Controller, entry: Entry) -> Any:

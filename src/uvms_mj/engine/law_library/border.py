@@ -4,7 +4,7 @@ record of the chain."""
 import dataclasses
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,17 +21,43 @@ from ...stages.signals import (
     SCHEDULED,
     WRENCH_COMMAND,
     WRIST_READING,
+    Signal,
     commanded_signal,
     encoder_signals,
     joint_command_signal,
     pulse_signal,
 )
-from ..native.chain import Chain
+from ..native.chain import Chain, Link
 
 POSE, VELOCITY, FORCE, JOINTS, WRIST = "pose", "velocity", "force", "joints", "wrist"
-GAIN = "gain"
-PRESENT = (POSE, VELOCITY, FORCE, JOINTS, WRIST)
+GAIN, ESTIMATE = "gain", "estimate"
+START, INERTIAL, AIDS = "start", "inertial", ("dvl", "depth", "heading", "position")
+PRESENT = (POSE, VELOCITY, FORCE, JOINTS, WRIST, START, INERTIAL, *AIDS)
 """Groups of measurements, each with a bit of ``present``."""
+OF_FILTER: Mapping[str, tuple[tuple[Signal, str], ...]] = {
+    START: (
+        (Signal("p_WB", (3,), "m", "W", "first estimate: position of B's origin"), "p"),
+        (Signal("quat_WB", (4,), "1", "W", "first estimate: attitude, unit quaternion w x y z"), "quat"),
+        (Signal("v_WB", (3,), "m/s", "W", "first estimate: velocity of B's origin"), "v"),
+        (Signal("omega", (3,), "rad/s", "B", "angular velocity, as the gyro has it"), "omega"),
+    ),
+    INERTIAL: (
+        (Signal("interval", (), "s", "-", "time since the last sample of the inertial unit that was taken"), ""),
+        (
+            Signal("turn", (3,), "rad", "B", "rotation vector over the interval: the integral of the angular rate"),
+            "turn",
+        ),
+        (
+            Signal("push", (3,), "m/s", "B at the last sample", "integral of the specific force over the interval"),
+            "push",
+        ),
+    ),
+    "dvl": ((Signal("v_dvl", (3,), "m/s", "B", "velocity of B's origin over ground"), "dvl"),),
+    "depth": ((Signal("z_WB", (), "m", "W", "height of B's origin, which is minus the depth"), "depth"),),
+    "heading": ((Signal("heading", (), "rad", "W", "angle of B's x in the plane of x and y, from x to y"), "heading"),),
+    "position": ((Signal("p_fix", (3,), "m", "W", "position of B's origin"), "fix"),),
+}
+"""What the Kalman filter is given, by groups: each signal with the place of its number in the filter's record."""
 LONGEST_GAP = 10
 
 
@@ -81,8 +107,22 @@ class Border:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of measurements that the law needs."""
+        """The groups of measurements that the library takes."""
         return tuple(each for each in PRESENT if any(entry.group == each for entry in self.measured))
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """The groups that each call needs. The filter's come when they come."""
+        return tuple(each for each in self.groups if each not in OF_FILTER)
+
+    @property
+    def flags(self) -> dict[str, int]:
+        """The places at which the filter reads which of its groups are new."""
+        if self.chain.filter is None:
+            return {}
+        present = self.chain.place_of("sensors", "present")
+        aids = {group: present + k for k, group in enumerate(AIDS) if group in self.groups}
+        return {group: self.chain.place_of("sensors", group) for group in (START, INERTIAL)} | aids
 
     @property
     def layout(self) -> int:
@@ -107,18 +147,34 @@ def _entry(chain: Chain, signal: Any, *record: str, group: str = "", name: str =
 
 def _measurements(chain: Chain) -> Iterator[Entry]:
     p_WB, quat_WB, _, nu, force, moment = MEASURED
-    yield _entry(chain, p_WB, "measured", group=POSE)
-    yield _entry(chain, quat_WB, "measured", group=POSE)
-    yield _entry(chain, nu, "measured", group=VELOCITY)
+    if chain.filter is not None:
+        yield from _samples(chain, chain.filter)
+    else:
+        yield _entry(chain, p_WB, "measured", group=POSE)
+        yield _entry(chain, quat_WB, "measured", group=POSE)
+        yield _entry(chain, nu, "measured", group=VELOCITY)
     if chain.has("derived"):
         yield _entry(chain, WRIST_READING, "wrist", group=WRIST, name="reading")
     elif not chain.has("observer"):
-        force = dataclasses.replace(force, meaning="measured force of the wall on the vehicle")
-        yield _entry(chain, force, "measured", group=FORCE)
+        if chain.filter is None:
+            force = dataclasses.replace(force, meaning="measured force of the wall on the vehicle")
+            yield _entry(chain, force, "measured", group=FORCE)
+        else:  # the filter turns the force to W
+            moment = dataclasses.replace(moment, meaning="measured wrench of the wall on the vehicle at B's origin")
         yield _entry(chain, moment, "measured", group=FORCE)
     if n := chain.joints:
         for each in encoder_signals(n):
             yield _entry(chain, each, "joints", group=JOINTS)
+
+
+def _samples(chain: Chain, link: Link) -> Iterator[Entry]:
+    """What the sensors of the filter measure, of those that the scenario has."""
+    for group, signals in OF_FILTER.items():
+        if group in AIDS and link.compiled.settings[f"{group}_samples"][0] == 0.0:
+            continue
+        for signal, name in signals:
+            place = ("filter", name) if name else ("sensors", signal.name)
+            yield dataclasses.replace(_entry(chain, signal, *place[:1], name=place[1]), group=group)
 
 
 def _commands(chain: Chain) -> Iterator[Entry]:
@@ -135,6 +191,10 @@ def _commands(chain: Chain) -> Iterator[Entry]:
         yield Entry("tau_q", (n,), torque.unit, "torque demanded of each joint", chain.place_of("tau_q_demand"))
     hat = dataclasses.replace(APPLIED[0], meaning="wrench that these thrusts are believed to give")
     yield _entry(chain, hat, "signals")
+    if chain.filter is not None:
+        for each in (*MEASURED[:2], MEASURED[3]):
+            said = dataclasses.replace(each, meaning=f"estimate: {each.meaning}")
+            yield _entry(chain, said, "measured", group=ESTIMATE)
 
 
 def _settings(chain: Chain, scenario: Scenario) -> Iterator[Entry]:

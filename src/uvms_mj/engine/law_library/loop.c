@@ -84,7 +84,7 @@ SETTINGS    status = law_set(&instance, &settings);
     if (status != LAW_OK)
         return status;
     take(&measured.t, request, 0, 1);
-    measured.present = LAW_NEEDED;
+    measured.present = PRESENT_IN_A_REQUEST;
 MEASUREDREFERENCE    return law_step(&instance, &measured, REFERENCE_ARGUMENTcommand);
 }
 

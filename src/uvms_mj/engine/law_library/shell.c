@@ -1,6 +1,6 @@
 /* The functions of a law's library around the machine code of its stages. law_ and LAW_ stand for the library's name. */
 #include "law.h"
-#include "image.h" /* MARK, EXPORT, MEASURED_WORDS, tables of places, the record before the first period */
+#include "image.h" /* MARK, EXPORT, tables of places, the record before the first period */
 
 extern int64_t law_chain(int64_t record, int64_t address, int64_t constants);
 
@@ -130,11 +130,46 @@ int law_set_of(uint64_t layout, LAW *self, const law_settings *settings)
     return LAW_OK;
 }
 
-/* Why a measurement is refused, or LAW_OK, or LAW_LATE. */
-static int judged(LAW *self, const law_measured *measured, const double *words)
+#ifdef LAW_INERTIAL_PERIOD
+/* Whether the filter has an estimate of this time: a first one, or one that a sample of the inertial unit brings here.
+   Without a sample it is held, as long as the next one is not due. */
+static int filtered(LAW *self, const law_measured *measured, uint64_t present)
+{
+    double since = measured->t - self->record[SAMPLED], most = LAW_LONGEST_GAP * LAW_INERTIAL_PERIOD;
+    int sampled = (present & LAW_INERTIAL) != 0;
+    if (present & LAW_START)
+        return LAW_OK;
+    if (sampled)
+        since -= measured->interval;
+    if (self->record[FILTERING] == 0.0)
+        return LAW_MISSING;
+    if (since > most) {
+        self->record[FILTERING] = 0.0; /* it has missed a motion: it needs a first estimate again */
+        return LAW_MISSING;
+    }
+    if (sampled ? !(measured->interval > 0.0 && measured->interval <= most) : since > 1.5 * LAW_INERTIAL_PERIOD)
+        return LAW_MISSING;
+    return sampled && (since > 0.5 * LAW_INERTIAL_PERIOD || since < -0.5 * LAW_INERTIAL_PERIOD) ? LAW_LATE : LAW_OK;
+}
+
+/* Tell the filter which samples are new. */
+static void tell(LAW *self, double t, uint64_t present)
+{
+    int k;
+    for (k = 0; k < (int)(sizeof flags_at / sizeof *flags_at); k++)
+        self->record[flags_at[k].place] = present & (uint64_t)flags_at[k].bit ? 1.0 : 0.0;
+    if (present & (LAW_START | LAW_INERTIAL)) {
+        self->record[SAMPLED] = t;
+        self->record[FILTERING] = 1.0;
+    }
+}
+#endif
+
+/* Why a measurement is refused, or LAW_OK, or LAW_LATE. What is there is in present; an aid that is not finite is not. */
+static int judged(LAW *self, const law_measured *measured, const double *words, uint64_t *present)
 {
     double since, square = 0.0;
-    int i, late = LAW_OK;
+    int i, k, late = LAW_OK, left_out = LAW_OK;
     if (!finite(measured->t))
         return LAW_NOT_FINITE;
     since = measured->t - self->last;
@@ -153,13 +188,35 @@ static int judged(LAW *self, const law_measured *measured, const double *words)
         return LAW_FAULT;
     if ((measured->present & LAW_NEEDED) != LAW_NEEDED)
         return LAW_MISSING;
-    if (!all_finite(words, MEASURED_WORDS))
-        return LAW_NOT_FINITE;
+    *present = measured->present;
+    for (k = 0; k < (int)(sizeof measured_at / sizeof *measured_at); k++) {
+        if ((*present & (uint64_t)measured_at[k].bit) && !all_finite(words, measured_at[k].n)) {
+#ifdef LAW_INERTIAL_PERIOD
+            if (!(measured_at[k].bit & AIDS))
+                return LAW_NOT_FINITE;
+            *present &= ~(uint64_t)measured_at[k].bit;
+            left_out = LAW_LEFT_OUT;
+#else
+            return LAW_NOT_FINITE;
+#endif
+        }
+        words += measured_at[k].n;
+    }
     for (i = 0; i < 4; i++)
         square += measured->quat_WB[i] * measured->quat_WB[i];
+#ifdef LAW_INERTIAL_PERIOD
+    if (!(*present & LAW_START))
+        square = 1.0;
+#endif
     if (!(square > 0.999999 && square < 1.000001))
         return LAW_NO_ATTITUDE;
-    return late;
+#ifdef LAW_INERTIAL_PERIOD
+    if (late >= LAW_OK) {
+        i = filtered(self, measured, *present);
+        late = i == LAW_OK ? late : i;
+    }
+#endif
+    return late == LAW_OK ? left_out : late;
 }
 
 #if LAW_GUIDED
@@ -171,6 +228,7 @@ int law_step_of(uint64_t layout, LAW *self, const law_measured *measured, const 
 {
     const double *words;
     double *out = (double *)command;
+    uint64_t present = 0;
     int64_t here;
     int k, status;
     if (layout != LAW_LAYOUT)
@@ -183,7 +241,7 @@ int law_step_of(uint64_t layout, LAW *self, const law_measured *measured, const 
     if (self->mark != MARK)
         return LAW_NOT_BEGUN;
     words = (const double *)measured + 2; /* behind t and present */
-    status = judged(self, measured, words);
+    status = judged(self, measured, words, &present);
 #if !LAW_GUIDED
     if (status >= LAW_OK && !reference)
         status = LAW_MISSING;
@@ -200,9 +258,13 @@ int law_step_of(uint64_t layout, LAW *self, const law_measured *measured, const 
     }
     self->record[TIME] = measured->t - self->first;
     for (k = 0; k < (int)(sizeof measured_at / sizeof *measured_at); k++) {
-        copy(self->record + measured_at[k].place, words, measured_at[k].n);
+        if (present & (uint64_t)measured_at[k].bit)
+            copy(self->record + measured_at[k].place, words, measured_at[k].n);
         words += measured_at[k].n;
     }
+#ifdef LAW_INERTIAL_PERIOD
+    tell(self, measured->t, present);
+#endif
 #if !LAW_GUIDED
     words = (const double *)reference;
     for (k = 0; k < (int)(sizeof reference_at / sizeof *reference_at); k++) {

@@ -13,7 +13,7 @@ from ...control.base import PORT
 from ...stages.foreign import is_c_name
 from ..udp import LAYOUT, SIGNALS, STATUSES
 from .as_law import SUFFIX, AsLaw
-from .border import LONGEST_GAP, PRESENT, Border, Entry
+from .border import AIDS, LONGEST_GAP, PRESENT, Border, Entry
 from .linking import MACHINES
 from .vectors import Vectors
 
@@ -42,6 +42,14 @@ def _fields(entries: Iterable[Entry]) -> Iterable[str]:
         unit = f"[{each.unit}] " if each.unit and each.unit != "-" else ""
         note = f"{unit}{each.meaning}".replace("*/", "* /")
         yield f"    double {each.word}{shape};".ljust(36) + f" /* {note} */"
+
+
+def _filter_period(border: Border) -> str:
+    """A line of the header on the filter in the library."""
+    if border.chain.filter is None:
+        return ""
+    period = float(border.chain.filter.compiled.settings["interval"][0])
+    return f"#define LAW_INERTIAL_PERIOD {period!r} /* [s] from one sample of the inertial unit to the next */\n"
 
 
 def _struct(name: str, lines: Iterable[str]) -> str:
@@ -85,7 +93,8 @@ def header(border: Border, name: str, about: str) -> str:
         "THRUSTER_COUNT": str(m),
         "IS_GUIDED": str(int(guided)),
         "FLAGS": flags,
-        "NEEDED_FLAGS": " | ".join(f"LAW_{g.upper()}" for g in groups),
+        "NEEDED_FLAGS": " | ".join(f"LAW_{g.upper()}" for g in border.needed) or "0",
+        "FILTER_PERIOD": _filter_period(border),
         "STATUSES": statuses,
         "STRUCTS": "\n".join(structs),
         "NEUTRAL_PULSES": "".join(f"\n    for (k = 0; k < LAW_THRUSTERS; k++)\n{line}" for line in neutral),
@@ -118,8 +127,8 @@ extern "C" {
 
 /* what is measured, bits of law_measured.present */
 @FLAGS@
-#define LAW_NEEDED (@NEEDED_FLAGS@)
-
+#define LAW_NEEDED (@NEEDED_FLAGS@) /* in each call */
+@FILTER_PERIOD@
 /* what the functions return; below zero the command is neutral: no thrust */
 @STATUSES@
 
@@ -191,6 +200,30 @@ def _table(name: str, entries: Sequence[Entry]) -> str:
     return f"static const struct {{\n    int place, n;\n}} {name}[] = {{{rows}}};\n"
 
 
+def _bit(group: str) -> int:
+    return 1 << PRESENT.index(group)
+
+
+def _measured_table(border: Border) -> str:
+    """The places of the measurements with the bit of their group."""
+    rows = ", ".join(f"{{{e.place}, {e.n}, {_bit(e.group)}}}" for e in border.measured)
+    return f"static const struct {{\n    int place, n, bit;\n}} measured_at[] = {{{rows}}};\n"
+
+
+def _filter_table(border: Border) -> str:
+    """The places of what the filter is told of its samples."""
+    chain, flags = border.chain, border.flags
+    if not flags:
+        return ""
+    aids = sum(_bit(group) for group in flags if group in AIDS)
+    rows = ", ".join(f"{{{place}, {_bit(group)}}}" for group, place in flags.items())
+    return (
+        f"#define SAMPLED {chain.place_of('sampled')}\n#define FILTERING {chain.place_of('filtering')}\n"
+        f"#define AIDS {aids}\n"
+        f"static const struct {{\n    int place, bit;\n}} flags_at[] = {{{rows}}};\n"
+    )
+
+
 def _words(values: np.ndarray) -> str:
     """64-bit words, eight a line."""
     words = [f"0x{word:x}u" for word in values.tolist()]
@@ -203,10 +236,10 @@ def image(border: Border, name: str, export: int) -> str:
     chain = border.chain
     parts = [
         f"#define MARK UINT64_C(0x{border.mark:x})\n#define EXPORT UINT64_C({export})\n",
-        f"#define MEASURED_WORDS {sum(e.n for e in border.measured)}\n",
         f"#define TIME {chain.place_of('t')}\n#define SATURATED {chain.place_of('saturated')}\n",
         f"#define TAU_HAT {chain.place_of('signals', 'tau_hat')}\n",
-        _table("measured_at", border.measured),
+        _measured_table(border),
+        _filter_table(border),
         _table("reference_at", border.reference) if border.reference else "",
         _table("settings_at", border.settings),
         _table("command_at", border.command),
@@ -255,8 +288,9 @@ def test(name: str) -> str:
     return named(_read("test.c"), name)
 
 
-def loop(border: Border, name: str) -> str:
-    """The program that answers a run over UDP, and frames of measurements over UDP or a serial line."""
+def loop(border: Border, name: str, asked: bool) -> str:
+    """The program that answers frames of measurements over UDP or a serial line, and a run over UDP if one can ask;
+    otherwise a request has no measurements for it."""
     fields: Any = SIGNALS.fields
 
     def taken(entries: Iterable[Entry], struct: str) -> str:
@@ -266,6 +300,7 @@ def loop(border: Border, name: str) -> str:
             for each, place in places
         )
 
+    measured = border.measured if asked else ()
     text = _read("loop.c")
     for word, value in {
         "LAYOUT_OF_SIGNALS": str(LAYOUT),
@@ -275,7 +310,8 @@ def loop(border: Border, name: str) -> str:
         "REFERENCE_ARGUMENT": "&reference, " if border.reference else "",
         "FRAME_ARGUMENT": "&given.reference, " if border.reference else "",
         "SETTINGS": taken((each for each in border.settings if each.name in fields), "settings"),
-        "MEASUREDREFERENCE": taken(border.measured, "measured") + taken(border.reference, "reference"),
+        "PRESENT_IN_A_REQUEST": "LAW_NEEDED" if asked else "0",
+        "MEASUREDREFERENCE": taken(measured, "measured") + taken(border.reference, "reference"),
     }.items():
         text = re.sub(rf"\b{word}" if word != "REFERENCE_ARGUMENT" else word, value, text)
     return named(text.replace("libLAW", f"lib{name}"), name)
@@ -343,6 +379,17 @@ def _programs(program: str, name: str, targets: Sequence[str], end: str = "") ->
     return "\n".join(lines)
 
 
+_SAMPLES = """
+if (first) measured.present |= LAW_START;       /* the first estimate, once; from then on: */
+if (new_imu) measured.present |= LAW_INERTIAL;  /* and the other sensors when they have a new sample */"""
+_ESTIMATE = """
+The Kalman filter is in the library. Its first estimate comes with `LAW_START`, in the first call and after a reset. A
+sample of the inertial unit is due each LAW_INERTIAL_PERIOD; `interval` is the time since the last one that was taken,
+so that it covers lost ones. The other sensors come when they come, and one that is not finite is left out
+(`LAW_LEFT_OUT`). All sensors are at B's origin. The command has the estimate.
+"""
+
+
 def readme(
     border: Border,
     name: str,
@@ -355,11 +402,13 @@ def readme(
     adapter: int,
 ) -> str:
     """The page beside a library. ``rows`` are the rows of the table of targets; ``again`` are the targets whose
-    library can be a law of a run; ``asked`` is the number of the export, if loop.c is beside it;
+    library can be a law of a run; ``asked`` is the number of the export, if a run can ask loop.c;
     ``adapter`` are the bytes at most of the object by which a run takes the library as its law."""
     chain = border.chain
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     given = ", ".join(f"`{each.name}`" for each in border.measured)
+    samples = "" if chain.filter is None else _SAMPLES
+    estimate = "" if chain.filter is None else _ESTIMATE
     stages = ", ".join(link.name for link in chain.links)
     guidance = (
         "The reference comes from the scenario's guidance."
@@ -403,6 +452,11 @@ On the vehicle it takes frames of measurements, on that port or on a serial line
 head of `loop.c` has their layout.
 
 """
+    elif any(MACHINES[each].shared for each in targets):
+        law += """`loop.c` takes frames of measurements, over UDP on its own machine or on a serial line:
+`./loop /dev/ttyAMA0 115200`. Its head has their layout. A run can't ask the program for its commands.
+
+"""
     return named(
         f"""# {name}: {title}
 
@@ -426,7 +480,7 @@ law_measured measured = {{0}};
 law_command command;
 measured.t = now;                         /* [s] */
 measured.present = LAW_NEEDED;            /* leave a bit out where a sensor has no new sample */
-/* fill {given} */
+/* fill {given} */{samples}
 int status = law_step(&controller, &measured, {reference}&command);
 if (status < 0)                           /* the command is neutral: no thrust */
     report(law_text(status));
@@ -434,7 +488,7 @@ if (status < 0)                           /* the command is neutral: no thrust *
 
 Call it each {chain.period:g} s. A call that comes late says so (`LAW_LATE`); after {LONGEST_GAP} periods one call is
 refused. `law_reset` begins anew, `law_set` changes gains, and each function returns a status.
-
+{estimate}
 ## Test
 
 `cc` is the target's own compiler. On another machine ziglang makes a program that can be copied there; its first one

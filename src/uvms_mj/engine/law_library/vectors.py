@@ -10,7 +10,7 @@ from ...errors import Fault, InputError
 from ...physics.frames import rotation_matrix
 from ..native.chain import Here
 from ..simulation import Simulation
-from .border import PRESENT, Border, Entry
+from .border import AIDS, INERTIAL, OF_FILTER, PRESENT, START, Border, Entry
 
 LENGTH = 400
 """Recorded periods of each segment."""
@@ -98,9 +98,8 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
     first = chain.image.view("<u8")
     image = chain.image_of(memory).view("<u8") if start else first  # a reset has begun the first instant
     changes = [(int(k), int(image[k])) for k in np.flatnonzero(image != first)]
-    reads = [*_sources(sim, border.measured), *_sources(sim, border.reference)]
-    writes = _sources(sim, border.command)
-    present = sum(1 << k for k, group in enumerate(PRESENT) if group in border.groups)
+    entries = (*border.measured, *border.reference)
+    reads, writes = _sources(sim, border, entries), _sources(sim, border, border.command)
     base = memory.run[chain.measured]
     rows, apart = [], 0.0
     if here is not None:
@@ -111,23 +110,45 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
             wrong = "its R_WB is not exactly the rotation matrix of its quat_WB, of which the library computes it"
             raise InputError([Fault("navigation.name", wrong)], "export law")
         t = (start + k) * chain.steps * sim.scenario.simulation.timestep
-        row = [np.array([t]).view("<u8"), np.array([present], "<u8"), *(_words(each) for each in reads)]
+        groups = {"", *border.needed, *_samples(sim, border)}
+        given = [
+            np.array(each, float).reshape(-1) if entry.group in groups else np.full(entry.n, np.nan)
+            for entry, each in zip(entries, reads, strict=True)
+        ]
+        present = sum(1 << k for k, group in enumerate(PRESENT) if group in groups)
+        row = [np.array([t]).view("<u8"), np.array([present], "<u8"), *(each.view("<u8") for each in given)]
         if sim.run(chain.steps, np.inf) < chain.steps:
             break
         found, saturated = [np.array(each, float).reshape(-1) for each in writes], int(memory.run["saturated"][0])
         if here is not None:
-            near, found, saturated = found, *_taken(here, border, t, reads)
+            near, found, saturated = found, *_taken(here, border, t, groups, given)
             apart = max(apart, *(_difference(*each) for each in zip(near, found, strict=True)))
         rows.append(np.concatenate([*row, *(each.view("<u8") for each in found), np.array([saturated], "<u8")]))
     last = (start - 1) * chain.steps * sim.scenario.simulation.timestep if start else 0.0
     return Segment(name, last, start > 0, changes, np.array(rows)), apart
 
 
-def _taken(here: Here, border: Border, t: float, reads: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
+def _samples(sim: Simulation, border: Border) -> Sequence[str]:
+    """The groups of the filter's samples that are new at the instant in hand."""
+    link = border.chain.filter
+    if link is None or sim.steps % link.period_steps:
+        return ()
+    if sim.steps == 0:
+        return (START,)
+    new = link.compiled.state["present"][0]
+    return (INERTIAL, *(group for group, flag in zip(AIDS, new, strict=True) if flag > 0.0))
+
+
+def _taken(
+    here: Here, border: Border, t: float, groups: set[str], given: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], int]:
     """The commands of a period on this processor, and whether a thrust is at its limit."""
     here.record["t"] = t
-    for entry, each in zip((*border.measured, *border.reference), reads, strict=True):
-        here.numbers[entry.place : entry.place + entry.n] = np.array(each, float).reshape(-1)
+    for entry, each in zip((*border.measured, *border.reference), given, strict=True):
+        if entry.group in groups:
+            here.numbers[entry.place : entry.place + entry.n] = each
+    for group, place in border.flags.items():
+        here.numbers[place] = group in groups
     if here.take() != 0:
         raise InputError("export law: a stage ends early in the library, and not in the run")
     found = [here.numbers[each.place : each.place + each.n].copy() for each in border.command]
@@ -139,11 +160,7 @@ def _difference(run: np.ndarray, library: np.ndarray) -> float:
     return float(np.abs(run - library).max() / max(1e-6, np.abs(run).max()))
 
 
-def _words(source: np.ndarray) -> np.ndarray:
-    return np.array(source, float).reshape(-1).view("<u8")
-
-
-def _sources(sim: Simulation, entries: Sequence[Entry]) -> list[np.ndarray]:
+def _sources(sim: Simulation, border: Border, entries: Sequence[Entry]) -> list[np.ndarray]:
     """The memory of the run that holds each field."""
     run: Any = sim.memory.run
     stages = sim.memory.stages
@@ -161,9 +178,20 @@ def _sources(sim: Simulation, entries: Sequence[Entry]) -> list[np.ndarray]:
         places["wrench_m_S"] = run["wrist"]["reading"]
     found = []
     for each in entries:
+        if each.group in OF_FILTER:
+            found.append(_of_filter(border, each))
+            continue
         known = places.get(each.name)
         if known is None:
             base = run[stages.base] if each.group else run["signals"]
             known = base[each.name]
         found.append(known)
     return found
+
+
+def _of_filter(border: Border, entry: Entry) -> np.ndarray:
+    """The memory of the run that holds a sample of the filter's sensors."""
+    link = border.chain.filter
+    assert link is not None
+    name = next(name for signal, name in OF_FILTER[entry.group] if signal.name == entry.name)
+    return link.compiled.state[name] if name else link.compiled.settings[entry.name]

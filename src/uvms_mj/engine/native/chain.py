@@ -20,6 +20,7 @@ from ...actuation.propeller import Propeller, commands_alone
 from ...compiler.targets import add_libm, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
+from ...navigation.ekf import ALONE, KEPT, Ekf, estimate_alone, estimate_with_force
 from ...stages.base import is_shipped
 from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
@@ -37,6 +38,14 @@ OF_THE_PLANT = ("tool", "navigation", "sensed", "encoder", "felt", "wrist", "tru
 """The stages that stand for the vehicle and its sensors: they are given the truth, which a real vehicle has not."""
 _ALWAYS = ("address", "tau_bound", "next", "tau_cmd", "step", "t", "stop", "stop_index", "stop_value")
 _BLOCKS = ("command", "delayed", "allocation", "commands", "columns", "columns_hat", "low", "high", "believed")
+SENSORS = np.dtype(
+    [
+        *((each.name, each.kind) for each in CLOCK),
+        *((name, "f8") for name in ("start", "inertial", "interval")),
+        ("present", "f8", (4,)),
+    ]
+)
+"""What a filter is given, besides the samples: which of them are new, and the time since the last inertial one [s]."""
 _OF_MODEL = ("model", "joints", "encoded", "frames_m", "tau_q_demand", "wrist")
 _WORD = 8
 
@@ -57,6 +66,11 @@ class Link:
         """Whether its settings are constants of the library: the settings of the law and of users' stages are in the
         record."""
         return not self.compiled.users and self.name != "controller"
+
+    @property
+    def filters(self) -> bool:
+        """Whether it is the Kalman filter, whose sensors stay behind. It runs in each period of the chain."""
+        return self.name == "navigation"
 
     @property
     def in_c(self) -> bool:
@@ -98,9 +112,17 @@ class Chain:
         pipeline = self.stages
         for (table, compiled), row in zip(pipeline.stages.items(), pipeline.rows, strict=True):
             stage, steps = compiled.stage, int(row["period_steps"])
+            kinds, function = compiled.kinds, type(stage).function()
+            if isinstance(stage, Ekf) and is_shipped(stage):
+                fields: Any = kinds[1].fields
+                state = np.dtype([(name, fields[name][0]) for name in ALONE])
+                sets_force = not (pipeline.observed or "derived" in pipeline.stages)
+                function = estimate_with_force if sets_force else estimate_alone
+                steps *= int(compiled.settings["imu_instants"][0])
+                yield Link(table, compiled, function, (kinds[0], state, SENSORS, kinds[3]), steps)
+                continue
             if table in OF_THE_PLANT or table.startswith("effects") or (table == "reference" and not guided):
                 continue
-            kinds, function = compiled.kinds, type(stage).function()
             if table == "thrusters":
                 if not (isinstance(stage, Propeller) and is_shipped(stage) and stage.curves()[1] is not None):
                     continue  # their command is the thrust
@@ -153,7 +175,9 @@ class Chain:
                 self._fixed[link.name] = sum(map(len, constants)) // _WORD
                 constants.append(raw[start : start + size].tobytes())
                 kind, start = np.dtype(f"V{kind.itemsize - size}"), start + size
-            if kind.itemsize:
+            if link.filters:
+                self._add_filter(link, add, at)
+            elif kind.itemsize:
                 self._spans.append((start, start + kind.itemsize, at))
                 add(f"stage_{k}", kind)
         self.constants = b"".join(constants)
@@ -166,6 +190,20 @@ class Chain:
                 "itemsize": at,
             }
         )
+
+    def _add_filter(self, link: Link, add: Callable[[str, np.dtype], None], at: int) -> None:
+        """Add the records of the filter from a place on [bytes]: what it keeps is the stage's in the run."""
+        own: Any = link.kinds[1].fields
+        of_run: Any = link.compiled.kinds[1].fields
+        layout: Any = link.compiled.layout.fields
+        before = self._start_of(link) + layout["state"][1]
+        for name in KEPT:
+            (kind, offset), start = own[name][:2], before + of_run[name][1]
+            self._spans.append((start, start + kind.itemsize, at + offset))
+        add("filter", link.kinds[1])
+        add("sensors", SENSORS)
+        add("sampled", np.dtype("f8"))  # time of the last sample of the inertial unit [s]
+        add("filtering", np.dtype("f8"))  # 1 if there is an estimate
 
     def _start_of(self, link: Link) -> int:
         """Where the records of a stage begin in the image of the run [bytes]."""
@@ -203,7 +241,11 @@ class Chain:
         chain["address"], chain["step"], chain["stop"], chain["next"] = 0, done, STOP_NONE, 0
         for name in ("stop_index", "stop_value", "t"):
             chain[name] = 0
-        chain["turns"], chain["actuation"] = 1, -1
+        chain["turns"], chain["actuation"] = self.filter is None, -1
+        if self.filter is not None and done:
+            inertial = self.filter.period_steps
+            last = (done - 1) * self.steps // inertial * inertial
+            chain["filtering"], chain["sampled"] = 1.0, last * float(memory.run["timestep"][0])
         if self.joints:
             chain["encoded"] = 1  # so that the frames are placed at the measured positions
         chain["tau_cmd"] = self.place(memory.image.place(memory.stages.command))
@@ -211,10 +253,12 @@ class Chain:
         for k, link in enumerate(self.links):
             row = rows[order.index(link.name)]
             stage = chain["stages"][k]
-            stage["code_at"], stage["states"], stage["key"] = k + 1, row["states"], row["key"]
-            every = max(1, (link.period_steps or self.steps) // self.steps)
+            often = link.filters or not link.period_steps
+            states = 0 if link.filters else row["states"]
+            stage["code_at"], stage["states"], stage["key"] = k + 1, states, row["key"]
+            every = 1 if often else max(1, link.period_steps // self.steps)
             stage["period_steps"] = every
-            stage["period"] = row["period"] if link.period_steps else self.period
+            stage["period"] = self.period if often else row["period"]
             stage["instant"] = row["instant"]
             chain["waits"][k], chain["fixed"][k] = -done % every, link.fixed
             for name in ("settings", "state", "given", "state_dot", "out"):
@@ -227,6 +271,9 @@ class Chain:
         """The place of an argument of a stage."""
         if name == "settings" and link.fixed:
             return self._fixed[link.name]
+        if link.filters:
+            records = {"given": ("sensors",), "out": ("measured", "p_WB")}
+            return self.place_of(*records.get(name, ("filter",)))
         of_states = name in ("state", "state_dot")
         if of_states and ("state" not in (link.compiled.layout.names or ()) or not link.kinds[1].itemsize):
             return 0  # the whole record, or no state
@@ -253,6 +300,11 @@ class Chain:
     def pulses(self) -> Link | None:
         """The stage that makes commands of speed controllers of thrusts."""
         return next((link for link in self.links if link.function is commands_alone), None)
+
+    @property
+    def filter(self) -> Link | None:
+        """The Kalman filter."""
+        return next((link for link in self.links if link.filters), None)
 
     def has(self, name: str) -> bool:
         """Whether a stage is in the chain."""
