@@ -90,7 +90,7 @@ def write_library(
     Args:
         name: of the library and of its functions; default: the law's name.
         guided: whether the scenario's guidance is in the library; otherwise each call is given the reference.
-        test: whether the test runs where this machine, or qemu-user, can run it.
+        test: whether the test runs where this machine, or an emulator on it, can run it.
 
     Raises:
         InputError: a stage can't leave this machine, ziglang is not installed, or a test shows that a library does not
@@ -225,7 +225,7 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
     out = f"{link.name}.o"
     options = ("-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own))
     try:
-        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted"), out)
+        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted", *linking.headers(machine)), out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
     return out

@@ -29,7 +29,7 @@ class Machine:
         shared: whether it has shared libraries.
         rounds: whether it has instructions that round a number to a whole one.
         what: in words.
-        emulator: the processor as qemu-user calls it.
+        emulator: the processor as qemu calls it.
     """
 
     target: Target
@@ -84,9 +84,13 @@ MACHINES = {
     ),
 }
 _FREESTANDING = Path(__file__).with_name("freestanding")
-HELPERS = {"memcpy", "memmove", "memset", "__aeabi_d2lz", "__aeabi_l2d", "__aeabi_ldivmod"}
+HELPERS = {"memcpy", "memmove", "memset"} | {
+    f"__aeabi_{n}" for n in ("d2lz", "d2ulz", "l2d", "ul2d", "ldivmod", "uldivmod")
+}
 HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
 """Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
+_BOARD = ("-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none")
+_BOARD += ("-chardev", "file,id=said,path=/dev/stdout", "-semihosting-config", "enable=on,chardev=said", "-kernel")
 _C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
 _C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-pointer", "-w")
 
@@ -97,6 +101,14 @@ def zig() -> list[str]:
     if found is None or found.origin is None:
         raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
     return [str(Path(found.origin).with_name("zig"))]  # without a start of Python for each call
+
+
+def headers(machine: Machine) -> list[str]:
+    """Options that give a file of C the headers of a C library where a processor has no system."""
+    if machine.shared:
+        return []
+    found = Path(*zig()).with_name("lib") / "libc" / "include"
+    return [word for each in ("arm-linux-musl", "generic-musl") for word in ("-isystem", str(found / each))]
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -282,8 +294,8 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
 
 
 def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path:
-    """A static program of a file of C, test.c or loop.c, for qemu-user, or for this processor, with a C library of some
-    functions: one that ziglang builds takes minutes the first time."""
+    """A static program of a file of C, test.c or loop.c, for an emulator or for this processor, with a C library of
+    some functions: one that ziglang builds takes minutes the first time."""
     common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
     alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
     files = [source, _FREESTANDING / "libc.c"]
@@ -291,12 +303,16 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path
     for each in files:
         own_c(alone, each, folder, common)
     objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
-    run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", source.stem], folder)
+    places = ("-e", "_start") if machine.shared else ("-T", str(_FREESTANDING / "cortex_m7.ld"))
+    run([*zig(), "ld.lld", "--gc-sections", *places, *objects, "-o", source.stem], folder)
     return folder / source.stem
 
 
 def emulator(machine: Machine) -> list[str] | None:
     """How a program of a target runs here; None if it does not."""
+    if not machine.shared:  # a board with a Cortex-M7, and no operating system
+        found = shutil.which(f"qemu-system-{machine.emulator}")
+        return [found, *_BOARD] if found else None
     if sys.platform != "linux":
         return None  # qemu-user, and the start of the program, are for Linux
     if machine.emulator == platform.machine():
