@@ -10,6 +10,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -167,17 +168,36 @@ def without_rounding(text: str) -> str:
 
 
 _EMIT = """
-import sys
+import os, sys
 import llvmlite.binding as llvm
 from uvms_mj.compiler.targets import Target
-target = Target(*sys.argv[1:4], reloc=sys.argv[4], codemodel=sys.argv[5], compact=True)
-sys.stdout.buffer.write(target.code(llvm.parse_assembly(sys.stdin.read())))
+words = sys.argv[1:]
+for k in range(len(words) // 5):
+    if os.fork() == 0:
+        triple, processor, features, reloc, codemodel = words[5 * k : 5 * k + 5]
+        target = Target(triple, processor, features, reloc=reloc, codemodel=codemodel, compact=True)
+        with open(f"{k}.ll", encoding="utf-8") as text:
+            code = target.code(llvm.parse_assembly(text.read()))
+        with open(f"{k}.o", "wb") as out:
+            out.write(code)
+        os._exit(0)
+for _ in range(len(words) // 5):
+    os.wait()
 """
 
 
-def emitted(text: str, target: Target) -> bytes:
-    """The object of LLVM's text for a target, which is kept on disk."""
-    return kept(object_name([b"emitted", text.encode(), repr(target).encode()]), lambda: _emitted(text, target))
+def emitted(text: str, machines: Sequence[Machine]) -> list[bytes]:
+    """The object of LLVM's text for each machine, which is kept on disk."""
+    jobs = {}
+    for each in machines:
+        own = text if each.rounds else without_rounding(text)
+        jobs[object_name([b"emitted", own.encode(), repr(each.target).encode()])] = own, each.target
+    objects = {name: found[0] for name in jobs if (found := recall(name)) is not None}
+    if missing := [name for name in jobs if name not in objects]:
+        for name, code in zip(missing, _emitted([jobs[name] for name in missing]), strict=True):
+            objects[name] = code
+            remember(name, code, {})
+    return [objects[name] for name in jobs]
 
 
 def kept(name: str, make: Callable[[], bytes]) -> bytes:
@@ -190,21 +210,28 @@ def kept(name: str, make: Callable[[], bytes]) -> bytes:
     return made
 
 
-def _emitted(text: str, target: Target) -> bytes:
-    """It is emitted in a process of its own, which LLVM ends where it does not know what to do."""
-    words = [target.triple, target.processor, target.features, target.reloc, target.codemodel]
+def _emitted(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
+    """Each is emitted in a process of its own, which LLVM ends where it does not know what to do: copies of one process
+    that has loaded LLVM."""
     source = str(Path(__file__).parents[3])
     path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", _EMIT, *words],
-        input=text.encode(),
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": path},
-    )
-    if done.returncode or not done.stdout:
-        said = (done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"])[-1]
-        raise InputError(f"LLVM emits no code for {target.triple}: {said}")
-    return done.stdout
+    with tempfile.TemporaryDirectory() as folder:
+        words = []
+        for k, (text, target) in enumerate(jobs):
+            Path(folder, f"{k}.ll").write_text(text, encoding="utf-8")
+            words += [target.triple, target.processor, target.features, target.reloc, target.codemodel]
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _EMIT, *words],
+            cwd=folder,
+            capture_output=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        objects = [Path(folder, f"{k}.o") for k in range(len(jobs))]
+        for (_, target), each in zip(jobs, objects, strict=True):
+            if not each.is_file():
+                said = (done.stderr.decode(errors="replace").strip().splitlines() or ["no reason is given"])[-1]
+                raise InputError(f"LLVM emits no code for {target.triple}: {said}")
+        return [each.read_bytes() for each in objects]
 
 
 def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, out: Path) -> list[Path]:
