@@ -32,7 +32,7 @@ docs-serve: docs
 
 system-packages:
 	-@if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then apt-get update -qq && \
-	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq qemu-user chromium mesa-vulkan-drivers libvulkan1 libegl1 libgl1-mesa-dri >/dev/null; \
+	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq qemu-user qemu-system-arm chromium mesa-vulkan-drivers libvulkan1 libegl1 libgl1-mesa-dri >/dev/null; \
 	  else echo "no apt-get, or not root: tests of viewers, videos and other processors may be skipped"; fi
 
 setup: $(VENV)/.installed

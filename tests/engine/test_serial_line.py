@@ -52,10 +52,10 @@ def exported(tmp_path_factory):
 def program_of(folder, target, place):
     machine = MACHINES[target]
     if linking.emulator(machine) is None:
-        pytest.skip(f"no qemu-{machine.emulator}: apt-get install qemu-user")
+        pytest.skip(f"no emulator of {target}: apt-get install qemu-user")
     for each in (*folder.glob("*.h"), folder / "loop.c"):
         shutil.copy(each, place)
-    program = linking.program(machine, folder / target / "libgsta.a", place / "loop.c", place)
+    program = linking.program(machine, next((folder / target).glob("*.a")), place / "loop.c", place)
     return [*linking.emulator(machine), str(program)]
 
 
@@ -247,6 +247,52 @@ def test_a_frame_that_the_law_refuses_is_neutral_and_says_why(line, wrong, statu
     after = line.asked(2)
     assert after[:2] in ((2, OK), (2, LATE))
     assert not neutral(after)
+
+
+COUNTING = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+@dataclass(frozen=True)
+class Counting(Controller):
+    uses_task = False
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+        tau_cmd[0] = signals.tau_hat[0] + 1.0
+"""
+
+
+@pytest.fixture(scope="module")
+def counting(tmp_path_factory):
+    """A law that asks for one newton more than the wrench that acted, in its program."""
+    folder, place = tmp_path_factory.mktemp("counting"), tmp_path_factory.mktemp("place")
+    (folder / "law.py").write_text(COUNTING)
+    settings = {"controller.period": PERIOD, "simulation.duration": 0.05}
+    write_library(Scenario.load("push_wall", settings, f"{folder}/law.py:Counting"), folder, ["x86_64"], test=False)
+    about = tomllib.loads((folder / "counting.toml").read_text())["library"]
+    return program_of(folder, "x86_64", place), int(about["layout"], 16)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "status"),
+    [({"layout": 5}, OTHER_HEADER), ({"present": 3}, MISSING), ({"numbers": np.full(22, np.nan)}, NOT_FINITE),
+     (None, DAMAGED)],
+    ids=["another layout", "no force", "no numbers", "half a frame"],
+)  # fmt: skip
+def test_the_law_knows_that_no_thrust_acted_after_a_neutral_command(counting, wrong, status):
+    """The law counts the newtons that acted: 1, 2, 3, then nothing, so 1 again."""
+    program, layout = counting
+    with contextlib.closing(Line(program, layout)) as line:
+        counted = [line.asked(k)[3][0] for k in range(3)]
+        np.testing.assert_allclose(counted, [1.0, 2.0, 3.0], rtol=1e-12)
+        if wrong is None:
+            line.write(line.frame(3)[:100])
+            answer = line.answer()
+        else:
+            answer = line.asked(3, **wrong)
+        assert answer[1] == status
+        assert neutral(answer)
+        assert line.asked(4)[3][0] == 1.0
 
 
 def test_a_frame_that_comes_again_has_the_same_answer(line):

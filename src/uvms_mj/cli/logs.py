@@ -226,7 +226,7 @@ def export_plugin(vehicle: str, out: str | None) -> None:
     "--reference", type=click.Choice(["guidance", "caller"]), default="guidance", show_default=True,
     help="Whose reference: of the scenario's guidance, inside, or one that you give to each call.",
 )  # fmt: skip
-@click.option("--no-test", is_flag=True, help="Do not run the test here, natively or in qemu-user.")
+@click.option("--no-test", is_flag=True, help="Do not run the test here, natively or in an emulator.")
 @force_option
 def export_law(
     law: str,

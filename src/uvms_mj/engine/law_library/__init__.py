@@ -86,7 +86,7 @@ def write_library(
     Args:
         name: of the library and of its functions; default: the law's name.
         guided: whether the scenario's guidance is in the library; otherwise each call is given the reference.
-        test: whether the test runs where this machine, or qemu-user, can run it.
+        test: whether the test runs where this machine, or an emulator on it, can run it.
 
     Raises:
         InputError: a stage can't leave this machine, ziglang is not installed, or a test shows that a library does not
@@ -103,7 +103,10 @@ def write_library(
         with sim:
             sim.step(FIRST)
         sim = _simulation(scenario)
-    with sim:
+    with sim, tempfile.TemporaryDirectory() as where, ThreadPoolExecutor(os.cpu_count()) as pool:
+        place, new = Path(where, "work"), Path(where, "new")
+        for each in (place, new):
+            each.mkdir()
         chain = Chain(sim.memory, guided)
         border = Border.of(chain, scenario, guided)
         not_asked = as_law.not_asked(border, scenario)
@@ -111,39 +114,42 @@ def write_library(
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if not no_law else None
         text, notes = chain.module(f"{name}_chain"), sim.notes
         export = _number(border, text)
-        steps = recorded(sim, border, text, f"{name}_chain")
-        refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
-    title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
-    files = {
-        f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
-        "vectors.h": texts.vectors_text(border, steps, name),
-        "test.c": texts.test(name),
-        "LICENSE": _license(),
-    }
-    if shared := any(MACHINES[target].shared for target in targets):
-        files["loop.c"] = texts.loop(border, name, not not_asked)
-    with tempfile.TemporaryDirectory() as where:
-        place, new = Path(where, "work"), Path(where, "new")
-        for each in (place, new):
-            each.mkdir()
-        for file, content in files.items():
-            _write(new / file, content)
+        title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
+        header = texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts.")
         sources = {
-            f"{name}.h": files[f"{name}.h"],
+            f"{name}.h": header,
             "image.h": texts.image(border, name, export),
             "shell.c": texts.shell(name),
             **(texts.as_law(border, law) if law is not None else {}),
         }
 
-        def make(target: str) -> Made:
+        def compiled(target: str) -> list[str]:
             own = place / target
             own.mkdir()
             for file, content in sources.items():
                 (own / file).write_text(content, encoding="utf-8")
-            return _made(MACHINES[target], target, chain, text, name, own, new, test)
+            return _compiled(MACHINES[target], chain, own)
 
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # which wait for LLVM and ziglang
-            made = list(pool.map(make, targets))
+        def make(target: str) -> Made:
+            (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
+            return _made(MACHINES[target], target, objects[target].result(), name, place / target, new, test)
+
+        # LLVM and ziglang work while the run is recorded
+        stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets])
+        objects = {target: pool.submit(compiled, target) for target in targets}
+        steps = recorded(sim, border, text, f"{name}_chain")
+        refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
+        files = {
+            f"{name}.h": header,
+            "vectors.h": texts.vectors_text(border, steps, name),
+            "test.c": texts.test(name),
+            "LICENSE": _license(),
+        }
+        if shared := any(MACHINES[target].shared for target in targets):
+            files["loop.c"] = texts.loop(border, name, not not_asked)
+        for file, content in files.items():
+            _write(new / file, content)
+        made = list(pool.map(make, targets))
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
         notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
@@ -186,16 +192,17 @@ def name_of(scenario: Scenario) -> str:
     return next(name for name in names if texts.is_free(name))
 
 
-def _made(
-    machine: Machine, target: str, chain: Chain, text: str, name: str, place: Path, folder: Path, test: bool
-) -> Made:
-    """The library of one target, made in the folder ``place``."""
-    (place / "stages.o").write_bytes(
-        linking.emitted(text if machine.rounds else linking.without_rounding(text), machine.target)
-    )
-    objects = ["stages.o", linking.own_c(machine, place / "shell.c", place)]
+def _compiled(machine: Machine, chain: Chain, place: Path) -> list[str]:
+    """Compile what is C of a library, in the folder ``place``; the names of the objects."""
+    objects = [linking.own_c(machine, place / "shell.c", place)]
     objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
-    adapter = [linking.own_c(machine, each, place) for each in place.glob("as_law.c")]  # no program links it
+    return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c")]
+
+
+def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: Path, folder: Path, test: bool) -> Made:
+    """The library of one target, made of the objects in the folder ``place``."""
+    adapter = [each for each in in_c if each == "as_law.o"]  # no program links it
+    objects = ["stages.o", *(each for each in in_c if each not in adapter)]
     libraries = linking.linked(machine, name, [*objects, *adapter], place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
     codes = [(place / each).read_bytes() for each in objects]
@@ -228,7 +235,7 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
     out = f"{link.name}.o"
     options = ("-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own))
     try:
-        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted"), out)
+        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted", *linking.headers(machine)), out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
     return out

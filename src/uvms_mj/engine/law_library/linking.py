@@ -10,6 +10,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,7 +30,7 @@ class Machine:
         shared: whether it has shared libraries.
         rounds: whether it has instructions that round a number to a whole one.
         what: in words.
-        emulator: the processor as qemu-user calls it.
+        emulator: the processor as qemu calls it.
     """
 
     target: Target
@@ -84,9 +85,13 @@ MACHINES = {
     ),
 }
 _FREESTANDING = Path(__file__).with_name("freestanding")
-HELPERS = {"memcpy", "memmove", "memset", "__aeabi_d2lz", "__aeabi_l2d", "__aeabi_ldivmod"}
+HELPERS = {"memcpy", "memmove", "memset"} | {
+    f"__aeabi_{n}" for n in ("d2lz", "d2ulz", "l2d", "ul2d", "ldivmod", "uldivmod")
+}
 HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
 """Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
+_BOARD = ("-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none")
+_BOARD += ("-chardev", "file,id=said,path=/dev/stdout", "-semihosting-config", "enable=on,chardev=said", "-kernel")
 _C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
 _C += ("-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-fomit-frame-pointer", "-w")
 
@@ -97,6 +102,14 @@ def zig() -> list[str]:
     if found is None or found.origin is None:
         raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
     return [str(Path(found.origin).with_name("zig"))]  # without a start of Python for each call
+
+
+def headers(machine: Machine) -> list[str]:
+    """Options that give a file of C the headers of a C library where a processor has no system."""
+    if machine.shared:
+        return []
+    found = Path(*zig()).with_name("lib") / "libc" / "include"
+    return [word for each in ("arm-linux-musl", "generic-musl") for word in ("-isystem", str(found / each))]
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -155,17 +168,36 @@ def without_rounding(text: str) -> str:
 
 
 _EMIT = """
-import sys
+import os, sys
 import llvmlite.binding as llvm
 from uvms_mj.compiler.targets import Target
-target = Target(*sys.argv[1:4], reloc=sys.argv[4], codemodel=sys.argv[5], compact=True)
-sys.stdout.buffer.write(target.code(llvm.parse_assembly(sys.stdin.read())))
+words = sys.argv[1:]
+for k in range(len(words) // 5):
+    if os.fork() == 0:
+        triple, processor, features, reloc, codemodel = words[5 * k : 5 * k + 5]
+        target = Target(triple, processor, features, reloc=reloc, codemodel=codemodel, compact=True)
+        with open(f"{k}.ll", encoding="utf-8") as text:
+            code = target.code(llvm.parse_assembly(text.read()))
+        with open(f"{k}.o", "wb") as out:
+            out.write(code)
+        os._exit(0)
+for _ in range(len(words) // 5):
+    os.wait()
 """
 
 
-def emitted(text: str, target: Target) -> bytes:
-    """The object of LLVM's text for a target, which is kept on disk."""
-    return kept(object_name([b"emitted", text.encode(), repr(target).encode()]), lambda: _emitted(text, target))
+def emitted(text: str, machines: Sequence[Machine]) -> list[bytes]:
+    """The object of LLVM's text for each machine, which is kept on disk."""
+    jobs = {}
+    for each in machines:
+        own = text if each.rounds else without_rounding(text)
+        jobs[object_name([b"emitted", own.encode(), repr(each.target).encode()])] = own, each.target
+    objects = {name: found[0] for name in jobs if (found := recall(name)) is not None}
+    if missing := [name for name in jobs if name not in objects]:
+        for name, code in zip(missing, _emitted([jobs[name] for name in missing]), strict=True):
+            objects[name] = code
+            remember(name, code, {})
+    return [objects[name] for name in jobs]
 
 
 def kept(name: str, make: Callable[[], bytes]) -> bytes:
@@ -178,21 +210,28 @@ def kept(name: str, make: Callable[[], bytes]) -> bytes:
     return made
 
 
-def _emitted(text: str, target: Target) -> bytes:
-    """It is emitted in a process of its own, which LLVM ends where it does not know what to do."""
-    words = [target.triple, target.processor, target.features, target.reloc, target.codemodel]
+def _emitted(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
+    """Each is emitted in a process of its own, which LLVM ends where it does not know what to do: copies of one process
+    that has loaded LLVM."""
     source = str(Path(__file__).parents[3])
     path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", _EMIT, *words],
-        input=text.encode(),
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": path},
-    )
-    if done.returncode or not done.stdout:
-        said = (done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"])[-1]
-        raise InputError(f"LLVM emits no code for {target.triple}: {said}")
-    return done.stdout
+    with tempfile.TemporaryDirectory() as folder:
+        words = []
+        for k, (text, target) in enumerate(jobs):
+            Path(folder, f"{k}.ll").write_text(text, encoding="utf-8")
+            words += [target.triple, target.processor, target.features, target.reloc, target.codemodel]
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _EMIT, *words],
+            cwd=folder,
+            capture_output=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        objects = [Path(folder, f"{k}.o") for k in range(len(jobs))]
+        for (_, target), each in zip(jobs, objects, strict=True):
+            if not each.is_file():
+                said = (done.stderr.decode(errors="replace").strip().splitlines() or ["no reason is given"])[-1]
+                raise InputError(f"LLVM emits no code for {target.triple}: {said}")
+        return [each.read_bytes() for each in objects]
 
 
 def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, out: Path) -> list[Path]:
@@ -282,8 +321,8 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
 
 
 def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path:
-    """A static program of a file of C, test.c or loop.c, for qemu-user, or for this processor, with a C library of some
-    functions: one that ziglang builds takes minutes the first time."""
+    """A static program of a file of C, test.c or loop.c, for an emulator or for this processor, with a C library of
+    some functions: one that ziglang builds takes minutes the first time."""
     common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
     alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
     files = [source, _FREESTANDING / "libc.c"]
@@ -291,12 +330,16 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path
     for each in files:
         own_c(alone, each, folder, common)
     objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
-    run([*zig(), "ld.lld", "--gc-sections", "-e", "_start", *objects, "-o", source.stem], folder)
+    places = ("-e", "_start") if machine.shared else ("-T", str(_FREESTANDING / "cortex_m7.ld"))
+    run([*zig(), "ld.lld", "--gc-sections", *places, *objects, "-o", source.stem], folder)
     return folder / source.stem
 
 
 def emulator(machine: Machine) -> list[str] | None:
     """How a program of a target runs here; None if it does not."""
+    if not machine.shared:  # a board with a Cortex-M7, and no operating system
+        found = shutil.which(f"qemu-system-{machine.emulator}")
+        return [found, *_BOARD] if found else None
     if sys.platform != "linux":
         return None  # qemu-user, and the start of the program, are for Linux
     if machine.emulator == platform.machine():

@@ -1,8 +1,25 @@
-/* A C library of some functions, for programs that qemu-user runs: ziglang needs minutes to build a whole one. */
+/* A C library of some functions, for programs that qemu-user runs, and for a Cortex-M7 without an operating system in
+   qemu-system-arm, which hears calls at a breakpoint (semihosting): ziglang needs minutes to build a whole one. */
 #include <stdarg.h>
 typedef __SIZE_TYPE__ size_t;
 
 int main(int count, char **arguments);
+
+#if defined(__ARM_ARCH_PROFILE) && __ARM_ARCH_PROFILE == 'M'
+#define BARE
+#endif
+#if defined(__x86_64__)
+enum { WRITE = 1, EXIT = 231, SOCKET = 41, BIND = 49, SEND_TO = 44, RECEIVE_FROM = 45 };
+enum { READ = 0, OPEN_AT = 257, CONTROL = 16, POLL = 271 };
+#elif defined(__aarch64__)
+enum { WRITE = 64, EXIT = 94, SOCKET = 198, BIND = 200, SEND_TO = 206, RECEIVE_FROM = 207 };
+enum { READ = 63, OPEN_AT = 56, CONTROL = 29, POLL = 73 };
+#elif defined(BARE)
+enum { WRITE = 0x04, EXIT = 0x20, SOCKET, BIND, SEND_TO, RECEIVE_FROM, READ, OPEN_AT, CONTROL, POLL };
+#else
+enum { WRITE = 4, EXIT = 248, SOCKET = 281, BIND = 282, SEND_TO = 290, RECEIVE_FROM = 292 };
+enum { READ = 3, OPEN_AT = 322, CONTROL = 54, POLL = 336 };
+#endif
 
 static long call(long number, long a, long b, long c, long d, long e, long f)
 {
@@ -19,6 +36,14 @@ static long call(long number, long a, long b, long c, long d, long e, long f)
     register long x3 __asm__("x3") = d, x4 __asm__("x4") = e, x5 __asm__("x5") = f;
     __asm__ volatile("svc 0" : "+r"(x0) : "r"(x8), "r"(x1), "r"(x2), "r"(x3), "r"(x4), "r"(x5) : "memory");
     return x0;
+#elif defined(BARE)
+    long words[2];
+    register long r0 __asm__("r0") = number, r1 __asm__("r1") = number == WRITE ? b : (long)words; /* ends with a zero */
+    words[0] = 0x20026; /* the program has ended, with this status */
+    words[1] = a;
+    (void)c, (void)d, (void)e, (void)f;
+    __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+    return r0;
 #else
     register long r0 __asm__("r0") = a, r1 __asm__("r1") = b, r2 __asm__("r2") = c, r3 __asm__("r3") = d;
     register long r4 __asm__("r4") = e, r5 __asm__("r5") = f; /* r7 may be the frame's */
@@ -29,17 +54,6 @@ static long call(long number, long a, long b, long c, long d, long e, long f)
     return r0;
 #endif
 }
-
-#if defined(__x86_64__)
-enum { WRITE = 1, EXIT = 231, SOCKET = 41, BIND = 49, SEND_TO = 44, RECEIVE_FROM = 45 };
-enum { READ = 0, OPEN_AT = 257, CONTROL = 16, POLL = 271 };
-#elif defined(__aarch64__)
-enum { WRITE = 64, EXIT = 94, SOCKET = 198, BIND = 200, SEND_TO = 206, RECEIVE_FROM = 207 };
-enum { READ = 63, OPEN_AT = 56, CONTROL = 29, POLL = 73 };
-#else
-enum { WRITE = 4, EXIT = 248, SOCKET = 281, BIND = 282, SEND_TO = 290, RECEIVE_FROM = 292 };
-enum { READ = 3, OPEN_AT = 322, CONTROL = 54, POLL = 336 };
-#endif
 
 /* Sockets. A result below zero is the negative of the error's number. */
 int socket(int family, int kind, int protocol)
@@ -226,6 +240,27 @@ void __aeabi_memcpy4(void *to, const void *from, size_t n) { memmove(to, from, n
 void __aeabi_memcpy8(void *to, const void *from, size_t n) { memmove(to, from, n); }
 #endif
 
+#if defined(BARE)
+__attribute__((noreturn)) void _start(void)
+{
+    *(volatile unsigned *)0xe000ed88 |= 0xfu << 20; /* the floating-point unit is on */
+    __asm__ volatile("dsb\n isb");
+    call(EXIT, main(0, 0), 0, 0, 0, 0, 0);
+    for (;;)
+        ;
+}
+__attribute__((noreturn)) static void fault(void)
+{
+    put("the processor has stopped at a fault\n");
+    call(EXIT, 3, 0, 0, 0, 0, 0);
+    for (;;)
+        ;
+}
+/* the stack's end, the start, and what is called at each kind of fault */
+__attribute__((section(".vectors"), used)) static void (*const vectors[])(void) = {
+    (void (*)(void))0x400000, _start, fault, fault, fault, fault, fault,
+};
+#else
 void begin(long *stack)
 {
     call(EXIT, main((int)stack[0], (char **)(stack + 1)), 0, 0, 0, 0, 0);
@@ -239,4 +274,5 @@ __asm__(".globl _start\n_start:\n xor %ebp, %ebp\n mov %rsp, %rdi\n and $-16, %r
 __asm__(".globl _start\n_start:\n mov x29, #0\n mov x0, sp\n bl begin\n");
 #else
 __asm__(".globl _start\n.type _start, %function\n_start:\n mov r0, sp\n bl begin\n");
+#endif
 #endif
