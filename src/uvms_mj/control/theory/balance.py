@@ -140,6 +140,8 @@ def static_balance(
     answering = motion.answering(pose) if motion.limits else np.ones(len(thrust_map.inverse), bool)
     if answering.all() and (weak := thrust_map.infeasible(tau)):
         return weak
+    if not answering.all() and residual is not None and np.isinf(K):
+        return f"{thrust_map.infeasible(tau)}, and an integral without a limit winds up"
     winds_up = thrust_map.limited and scenario.controller.states  # a law without states forgets its way
     if balance.springs.convex and winds_up and not motion.limits and (reason := _kept_at_limits(motion, slope, kept)):
         return reason
