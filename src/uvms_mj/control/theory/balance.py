@@ -60,7 +60,7 @@ from .contacts_about_rest import contacts_about
 from .free_motion import tool_rest
 from .own_effects import OwnEffects
 from .rigid_motion import KEEPING, NOMINAL, Compiled, RigidMotion
-from .task_motion import TaskMotion, way_of
+from .task_motion import TaskMotion, Track, way_of
 from .terms import START_FORCE, Balance, Memory, Pose, ThrustMap
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
@@ -285,7 +285,7 @@ def _reached(
             others.append(_followed(motion, start, limits=True))
             if reason := _lost_at_limits(motion, K, kept):
                 return reason
-            if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
+            if _slides_off(track):
                 return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
         motion.track = track
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
@@ -318,6 +318,11 @@ def _lost_at_limits(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np
     if kept is not None and (reason := kept(*motion.unmodelled())):
         return f"the thrusters come to their limits on the way, and {reason}"
     return ""
+
+
+def _slides_off(track: Track) -> bool:
+    """Whether a contact ends on the way."""
+    return any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses))
 
 
 def _thrown(balance: Balance, start: Pose) -> np.ndarray | str:
@@ -383,6 +388,8 @@ def _with_arm(setup: SetupLike, K: float, thrust_map: ThrustMap) -> SteadyState 
     if isinstance(rest, str):
         return rest
     track, curved = motion.track, not motion.balance.springs.convex
+    if _slides_off(track):
+        return "the tool slides off a wall on its way, and the limits of the joints in the hit are not known"
 
     def reached(tool: Pose, a: np.ndarray) -> str:
         """The way again with the disturbance that the law leaves, as it is at the rest: it may meet another face."""
