@@ -32,7 +32,7 @@ from ...physics.random import key_of
 from ...plant.effect import Surroundings
 from ...scenario import Scenario
 from ...setup.base import Setup
-from ...setup.reads import ANYTHING, Change
+from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage, is_shipped
 from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
 from ...stages.signals import (

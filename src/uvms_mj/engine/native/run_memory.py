@@ -18,7 +18,7 @@ from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
 from ...records.trace import Trace
 from ...setup.base import Setup
-from ...setup.reads import ANYTHING, Change
+from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
     BAND,

@@ -1,4 +1,6 @@
-"""Which parts of a setup a function reads: it need not be called again for a setup that differs in others.
+"""A change of a setup, and which parts of a setup a function reads.
+
+A function need not be called again for a setup that differs in other parts.
 
 A part is a key of a plain table, ``wall.stiffness``, a stage or a list of tables as a whole, ``controller`` and
 ``walls``, or one of ``design`` and ``contacts``. The plant is none: no change reaches it.
@@ -10,8 +12,17 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Set
 from typing import Any
 
+import numpy as np
+
+from ..control.design import Design
+from ..errors import Fault, InputError
+from ..physics.effects import counted
+from ..plant.build import check_fit, task_inertias
+from ..plant.contacts import contacts_of
+from ..scenario import CHOICES, Scenario
 from ..stages.base import Stage, is_shipped
 from .base import Setup
+from .checks import CHECKS, faults_of_stage, no_overflow, refuse
 
 
 class Reads:
@@ -64,6 +75,92 @@ class Change:
 
 ANYTHING = Change({})
 """What concerns every function."""
+
+
+def changed(base: Setup, change: Change, place: str) -> Setup:
+    """``base`` with a change of its scenario.
+
+    Raises:
+        InputError: a key or value is invalid, or needs another plant or other machine code. ``place`` is the caller's
+            name in the message.
+    """
+    try:
+        setup = Setup(base.scenario.updated(change.overrides), base.plant, base.design, base.contacts)
+        _refuse_other_code(base, setup.scenario, place)
+        with no_overflow(setup.scenario):
+            if change.concerns(_check_fit):
+                _check_fit(setup)
+            parts = {name: part(setup) for name, part in _PARTS.items() if change.concerns(part)}
+            if parts:
+                made: dict[str, Any] = {"design": base.design, "contacts": base.contacts} | parts
+                setup = Setup(setup.scenario, base.plant, **made)
+                change.add(parts)
+            if setup.contacts.kinds != base.contacts.kinds:
+                wrong = f"{place} can't change which contacts there are; make a new Simulation"
+                keys = ("wall.present", "bumper.stiffness")
+                raise InputError([Fault(key, wrong) for key in change.overrides if key in keys or key[:5] == "walls"])
+            named, there = setup.scenario.named_stages, change.concerns_stage
+            stages = {table: stage for table, stage in named.items() if there(_stage_faults, table)}
+            refuse(setup, stages, [check for check in CHECKS if change.concerns(check)])
+            if change.concerns(_effects):
+                _refuse_more_effects(base, setup, place)
+    except InputError as error:
+        raise InputError(error.faults, place) from None
+    return setup
+
+
+def _check_fit(setup: Setup) -> None:
+    check_fit(setup.scenario, setup.nominal)
+
+
+def _stage_faults(table: str, setup: Setup) -> list[Fault]:
+    return faults_of_stage(table, setup.scenario.stage(table), setup)
+
+
+def _effects(setup: Setup) -> np.ndarray:
+    return setup.effects
+
+
+_PARTS: dict[str, Callable[[Setup], Any]] = {
+    "design": lambda setup: Design.of(setup.scenario, *task_inertias(setup.scenario, setup.nominal)),
+    "contacts": lambda setup: contacts_of(setup.scenario, setup.plant.probe, setup.nominal),
+}
+"""The parts of a setup that follow from its scenario and its plant."""
+
+
+def _refuse_more_effects(base: Setup, setup: Setup, place: str) -> None:
+    there = dict(counted(base.effects))
+    wrong = f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation"
+    if faults := [Fault(name, wrong) for name, n in counted(setup.effects) if n > there.get(name, 0)]:
+        raise InputError(faults)
+
+
+def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
+    base, faults = setup.scenario, []
+    if scenario.vehicle is not base.vehicle and scenario.vehicle != base.vehicle:
+        keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
+        faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
+    if scenario.simulation.integrator != base.simulation.integrator:
+        faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
+    if scenario.task.frame != base.task.frame:
+        faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
+    changed_tables = [name for name in CHOICES if getattr(scenario, name) is not getattr(base, name)]
+    there = scenario.named_stages if changed_tables else {}
+    faults += [
+        Fault(f"{table}.name", f"{place} can't change a stage, only its settings; make a new Simulation")
+        for table, new in there.items()
+        if type(base.named_stages.get(table, new)) is not type(new)
+    ]
+    if len(scenario.effects) != len(base.effects):
+        faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
+    else:
+        faults += [
+            Fault(f"effects[{i}].at", f"{place} can't change the frame of an effect; make a new Simulation")
+            for i, (new, old) in enumerate(zip(scenario.effects, base.effects, strict=True))
+            if new.at != old.at
+        ]
+    if faults:
+        raise InputError(faults)
 
 
 def watched(setup: Setup, found: set[str]) -> Any:
