@@ -189,6 +189,10 @@ def state_of(effect: str) -> str:
     return f"{effect}_state"
 
 
+NO_EFFECTS = effects_dtype(())
+"""The arrays where there is no effect."""
+
+
 @kernel
 def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     """Add the motion of the water by all effects that move it, at the place p_W (3,) [m, W] and the time t [s]: its

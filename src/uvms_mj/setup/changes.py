@@ -20,7 +20,7 @@ from ..physics.effects import counted
 from ..plant.build import check_fit, task_inertias
 from ..plant.contacts import contacts_of
 from ..scenario import CHOICES, Scenario
-from ..stages.base import Stage, is_shipped
+from ..stages.base import Stage
 from .base import Setup
 from .checks import CHECKS, faults_of_stage, no_overflow, refuse
 
@@ -35,7 +35,7 @@ class Reads:
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
         self.found: dict[Hashable, Set[str]] = {}
-        self.users = {table for table, stage in setup.scenario.named_stages.items() if not is_shipped(stage)}
+        self.users = {table for table, stage in setup.scenario.named_stages.items() if not stage.is_shipped}
 
     def find(self, function: Callable[..., Any], *arguments: Any) -> Set[str]:
         """The parts that a function reads."""

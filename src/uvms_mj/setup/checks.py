@@ -38,7 +38,7 @@ from ..plant.settings import Surface, contact_settings, in_series_fast, without_
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..quantities import leaves, radians_notes
 from ..scenario import Scenario
-from ..stages.base import Stage, is_shipped
+from ..stages.base import Stage
 from .base import Setup, set_up
 from .deployment import deployment_notes
 from .task_frame import task_faults, task_notes
@@ -217,7 +217,7 @@ def _slow_motors(setup: Setup, thrust_map: ThrustMap) -> Iterator[str]:
     every = max(1, round(_SAMPLED_S / scenario.control_period))
     reference = scenario.reference
     velocities = np.zeros((_SAMPLES, 3))
-    if not reference.states and not reference.memory and is_shipped(reference):
+    if not reference.states and not reference.memory and reference.is_shipped:
         velocities = samples(reference, setup, range(0, every * _SAMPLES, every))["p_d_dot"]
     if near := motion.too_fast(velocities, every * scenario.control_period, _NEAR):
         yield (

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from ...errors import Fault, InputError, faults_of, suggestion
-from ...physics.effects import TABLES, counted
+from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
 from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
 from ...plant.settings import World
@@ -239,9 +239,9 @@ def immerse(
     effects, rows = effect_records(tables or STILL, world, vehicle.products), effect_rows(tables or STILL)
     alone = image is None
     if image is None:
-        counts, rooms = counted(effects), water_rooms()
+        rooms = water_rooms()
         rooms |= {key: max(rooms[key], table.size) for key, table in rows.items()}
-        image, code = Image({"run": alone_dtype(n, counts)}, rooms), evaluation(n, counts)
+        image, code = Image({"run": alone_dtype(n, effects.dtype)}, rooms), evaluation(n, effects.dtype)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
     if alone:
