@@ -208,8 +208,8 @@ class Simulation:
         Args:
             overrides: dotted keys with values that replace the values of the scenario that the Simulation was made
                 with, ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario
-                but those of ``vehicle``, the names of stages, the integrator, the frame of the task, and those that
-                decide which contacts, delay or schedule there are.
+                are possible but ``vehicle.*``, the names of stages, the integrator, the frame of the task, and the
+                keys that decide which contacts, delay or schedule there are.
             seed: replaces ``simulation.seed``.
 
         Raises:
@@ -249,9 +249,8 @@ class Simulation:
 
     def _begin_plain(self, functions: Sequence[Callable]) -> None:
         """Begin a run of the users' stages that run as plain Python, with their functions."""
-        keys = dict(zip(self._stages.running, self._stages.rows["key"].tolist(), strict=True))
         for stage, function in zip(self._plain_users, functions, strict=True):
-            stage.begin_plain(function, keys[stage])
+            stage.begin_plain(function, int(self._stages.rows["key"][self._stages.running.index(stage)]))
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.

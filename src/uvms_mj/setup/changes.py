@@ -74,7 +74,7 @@ class Change:
 
 
 ANYTHING = Change({})
-"""What concerns every function."""
+"""A change that concerns every function."""
 
 
 def changed(base: Setup, change: Change, place: str) -> Setup:

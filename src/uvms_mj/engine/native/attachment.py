@@ -231,8 +231,7 @@ def immerse(
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop and with the effects of tables in a world, without them in still
-    water.
+    default, of a vehicle without a closed loop and with the effects of tables in a world, without them in still water.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)

@@ -291,7 +291,7 @@ class Chain:
         return text
 
     def _made_of(self) -> list[bytes] | None:
-        """What the text of the stages is made of, besides the package's sources; None if that is not known."""
+        """The sources of the text of the stages, besides the package's own; None if they are not known."""
         found = [repr((self.kind, self._memory.run.dtype)).encode()]
         for link in self.links:
             found.append(repr((link.name, link.kinds, link.compiled.users)).encode())

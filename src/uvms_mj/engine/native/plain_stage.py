@@ -45,9 +45,9 @@ class PlainStage:
     """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
     in C, and calls it.
 
-    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
-    kept stays as it was at its instant. It may read settings and signals only. Their arrays can be written all the
-    same, since libraries in C ask for that where they only read (SciPy's Rotation); so their bytes are compared after
+    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and the
+    kept arguments stay as they were. It may read settings and signals only. Their arrays can be written all the same,
+    since libraries in C ask for that where they only read (SciPy's Rotation); so their bytes are compared after
     each call.
     """
 
