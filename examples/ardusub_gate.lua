@@ -1,7 +1,7 @@
 -- A gate for ArduSub: a program outside sets the pulses of the thrusters, while all of this holds:
 --   its frames are new, whole, at most 100 ms old, and from the ground station's system number;
 --   the vehicle is armed and in MANUAL; the frame's export is the one below;
---   SERVO1.. are Motor1.., and FRAME_CONFIG and the directions MOT_n_DIRECTION are those that the frame believes.
+--   SERVO1.. are Motor1.., and FRAME_CONFIG and the directions MOT_n_DIRECTION are as the frame believes.
 -- Otherwise the pulses are neutral for 100 ms, and then ArduSub's mixer has the motors again. A session that met a reason
 -- to stop, or was silent for a second, is over: a program that is started again takes another number.
 --

@@ -125,7 +125,7 @@ class Home:
 
 
 def raw_pulses(pwm: list[float], motors: list[int], directions: list[int]) -> list[int]:
-    """Pulses [us] of motors 1.. for those of the law's thrusters, in whole microseconds.
+    """Pulses [us] of motors 1.. from the pulses of the law's thrusters, in whole microseconds.
 
     Args:
         motors: of each thruster its motor, from 1, with the sign of its pulse.

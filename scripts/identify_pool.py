@@ -1,7 +1,7 @@
 """The height of the centre of buoyancy of the pool's vehicle by ``uvms-mj identify``, beside the fit of ``uvms-mj
 validate pool``.
 
-The records are those of docs/evidence/validation.md. Here they are trims: at each instant the attitude in which weight
+docs/evidence/validation.md describes the records. Here they are trims: at each instant the attitude in which weight
 and buoyancy balance, at the measured angles of the joints, so that motion counts as an error.
 
 python scripts/identify_pool.py ../shared/data/pool_2023
@@ -39,7 +39,7 @@ def trim_of(record: Record, instrument: str, axes: tuple[str, ...]) -> Data:
 
 def height(trials: list[Record], instrument: str, axes: tuple[str, ...]) -> tuple[float, float, float]:
     """The height of the vehicle's own centre of buoyancy, half its 95 % interval [m], and the rms of the residuals
-    [rad]. The coefficient is that of vehicle, tube and foam together, which moves with it by their displaced masses."""
+    [rad]. The coefficient is of vehicle, tube and foam together, and moves with it by their displaced masses."""
     given = vehicle(Variant(), np.zeros(4))
     plant: Any = SimpleNamespace(vehicle=given, files={}, gravity_W=np.array([0.0, 0.0, -GRAVITY]))
     data = [trim_of(record, instrument, axes) for record in trials]

@@ -1,5 +1,5 @@
 """docs/evidence/studies.md, from the folders of the shipped studies, mc of ``monte_carlo``, gm of ``gain_map`` and wv
-of ``waves``: their figures and what they found."""
+of ``waves``: their figures and findings."""
 
 import functools
 from collections.abc import Iterator

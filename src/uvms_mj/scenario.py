@@ -280,9 +280,9 @@ class Scenario:
         return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted, valid)
 
     def with_fresh_stages(self) -> "Scenario":
-        """The scenario with the stages of users' files loaded anew, the files of a folder together: what an earlier run
-        left in their modules is not in them, and an edited file is seen. Raises InputError if a file has changed so
-        that its stage can't be made."""
+        """The scenario with the stages of users' files loaded anew, the files of a folder together: nothing that an
+        earlier run left in their modules is in them, and an edited file is seen. Raises InputError if a file has
+        changed so that its stage can't be made."""
         namespaces: dict[Path, Any] = {}
         faults, fresh = list[Fault](), dict[str, Any]()
         for name, choice in CHOICES.items():

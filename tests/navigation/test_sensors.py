@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.navigation import PRESETS, Sensors
 from uvms_mj.physics.random import random_bits
-from uvms_mj.stages.base import is_shipped
 
 H = 1e-3
 IDLE = {  # the nominal control of a vehicle that may do as it likes: tau is zero but for rounding
@@ -251,7 +250,7 @@ def test_bits_are_those_of_plain_python():
 @pytest.mark.parametrize("cls", PRESETS)
 def test_presets_are_sensors_with_other_numbers(cls):
     stage = cls()
-    assert is_shipped(stage)
+    assert stage.is_shipped
     assert isinstance(stage, Sensors)
     assert "trust" in cls.__doc__ or "ASSUMPTION" in cls.__doc__
     for h in (1e-3, 1e-4, 2e-4, 5e-4):

@@ -19,7 +19,6 @@ from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
 from uvms_mj.scenario import STAGES
 from uvms_mj.setup.base import set_up
-from uvms_mj.stages.base import is_shipped
 from uvms_mj.stages.loader import table_of
 from uvms_mj.stages.signals import (
     CLOCK,
@@ -95,7 +94,7 @@ def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
     stage = getattr(scenario, table)
     assert stage.radius == 2.0
     assert stage.label() == "Own"
-    assert not is_shipped(stage)
+    assert not stage.is_shipped
     assert Scenario.from_dict(scenario.to_dict()).to_dict() == scenario.to_dict()
     again = scenario.updated({f"{table}.radius": 3.0})
     assert type(getattr(again, table)) is type(stage)
@@ -245,8 +244,8 @@ def test_a_derived_class_is_shipped_if_it_differs_in_its_settings_only():
         def step(settings, state, given, state_dot, u):
             u[:] = 0.0
 
-    assert is_shipped(Strong())
-    assert not is_shipped(Other())
+    assert Strong().is_shipped
+    assert not Other().is_shipped
 
 
 def test_groups_share_their_memory():

@@ -88,7 +88,7 @@ def _report(result: "Result", name: str, folder: "Path") -> dict[str, Any]:
 
 
 def _print(result: "Result", name: str, folder: "Path") -> None:
-    """Print the coefficients, what is not told apart, and the errors on held-out data."""
+    """Print the coefficients, the unknowns that are not told apart, and the errors on held-out data."""
     rows: list[tuple[str, ...]] = [
         (
             f"{each.name} [{each.unit}]",

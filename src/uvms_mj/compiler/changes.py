@@ -21,9 +21,9 @@ _FIRST = ("__init__", "__post_init__", "__new__", "__set_name__", "__init_subcla
 
 @dataclass
 class Changes:
-    """Global names, and attributes of objects, with a line where a function changes them. ``called`` has those of which
-    methods alone are called that change a list or a dict, each method with a line. ``prints`` is the first line where
-    one calls print, or 0. ``files`` are those that were read."""
+    """Global names, and attributes of objects, with a line where a function changes them. ``called`` has the objects
+    that only methods change, of a list or a dict, each method with a line. ``prints`` is the first line where
+    one calls print, or 0. ``files`` are the files that were read."""
 
     names: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
@@ -101,7 +101,7 @@ def _look(function: ast.AST, found: Changes) -> None:
 
 
 def _note_call(method: ast.Attribute, own: set[str], found: Changes) -> None:
-    """Note a call that changes what it is a method of, if that is a list or a dict; and what this is a part of."""
+    """Note a call that changes its object, if that is a list or a dict, and the object that this one is a part of."""
     of = method.value
     while isinstance(of, ast.Subscript):
         of = of.value

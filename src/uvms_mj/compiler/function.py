@@ -222,7 +222,7 @@ class Function(Assignments):
         self.demand(self.test(node.test), RAISED)
 
     def _Try(self, node: ast.Try) -> None:
-        """What is tried. Where it raises, machine code ends early, and Python goes on with what catches that."""
+        """A try. Where its body raises, machine code ends early, and Python goes on with its handlers."""
         if node.finalbody or self.trying or not self.unit.checked:
             self.lack("the language has no finally, and no try within another one")
         self.trying = True
@@ -520,7 +520,7 @@ class Function(Assignments):
         return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self.at_index(self.variable(name), i))
 
     def _reversed(self, node: ast.expr) -> Iteration:
-        """What runs backwards; each value is read at its turn."""
+        """A loop over reversed values; each is read at its turn."""
         if isinstance(node, ast.GeneratorExp) or (
             isinstance(node, ast.Call) and self.known(node.func) in (map, zip, enumerate, reversed)
         ):
@@ -533,7 +533,7 @@ class Function(Assignments):
         return self.operation("Sub", last, scalar(i, INT)).llvm[0]
 
     def _over_generator(self, node: ast.GeneratorExp) -> Iteration:
-        """What a generator gives; each value is made at its turn."""
+        """The values of a generator; each is made at its turn."""
         first, *rest = node.generators
         if rest or first.ifs or first.is_async:
             self.lack("a loop over a generator with several loops, or with a condition; write a list")

@@ -183,7 +183,7 @@ class Lifetimes(Expressions):
             self.at.store(each, slot)
 
     def origins(self, value: Value) -> set[Memory]:
-        """The memory that an array may be in. What a name stands for is collected from all statements since one that no
+        """The memory that an array may be in. The values of a name are collected from all statements since one that no
         way leads around bound it anew."""
         if value.fresh:
             return {Memory(own=True)}

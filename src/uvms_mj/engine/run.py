@@ -21,7 +21,6 @@ from ..records.trace import Columns, Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
-from ..stages.base import is_shipped
 from ..views.progress import following
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
@@ -192,7 +191,7 @@ class _Run:
                 self.progress(done, self.scenario.steps)
                 if sim.divergence:
                     touched = self.memory.run["row"]["touches"][0] > 0.0
-                    own = not (is_shipped(self.scenario.thrusters) and is_shipped(self.scenario.actuation))
+                    own = not (self.scenario.thrusters.is_shipped and self.scenario.actuation.is_shipped)
                     of_thrusters = own and self.memory.run["stop"][0] == STOP_THRUST
                     advice = f"{_warned(self.notes)}{_hint(touched, of_thrusters)}"
                     status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {advice}"

@@ -3,6 +3,7 @@
 from __future__ import annotations  # Signals is below
 
 import dataclasses
+import functools
 import os
 import threading
 import time
@@ -19,8 +20,8 @@ from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import Setup
-from ..setup.checks import changed, checked, warnings_of
-from ..setup.reads import Change, Reads
+from ..setup.changes import Change, Reads, changed
+from ..setup.checks import checked, warnings_of
 from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
@@ -87,7 +88,7 @@ class Simulation:
         settle_modes()  # which a user's file may change by what it imports
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
-        self._base, self._reads = self.setup, Reads(self.setup)
+        self._base = self.setup
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
         try:
@@ -105,6 +106,11 @@ class Simulation:
         self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
+
+    @functools.cached_property
+    def _reads(self) -> Reads:
+        """The parts of the first setup that functions read, as resets find them."""
+        return Reads(self._base)
 
     @property
     def engine(self) -> str:
@@ -202,8 +208,8 @@ class Simulation:
         Args:
             overrides: dotted keys with values that replace the values of the scenario that the Simulation was made
                 with, ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario
-                but those of ``vehicle``, the names of stages, the integrator, the frame of the task, and those that
-                decide which contacts, delay or schedule there are.
+                are possible but ``vehicle.*``, the names of stages, the integrator, the frame of the task, and the
+                keys that decide which contacts, delay or schedule there are.
             seed: replaces ``simulation.seed``.
 
         Raises:
@@ -243,9 +249,8 @@ class Simulation:
 
     def _begin_plain(self, functions: Sequence[Callable]) -> None:
         """Begin a run of the users' stages that run as plain Python, with their functions."""
-        keys = dict(zip(self._stages.running, self._stages.rows["key"].tolist(), strict=True))
         for stage, function in zip(self._plain_users, functions, strict=True):
-            stage.begin_plain(function, keys[stage])
+            stage.begin_plain(function, int(self._stages.rows["key"][self._stages.running.index(stage)]))
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.

@@ -46,7 +46,7 @@ STATUSES = {
     "OTHER_ARITHMETIC": (-10, "the processor does not round to the nearest, or flushes small numbers to zero"),
     "DAMAGED": (-11, "what came is no whole frame; the program loop.c alone says so"),
 }
-"""What the functions of a law's library return, by the words of its header: below zero the command is neutral."""
+"""Results of the functions of a law's library, by the words of its header: below zero the command is neutral."""
 _REQUEST, _ANSWER, _OF_EXPORT = struct.Struct("<8sQ"), struct.Struct("<Q6d"), struct.Struct("<qQQ")
 _AGAIN_S = 0.2
 """Wall time after which a request is sent again [s]."""

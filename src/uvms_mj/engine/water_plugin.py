@@ -16,7 +16,6 @@ from ..compiler.targets import X86_64
 from ..errors import InputError
 from ..files import atomic_write
 from ..physics.current import CURRENT
-from ..physics.effects import counted
 from ..plant.effects import effect_records
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
@@ -32,7 +31,7 @@ _BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_
 
 def kind_of(vehicle: Vehicle) -> np.dtype:
     """The record of a vehicle: its numbers of joints and of products of velocities decide its kernels."""
-    return alone_dtype(len(vehicle.arm.links), counted(effect_records(STILL, WORLD, vehicle.products)))
+    return alone_dtype(len(vehicle.arm.links), effect_records(STILL, WORLD, vehicle.products).dtype)
 
 
 def name_of(vehicle: Vehicle) -> str:

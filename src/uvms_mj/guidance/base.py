@@ -16,7 +16,7 @@ from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import called_on, kernel, record_of
 from ..quantities import Angles
-from ..stages.base import Room, Stage, is_shipped, random_key, shared
+from ..stages.base import Room, Stage, random_key, shared
 from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
 
@@ -97,7 +97,7 @@ class Guidance(Stage):
     def notes(self, setup: SetupLike) -> Iterable[str]:
         """Theory of the reference: warnings for a run, from its :class:`uvms_mj.setup.base.Setup`. A stage may
         override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""
-        return () if is_shipped(self) or self.states or self.memory else _trial_notes(self, setup)
+        return () if self.is_shipped or self.states or self.memory else _trial_notes(self, setup)
 
 
 def start_notes(stage: Guidance, setup: SetupLike) -> Iterator[str]:
@@ -155,7 +155,7 @@ def samples(stage: Guidance, setup: SetupLike, instants: Sequence[int]) -> np.nd
         out[name] = np.nan
     function, found = stage.function(), np.zeros(len(instants), _REFERENCES)
     call = functools.partial(function, record_of(settings), None, record_of(given), None, record_of(out))
-    if is_shipped(stage) and len(instants) > _MANY:
+    if stage.is_shipped and len(instants) > _MANY:
         no_state = type(stage).start_record()
         call = called_on(function, settings, no_state, given, no_state, out)
     t, number = given["t"], given["instant"]

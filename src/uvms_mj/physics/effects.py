@@ -147,7 +147,7 @@ EFFECTS = {
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
 FLOWS, PUSHES, INERTIAS = ("current", "sea"), ("disturbance",), ("pads",)
-"""The effects that move the water, those that push the vehicle as time goes, and those that change its inertia."""
+"""The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS))
 """All others, which add a wrench by the velocity in the water."""
 TABLES = {"current": {"table": 4, "shear": 2}, "disturbance": {"table": 7}}
@@ -187,6 +187,10 @@ def moving(records: np.ndarray) -> bool:
 def state_of(effect: str) -> str:
     """The name of the array of the states of an effect."""
     return f"{effect}_state"
+
+
+NO_EFFECTS = effects_dtype(())
+"""The arrays where there is no effect."""
 
 
 @kernel

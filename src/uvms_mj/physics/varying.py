@@ -36,8 +36,8 @@ FINEST = 64.0
 
 def rate_deviation(deviation: np.ndarray, correlation_time: float, spacing: float) -> np.ndarray:
     """Standard deviation (n,) of the rate of change of a Gauss-Markov process in the middle between two nodes, where it
-    is largest, with that of its values (n,). The rate there is (10 d_2 - d_1 - d_3)/8 of the steps d from node to
-    node, over their spacing."""
+    is largest; ``deviation`` (n,) is of its values. The rate there is (10 d_2 - d_1 - d_3)/8 of the steps d from node
+    to node, over their spacing."""
     phi = math.exp(-spacing / correlation_time)
     neighbours, second = -((1.0 - phi) ** 2), -phi * (1.0 - phi) ** 2  # covariance of steps one and two apart
     variance = (102.0 * 2.0 * (1.0 - phi) - 40.0 * neighbours + 2.0 * second) / 64.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault
-from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
+from ..physics.effects import FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
 from .settings import EffectTable, World
@@ -75,7 +75,7 @@ def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -
     found: dict[str, list[tuple]] = {"products": [product.record for product in products]}
     for name, _, table in each_table(tables):
         found.setdefault(name, []).extend(table.records(world))
-    records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
+    records = np.zeros(1, effects_dtype(tuple((name, len(rows)) for name, rows in found.items())))
     for name, rows in found.items():
         if rows:
             records[name][0] = rows
@@ -126,7 +126,7 @@ class MeanWater:
     """
 
     def __init__(self, scenario: ScenarioLike, plant: Any, records: np.ndarray) -> None:
-        """``records`` (1,) are those of :func:`effects_of`."""
+        """``records`` (1,) are the records that :func:`effects_of` gives."""
         given = {name: getattr(scenario, name) for name in (*FLOWS, *PUSHES)}
         tables = {
             name: table.at_rest if isinstance(table, EffectTable) else [each.at_rest for each in table]

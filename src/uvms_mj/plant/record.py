@@ -85,7 +85,7 @@ class VehicleRecord:
         links: each behind the link that carries it.
         products: coefficients of products of velocities by their names, as in :mod:`.products`.
         description, source, licence, trust: texts.
-        left_out: what its source has and this record hasn't, and what was decided: a sentence each.
+        left_out: losses against its source, and decisions: a sentence each.
     """
 
     base: PartRecord

@@ -14,7 +14,7 @@ from .mjcf import Mjcf, parsed
 from .own_vehicle import copied
 
 _EXACT = 1e-12
-"""Largest difference, relative to the largest entry, between the copy as it is read and what it should be."""
+"""Largest difference, relative to the largest entry, between the copy as it is read and the wanted numbers."""
 
 
 def renumbered(

@@ -1,4 +1,4 @@
-r"""A vehicle's first sea trial, by formulas: what an engineer would test on the first day, so that a wrong sign or unit
+r"""A vehicle's first sea trial, by formulas: the tests of an engineer's first day, so that a wrong sign or unit
 is seen before the first run.
 
 - Trim: the attitude at which :math:`d = m_d r_b - m r_g` points up. Small angles delta about it give the moment
@@ -80,7 +80,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What was found about a vehicle.
+    """The findings about a vehicle.
 
     Attributes:
         mass, displaced_mass: of the whole vehicle [kg].
@@ -93,7 +93,7 @@ class Trial:
         growth: by the forward speed [m/s], the greatest real part of an eigenvalue [1/s]; positive is unstable.
         energy: sentences on damping that feeds energy in.
         compared: numbers without unit beside other vehicles'.
-        remarks: what is worth a look: a sentence each.
+        remarks: findings that are worth a look: a sentence each.
     """
 
     mass: float
@@ -287,7 +287,7 @@ def _shipped_numbers() -> tuple[dict[str, float], ...]:
 
 
 def _remarks(found: Trial, whole: _Whole) -> list[str]:
-    """What is worth a look."""
+    """The remarks: findings that are worth a look."""
     said = []
     share = found.buoyancy / (GRAVITY * found.mass)
     if abs(share) > 0.05:

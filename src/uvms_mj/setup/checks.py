@@ -10,13 +10,13 @@ import dataclasses
 import functools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..control.base import delay_faults
-from ..control.design import Design, demanded_force
+from ..control.design import demanded_force
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.free_motion import FreeMotion
 from ..control.theory.own_effects import OwnEffects, longest_step
@@ -30,19 +30,17 @@ from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
-from ..plant.build import check_fit, task_inertias
-from ..plant.contacts import contacts_of, impossible
+from ..plant.contacts import impossible
 from ..plant.effects import effect_faults, effect_tables, world_of
 from ..plant.mjcf import Mjcf
 from ..plant.sea import sea_notes
 from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..quantities import leaves, radians_notes
-from ..scenario import CHOICES, Scenario
-from ..stages.base import is_shipped
+from ..scenario import Scenario
+from ..stages.base import Stage
 from .base import Setup, set_up
 from .deployment import deployment_notes
-from .reads import ANYTHING, Change
 from .task_frame import task_faults, task_notes
 
 RESOLVED = 0.3
@@ -219,7 +217,7 @@ def _slow_motors(setup: Setup, thrust_map: ThrustMap) -> Iterator[str]:
     every = max(1, round(_SAMPLED_S / scenario.control_period))
     reference = scenario.reference
     velocities = np.zeros((_SAMPLES, 3))
-    if not reference.states and not reference.memory and is_shipped(reference):
+    if not reference.states and not reference.memory and reference.is_shipped:
         velocities = samples(reference, setup, range(0, every * _SAMPLES, every))["p_d_dot"]
     if near := motion.too_fast(velocities, every * scenario.control_period, _NEAR):
         yield (
@@ -246,88 +244,8 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)
-        refuse(setup)
+        refuse(setup, scenario.named_stages, CHECKS)
     return setup
-
-
-def changed(base: Setup, change: Change, place: str) -> Setup:
-    """``base`` with a change of its scenario.
-
-    Raises:
-        InputError: a key or value is invalid, or needs another plant or other machine code. ``place`` is the caller's
-            name in the message.
-    """
-    try:
-        setup = Setup(base.scenario.updated(change.overrides), base.plant, base.design, base.contacts)
-        _refuse_other_code(base, setup.scenario, place)
-        with no_overflow(setup.scenario):
-            if change.concerns(_check_fit):
-                _check_fit(setup)
-            parts = {name: part(setup) for name, part in _PARTS.items() if change.concerns(part)}
-            if parts:
-                made: dict[str, Any] = {"design": base.design, "contacts": base.contacts} | parts
-                setup = Setup(setup.scenario, base.plant, **made)
-                change.add(parts)
-            if setup.contacts.kinds != base.contacts.kinds:
-                wrong = f"{place} can't change which contacts there are; make a new Simulation"
-                keys = ("wall.present", "bumper.stiffness")
-                raise InputError([Fault(key, wrong) for key in change.overrides if key in keys or key[:5] == "walls"])
-            refuse(setup, change)
-            if change.concerns(_effects):
-                _refuse_more_effects(base, setup, place)
-    except InputError as error:
-        raise InputError(error.faults, place) from None
-    return setup
-
-
-def _check_fit(setup: Setup) -> None:
-    check_fit(setup.scenario, setup.nominal)
-
-
-def _effects(setup: Setup) -> np.ndarray:
-    return setup.effects
-
-
-_PARTS: dict[str, Callable[[Setup], Any]] = {
-    "design": lambda setup: Design.of(setup.scenario, *task_inertias(setup.scenario, setup.nominal)),
-    "contacts": lambda setup: contacts_of(setup.scenario, setup.plant.probe, setup.nominal),
-}
-"""The parts of a setup that follow from its scenario and its plant."""
-
-
-def _refuse_more_effects(base: Setup, setup: Setup, place: str) -> None:
-    there = dict(counted(base.effects))
-    wrong = f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation"
-    if faults := [Fault(name, wrong) for name, n in counted(setup.effects) if n > there.get(name, 0)]:
-        raise InputError(faults)
-
-
-def _refuse_other_code(setup: Setup, scenario: Scenario, place: str) -> None:
-    base, faults = setup.scenario, []
-    if scenario.vehicle is not base.vehicle and scenario.vehicle != base.vehicle:
-        keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
-        faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
-    if scenario.simulation.integrator != base.simulation.integrator:
-        faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
-    if scenario.task.frame != base.task.frame:
-        faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
-    changed_tables = [name for name in CHOICES if getattr(scenario, name) is not getattr(base, name)]
-    there = scenario.named_stages if changed_tables else {}
-    faults += [
-        Fault(f"{table}.name", f"{place} can't change a stage, only its settings; make a new Simulation")
-        for table, new in there.items()
-        if type(base.named_stages.get(table, new)) is not type(new)
-    ]
-    if len(scenario.effects) != len(base.effects):
-        faults.append(Fault("effects", f"{place} can't add or remove an effect; make a new Simulation"))
-    else:
-        faults += [
-            Fault(f"effects[{i}].at", f"{place} can't change the frame of an effect; make a new Simulation")
-            for i, (new, old) in enumerate(zip(scenario.effects, base.effects, strict=True))
-            if new.at != old.at
-        ]
-    if faults:
-        raise InputError(faults)
 
 
 @contextlib.contextmanager
@@ -350,25 +268,23 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
-def refuse(setup: Setup, change: Change = ANYTHING) -> None:
-    """Raise for a scenario that cannot run. With the change of a setup that can, what it does not concern is not
-    checked.
+def refuse(setup: Setup, stages: Mapping[str, Stage], checks: Iterable["Check"]) -> None:
+    """Raise for a scenario that cannot run, by the faults of stages, given by their tables, and of further checks.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    tables = [table for table in setup.scenario.named_stages if change.concerns_stage(_stage_faults, table)]
-    faults = [fault for table in tables for fault in _stage_faults(table, setup)]
+    faults = [fault for table, stage in stages.items() for fault in faults_of_stage(table, stage, setup)]
     if len(setup.scenario.effects) > _MOST_EFFECTS:
         wrong = f"has {len(setup.scenario.effects)} effects; at most {_MOST_EFFECTS} are possible"
         faults.append(Fault("effects", wrong))
-    faults += [fault for check in CHECKS if change.concerns(check) for fault in check(setup)]
+    faults += [fault for check in checks for fault in check(setup)]
     if faults:
         raise InputError(faults, "scenario")
 
 
-def _stage_faults(table: str, setup: Setup) -> Iterable[Fault]:
-    stage = setup.scenario.stage(table)
+def faults_of_stage(table: str, stage: Stage, setup: Setup) -> list[Fault]:
+    """The faults of a stage that runs, by the keys of its table."""
     return [_fault_of(table, fault) for fault in stage.faults(setup)] if stage.runs else []
 
 
@@ -505,9 +421,8 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
         )
 
 
-CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
-    *(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),
-)
+Check = Callable[[Setup], Iterable[Fault]]
+CHECKS: tuple[Check, ...] = (*(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),)
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,

@@ -28,6 +28,7 @@ import dataclasses
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, cast, get_type_hints
 
 import numpy as np
@@ -159,7 +160,7 @@ class Stage:
             raise InputError(faults, place)
         vars(self).update(valid)
         self.check_settings()
-        if not (self.of_log or is_shipped(self)):
+        if not (self.of_log or self.is_shipped):
             check_contract(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -199,6 +200,28 @@ class Stage:
         if is_of_the_package(cls):
             return cls.name
         return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
+
+    @property
+    def is_shipped(self) -> bool:
+        """Whether the stage has the function, states and signals of a shipped class. A derived class may differ in its
+        settings only."""
+        kind = type(self)
+        return any(
+            is_of_the_package(cls)
+            and kind.function() is cls.function()
+            and kind.states == cls.states
+            and kind.memory == cls.memory
+            and kind.start_values == cls.start_values
+            and kind.given() == cls.given()
+            for cls in kind.__mro__
+            if issubclass(cls, Stage)
+        )
+
+    @classmethod
+    def file_suffix(cls) -> str:
+        """The suffix of the file with the class's function, ".py" or ".c"; empty for a class of the package or of the
+        session."""
+        return Path(cls.source().rpartition(":")[0]).suffix
 
     @classmethod
     def function(cls) -> types.FunctionType:
@@ -271,22 +294,6 @@ class Stage:
 def is_of_the_package(cls: type[Stage]) -> bool:
     """Whether the class is a shipped stage itself, with a name and in this package."""
     return bool(cls.__dict__.get("name")) and cls.__module__.startswith(f"{__name__.partition('.')[0]}.")
-
-
-def is_shipped(stage: Stage) -> bool:
-    """Whether a stage has the function, states and signals of a shipped class. A derived class may differ in its
-    settings only."""
-    kind = type(stage)
-    return any(
-        is_of_the_package(cls)
-        and kind.function() is cls.function()
-        and kind.states == cls.states
-        and kind.memory == cls.memory
-        and kind.start_values == cls.start_values
-        and kind.given() == cls.given()
-        for cls in kind.__mro__
-        if issubclass(cls, Stage)
-    )
 
 
 def _kept(cls: Any, name: str, made: Callable[[], Any]) -> Any:

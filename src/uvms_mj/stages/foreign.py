@@ -46,12 +46,6 @@ def parted(source: Any) -> tuple[str, str]:
     return file, name or (Path(file).stem if suffix in (C_FILE, UNIT) else "")
 
 
-def suffix_of(kind: type[Stage]) -> str:
-    """The suffix of the file with a stage's machine code; empty for a stage in Python."""
-    suffix = Path(kind.source().rpartition(":")[0]).suffix
-    return suffix if suffix in SUFFIXES else ""
-
-
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]*")
 _WORDS_OF_C = """
     auto break case char const continue default do double else enum extern float for goto if inline int long

@@ -13,7 +13,7 @@ from ..errors import Fault, InputError, error_text, suggestion
 from . import fmu, foreign
 from .base import Stage, setting
 from .contract import check_contract, take_checks
-from .foreign import BASES, SHARED, UNIT, described_beside, parted, suffix_of
+from .foreign import BASES, SHARED, SUFFIXES, UNIT, described_beside, parted
 from .namespace import Namespace, is_same_code, namespace_of, without_names
 from .signals import OWN_UNIT
 
@@ -312,7 +312,7 @@ def stage_keeps(stage: Stage) -> str:
     """A note on a stage in plain Python with something that lives on from run to run, whatever is loaded anew; empty
     for one without it, and for one in C or in a library, of which each run has a copy."""
     kind = type(stage)
-    if suffix_of(kind):
+    if kind.file_suffix() in SUFFIXES:
         return ""
     label, namespace = stage.label(), namespace_of(kind)
     if namespace is None:

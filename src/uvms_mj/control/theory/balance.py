@@ -53,7 +53,6 @@ import numpy as np
 from ...physics.effects import EFFECTS
 from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
-from ...stages.base import is_shipped
 from ...stages.setup import SetupLike
 from ..base import SteadyState
 from .contacts_about_rest import contacts_about
@@ -214,9 +213,9 @@ def _unknown(setup: SetupLike, K: float, own: bool) -> str:
         return "the reference does not come to rest"
     if reason := scenario.unsteady_flow:
         return reason
-    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
+    if not (scenario.navigation.is_shipped and scenario.actuation.is_shipped):
         return "closed forms are known for the shipped navigation and actuation only"
-    if scenario.observer.runs and not is_shipped(scenario.observer):
+    if scenario.observer.runs and not scenario.observer.is_shipped:
         return "closed forms are known for the shipped observers only"
     return "a wall moves" if any(wall.moves for _, wall in setup.contacts.walls) else ""
 

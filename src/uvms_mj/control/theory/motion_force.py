@@ -28,7 +28,7 @@ def commanded(motion, world, x, force, nu):
 
 @kernel
 def missing(motion, tau):
-    """What the thrusters at their limits add to tau (6,)."""
+    """The part of tau (6,) that the thrusters at their limits add."""
     u = motion.shares @ tau
     return motion.B @ (np.minimum(motion.most, np.maximum(motion.least, u)) - u)
 

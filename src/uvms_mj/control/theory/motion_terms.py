@@ -1,4 +1,4 @@
-r"""The terms of the static balance as machine code: poses, contacts, water, and what the law measures and lacks.
+r"""The terms of the static balance as machine code: poses, contacts, water, the law's measurements and its errors.
 
 The kernels have the equations of :class:`.terms.Balance`, and call the plant's own kernels for contacts and water.
 """
@@ -178,7 +178,7 @@ def not_fed_forward(motion, world, x):
 
 @kernel
 def within_limit(motion, needed, rate, limit):
-    """What is left of the value (n,) of a limited integral that holds the vehicle, for its rate: :class:`.Integral`."""
+    """The rest of the value (n,) of a limited integral that holds the vehicle, for its rate: :class:`.Integral`."""
     if math.isinf(motion.h):
         return needed - np.minimum(limit, np.maximum(-limit, needed + rate))
     motion.next[:6] = np.minimum(limit, np.maximum(-limit, motion.value[:6] + motion.h * rate))

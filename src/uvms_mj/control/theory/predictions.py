@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, error_text, shortened
-from ...stages.base import Stage, is_shipped
+from ...stages.base import Stage
 from ...stages.contract import base_of
 from ...stages.setup import SetupLike
 from ..base import Controller, NoClosedForm, SteadyState
@@ -51,7 +51,7 @@ def steady_state(setup: SetupLike) -> SteadyState | NoClosedForm:
         state = _checked(found, controller)
         if setup.contacts.springs and not getattr(found, "reached", False):
             return found if isinstance(found, NoClosedForm) else NoClosedForm(_NOT_FOLLOWED)
-        weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
+        weak = "" if controller.is_shipped or isinstance(state, NoClosedForm) else _weak(setup, state.force)
         return NoClosedForm(weak) if weak else state
     except NotKnownAtRest as reason:
         return NoClosedForm(str(reason))

@@ -2,8 +2,8 @@ r"""The motion to a rest as machine code: the equations of :mod:`.approach`, :mo
 
 The kernels take the steps (:mod:`.motion_steps`) under the force of the law (:mod:`.motion_force`) with the terms of
 the balance (:mod:`.motion_terms`), on one record (:mod:`.motion_record`). A law gives its residual as a kernel, with a
-record of its gains. What the kernels do not have, an effect of a user's own, a current that is sheared and a residual
-in Python, is followed in Python; tests compare both ways.
+record of its gains. Three things have no kernel and are
+followed in Python: an effect of a user's own, a sheared current and a residual in Python; tests compare both ways.
 """
 
 import dataclasses

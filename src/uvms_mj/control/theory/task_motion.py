@@ -1,7 +1,7 @@
 r"""The motion of the frame of the task under a law, as :func:`.approach.approach` follows it to a rest: the desired
 impedance, eq. (7), with the residual of the law's balance in place of its stiffness.
 
-At its rest the motion stays if small motions about it decay, also those that take a thruster across its limit.
+At its rest the motion stays if small motions about it decay, also motions that take a thruster across its limit.
 """
 
 import bisect
@@ -33,8 +33,8 @@ _NEAR = 1e-3
 TURN_BESIDE = 2.0
 """Rotation vector of a reference beside its way over its displacement [rad/m]."""
 LONGEST_OF_STATES, STATES_AT_REST = 100.0, 2.0
-"""Longest step of a law's states with thrusters at their limits, and that at the rest [s]: what does not wind up has
-come to its rest by then, and a long step would amplify rounding."""
+"""Longest steps of a law's states with thrusters at their limits, and at the rest [s]: states that do not wind up have
+come to rest by then, and a long step would amplify rounding."""
 _DRIFT = 1e-6
 """Largest change of the force in this step, relative to the contact wrench, or to 1 N and 1 N m."""
 _SAMPLES = 0.05
@@ -174,7 +174,7 @@ class TaskMotion:
         return lacking
 
     def _missing(self, pose: Pose, force: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """What the thrusters at their limits add to the force of a law at a pose with a velocity nu (6,)."""
+        """The part that the thrusters at their limits add to the force of a law at a pose with a velocity nu (6,)."""
         assert self.thrust_map is not None
         missing = self.thrust_map.missing(self._commanded(pose, force, nu))
         return np.linalg.solve(self.wrench, missing) if missing.any() else missing

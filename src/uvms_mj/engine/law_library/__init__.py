@@ -67,7 +67,7 @@ class Made:
 class Library:
     """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
     steps, the stages of the scenario that it leaves behind, the library of each target, and notes: the warnings of the
-    scenario, what is left behind, and what a vehicle with joints has not."""
+    scenario, the stages left behind, and the promises that a vehicle with joints has not."""
 
     name: str
     record: int

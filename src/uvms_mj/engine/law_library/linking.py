@@ -201,7 +201,7 @@ def emitted(text: str, machines: Sequence[Machine]) -> list[bytes]:
 
 
 def kept(name: str, make: Callable[[], bytes]) -> bytes:
-    """What is kept on disk by a name that has all that it is made of; otherwise it is made, and kept."""
+    """The bytes that are kept on disk by a name, which has all their sources; otherwise they are made, and kept."""
     found = recall(name)
     if found is not None:
         return found[0]
@@ -260,7 +260,7 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
 
 def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
     """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
-    beside it, those of its folder ``freestanding`` and those of ziglang. What a user's file includes is not known."""
+    beside it, of its folder ``freestanding`` and of ziglang. The headers of a user's file are not known."""
     read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.h"))]
     made_of = [importlib.metadata.version("ziglang"), *machine.zig, *_C, *options, *(each.name for each in read)]
 

@@ -351,7 +351,7 @@ static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
 
 
 def left_behind(border: Border) -> Iterable[str]:
-    """What of the scenario is not in the library, and what stands in its place: a sentence for each."""
+    """The parts of the scenario that are not in the library, and their substitutes: a sentence for each."""
     filters = [each for each in border.chain.left if each.startswith("navigation ")]
     others = [each for each in border.chain.left if each not in filters]
     if others:
@@ -468,8 +468,8 @@ the machine code of the run. {left}{guidance} {bits}
 |---|---|---|---|---|---|
 {table}
 
-The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. Stack is
-that of a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.{apart}
+The record is the memory of one controller; you give it. Nothing is allocated, and nothing is kept beside it. The stack
+is for a call of `law_step`. The last column has the functions that a C library, or the compiler's own one, has.{apart}
 
 ## Use
 

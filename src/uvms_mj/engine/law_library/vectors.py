@@ -40,7 +40,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Vectors:
-    """The segments, and what they are of. ``apart``: the largest difference of a command from the run's, over the
+    """The segments, and a text about them. ``apart``: the largest difference of a command from the run's, over the
     largest of its kind; zero for a rigid vehicle, whose commands are the run's bit for bit."""
 
     about: str

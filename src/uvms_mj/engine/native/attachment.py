@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from ...errors import Fault, InputError, faults_of, suggestion
-from ...physics.effects import TABLES, counted
+from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
 from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
 from ...plant.settings import World
@@ -231,17 +231,16 @@ def immerse(
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, those of a vehicle without a closed loop and with the effects of tables in a world, without them in still
-    water.
+    default, of a vehicle without a closed loop and with the effects of tables in a world, without them in still water.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
     effects, rows = effect_records(tables or STILL, world, vehicle.products), effect_rows(tables or STILL)
     alone = image is None
     if image is None:
-        counts, rooms = counted(effects), water_rooms()
+        rooms = water_rooms()
         rooms |= {key: max(rooms[key], table.size) for key, table in rows.items()}
-        image, code = Image({"run": alone_dtype(n, counts)}, rooms), evaluation(n, counts)
+        image, code = Image({"run": alone_dtype(n, effects.dtype)}, rooms), evaluation(n, effects.dtype)
     plant = image.record("run")["plant"]
     water = Water(image, plant, vehicle, model.opt.gravity)
     if alone:

@@ -56,22 +56,21 @@ def fill_joints(run: np.ndarray, setup: Setup) -> None:
 
 
 def fill_model(model: np.ndarray, setup: Setup) -> None:
-    """Set the tool and the links of a law's model (1,) without their coefficients."""
+    """Set the tool and the gravity of a law's model (1,); its links follow from the estimates."""
     arm, frame, tool = setup.nominal.arm, setup.scenario.task.frame, model["tool"]
     if frame != BODY:
         site = arm.sites[frame]
         tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
-    model["gravity_W"], model["links"] = setup.gravity_W, link_records(setup.nominal)
+    model["gravity_W"] = setup.gravity_W
 
 
 def fill_wrist(record: np.ndarray, setup: Setup) -> None:
     """Set the true links of a wrist sensor (1,)."""
-    rigid = link_records(setup.vehicle)
+    record["rigid"]["coriolis"] = 1.0
     bodies: tuple[Vehicle | Link, ...] = (setup.vehicle, *setup.vehicle.arm.links)
-    for link, body in zip(rigid, bodies, strict=True):
+    for link, body in zip(record["rigid"][0], bodies, strict=True):
         link["M"], link["mass"], link["r_g"] = body.M_RB, body.mass, body.r_g
-    record["rigid"], record["wet"], record["model"] = rigid, water_links(setup.vehicle), link_records(setup.nominal)
-    record["gravity_W"] = setup.gravity_W
+    record["wet"], record["gravity_W"] = water_links(setup.vehicle), setup.gravity_W
 
 
 def write_wrist(record: np.ndarray, setup: Setup) -> None:

@@ -253,8 +253,8 @@ def mjcb_control() -> Any:
 
 
 @functools.cache
-def evaluation(joints: int, effects: tuple[tuple[str, int], ...] = ()) -> int:
-    """The address of the code of a forward evaluation of a vehicle with so many joints and effects of the water,
+def evaluation(joints: int, effects: np.dtype) -> int:
+    """The address of the code of a forward evaluation of a vehicle with so many joints and these effects of the water,
     without a closed loop."""
     kind = with_numbers(alone_dtype(joints, effects))
     return native_function(evaluate_alone, [kind, "i8", "i8"], joints > 0).address

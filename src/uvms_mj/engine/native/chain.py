@@ -21,8 +21,6 @@ from ...compiler.targets import add_libm, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
 from ...navigation.ekf import ALONE, KEPT, Ekf, estimate_alone, estimate_with_force
-from ...stages.base import is_shipped
-from ...stages.foreign import suffix_of
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
 from .compilation import link as linked
 from .compilation import object_name, recall, remember, target_machine
@@ -74,7 +72,7 @@ class Link:
 
     @property
     def in_c(self) -> bool:
-        return suffix_of(type(self.compiled.stage)) == ".c"
+        return self.compiled.stage.file_suffix() == ".c"
 
 
 class Chain:
@@ -113,7 +111,7 @@ class Chain:
         for (table, compiled), row in zip(pipeline.stages.items(), pipeline.rows, strict=True):
             stage, steps = compiled.stage, int(row["period_steps"])
             kinds, function = compiled.kinds, type(stage).function()
-            if isinstance(stage, Ekf) and is_shipped(stage):
+            if isinstance(stage, Ekf) and stage.is_shipped:
                 fields: Any = kinds[1].fields
                 state = np.dtype([(name, fields[name][0]) for name in ALONE])
                 sets_force = not (pipeline.observed or "derived" in pipeline.stages)
@@ -124,11 +122,11 @@ class Chain:
             if table in OF_THE_PLANT or table.startswith("effects") or (table == "reference" and not guided):
                 continue
             if table == "thrusters":
-                if not (isinstance(stage, Propeller) and is_shipped(stage) and stage.curves()[1] is not None):
+                if not (isinstance(stage, Propeller) and stage.is_shipped and stage.curves()[1] is not None):
                     continue  # their command is the thrust
                 function = commands_alone
                 kinds = (*kinds[:3], np.dtype(("f8", (pipeline.shape.thrusters,))))
-            held = table in ("actuation", "thrusters") and is_shipped(stage) and stage.period is None
+            held = table in ("actuation", "thrusters") and stage.is_shipped and stage.period is None
             yield Link(table, compiled, function, kinds, 0 if held else steps)  # gcd(0, n) is n
 
     def _parts(self) -> dict[str, np.dtype]:
@@ -345,7 +343,7 @@ class Chain:
         return text
 
     def _made_of(self) -> list[bytes] | None:
-        """What the text of the stages is made of, besides the package's sources; None if that is not known."""
+        """The sources of the text of the stages, besides the package's own; None if they are not known."""
         found = [repr((self.kind, self._memory.run.dtype)).encode()]
         for link in self.links:
             found.append(repr((link.name, link.kinds, link.compiled.users)).encode())
@@ -439,12 +437,12 @@ def refuse(stages: Any) -> None:
         if table in OF_THE_PLANT or table.startswith(("effects", "thrusters")):
             continue
         key, stage = f"{compiled.stage.room.table}.name", compiled.stage
-        suffix = suffix_of(type(stage))
+        suffix = stage.file_suffix()
         if suffix == ".fmu":
             faults.append(
                 Fault(key, f"{stage.label()} is an FMU, a library for this machine; export a law in Python or C")
             )
-        elif suffix not in ("", ".c"):
+        elif suffix not in ("", ".py", ".c"):
             wrong = f"{stage.label()} is machine code for this machine alone; export it from its source, a file in C"
             faults.append(Fault(key, wrong))
         elif compiled.code is None:

@@ -186,7 +186,8 @@ class Net:
 
     def begin(self) -> None:
         """At the start of a run."""
-        users = [(i, stage) for i, stage in enumerate(self._stages) if stage.compared] if wanted() else []
+        users = [(i, stage) for i, stage in enumerate(self._stages) if stage.compared]
+        users = users if users and wanted() else []
         self.watches = {i: self.watches.get(i) or Watch(stage, i) for i, stage in users}
         for watch in self.watches.values():
             watch.begin(int(self._rows["key"][watch.index]))

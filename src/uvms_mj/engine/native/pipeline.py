@@ -32,9 +32,9 @@ from ...physics.random import key_of
 from ...plant.effect import Surroundings
 from ...scenario import Scenario
 from ...setup.base import Setup
-from ...setup.reads import ANYTHING, Change
-from ...stages.base import Stage, is_shipped
-from ...stages.foreign import C_FILE, SHARED, UNIT, suffix_of
+from ...setup.changes import ANYTHING, Change
+from ...stages.base import Stage
+from ...stages.foreign import C_FILE, SHARED, UNIT
 from ...stages.signals import (
     CLOCK,
     DELAYED,
@@ -92,11 +92,11 @@ class CompiledStage:
         self.stage, self._given, self._out, self.states = stage, given, out, states
         self._start = {"settings": settings} | ({} if state is None else {"state": state})
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
-        self.users = not is_shipped(stage)
+        self.users = not stage.is_shipped
         self._fused = fused
         self.kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
         self.code, self.not_compiled = None, ""
-        loaded = LIBRARIES.get(suffix_of(type(stage)))
+        loaded = LIBRARIES.get(stage.file_suffix())
         self.library: Any = loaded(stage, self.kinds) if loaded else None
         try:
             self.code = self._compiled()

@@ -20,8 +20,8 @@ import numpy as np
 from ...compiler.refusals import field_suggestion
 from ...errors import error_text
 from ...physics.kernels import Record
-from ...stages.base import Stage, is_shipped
-from ...stages.foreign import suffix_of
+from ...stages.base import Stage
+from ...stages.foreign import SUFFIXES
 from ...stages.namespace import is_installed, namespace_named, without_names
 from .guard import end_copy
 from .memory import OwnMemory, settle_modes
@@ -45,9 +45,9 @@ class PlainStage:
     """A stage's function, called from Python with the arrays of its own memory. ``library`` has the function of a stage
     in C, and calls it.
 
-    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and what is
-    kept stays as it was at its instant. It may read settings and signals only. Their arrays can be written all the
-    same, since libraries in C ask for that where they only read (SciPy's Rotation); so their bytes are compared after
+    A function in Python may keep its arguments, ``PAST.append(signals.eta_e)``. Then the memory moves, and the
+    kept arguments stay as they were. It may read settings and signals only. Their arrays can be written all the same,
+    since libraries in C ask for that where they only read (SciPy's Rotation); so their bytes are compared after
     each call.
     """
 
@@ -197,10 +197,11 @@ class PlainStage:
 def called(stage: Stage) -> str:
     """A stage's name in messages."""
     name = f"{stage.room.noun} {stage.label()}"
-    if is_shipped(stage):
+    if stage.is_shipped:
         return f"the {name}"
     kind = type(stage)
-    file = kind.source().rpartition(":")[0] if suffix_of(kind) else kind.function().__code__.co_filename
+    foreign = kind.file_suffix() in SUFFIXES
+    file = kind.source().rpartition(":")[0] if foreign else kind.function().__code__.co_filename
     return f"your {name} ({Path(file).name})"
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
-from ...physics.effects import EFFECTS, INERTIAS, TABLES, WRENCHES, effects_dtype
+from ...physics.effects import EFFECTS, INERTIAS, NO_EFFECTS, TABLES, WRENCHES
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.surfaces import SURFACE
@@ -113,7 +113,7 @@ class Shape:
         carried: whether one of them may be not B.
         surfaces, pairs: room for so many walls and contacts.
         resolves: whether the law's command is resolved, at a tool or with joints.
-        effects: how many there are of each effect of the water that there is.
+        effects: the arrays of records of the effects of the water, with the room for each.
         own_effects: how many effects of a user's own there are.
         own_frames: their number again if one of them acts in another frame than B, otherwise 0.
     """
@@ -125,7 +125,7 @@ class Shape:
     surfaces: int = 0
     pairs: int = 0
     resolves: bool = False
-    effects: tuple[tuple[str, int], ...] = ()
+    effects: np.dtype = NO_EFFECTS
     own_effects: int = 0
     own_frames: int = 0
 
@@ -136,10 +136,10 @@ def room_for(n: int) -> int:
 
 
 @functools.cache
-def plant_dtype(
-    n: int, effects: tuple[tuple[str, int], ...] = (), own_effects: int = 0, own_frames: int = 0
-) -> np.dtype:
-    """The vehicle in the water, with n joints so many effects of each kind and of a user's own, and their frames."""
+def plant_dtype(n: int, effects: np.dtype = NO_EFFECTS, own_effects: int = 0, own_frames: int = 0) -> np.dtype:
+    """The vehicle in the water, with n joints, these effects, so many of a user's own, and their frames."""
+    affected = any(effects[name].shape[0] for name in WRENCHES)
+    inert = sum(effects[name].shape[0] for name in INERTIAS)
     return np.dtype(
         [
             ("mujoco", MUJOCO),
@@ -154,13 +154,9 @@ def plant_dtype(
             ("solved", "f8", (4,)),  # whether the probe touched [wall] in the last step, and the normal force in W
             # the water
             ("water", WATER),
-            ("effects", effects_dtype(effects)),
-            (
-                "affected",
-                "i8",
-                (int(any(name in WRENCHES for name, _ in effects)),),
-            ),  # empty without one of the velocity
-            ("inert", "i8", (sum(n for name, n in effects if name in INERTIAS),)),  # empty without one that has inertia
+            ("effects", effects),
+            ("affected", "i8", (int(affected),)),  # empty without one of the velocity
+            ("inert", "i8", (inert,)),  # empty without one that has inertia
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
             ("nu", "f8", (6,)),
@@ -294,7 +290,7 @@ def run_dtype(shape: Shape) -> np.dtype:
 
 
 @functools.cache
-def alone_dtype(joints: int, effects: tuple[tuple[str, int], ...] = ()) -> np.dtype:
+def alone_dtype(joints: int, effects: np.dtype = NO_EFFECTS) -> np.dtype:
     """A vehicle in the water without a closed loop."""
     return np.dtype([("plant", plant_dtype(joints, effects))], align=True)
 

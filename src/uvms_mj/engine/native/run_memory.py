@@ -13,12 +13,12 @@ from ...control.base import Controller
 from ...control.model import estimate
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
-from ...physics.effects import counted
+from ...physics.effects import EFFECTS
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
 from ...records.trace import Trace
 from ...setup.base import Setup
-from ...setup.reads import ANYTHING, Change
+from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
     BAND,
@@ -151,7 +151,7 @@ def shape_of(setup: Setup) -> Shape:
         surfaces=room_for(max(len(contacts.walls), least)),
         pairs=room_for(max(len(contacts.pairs), least)),
         resolves=setup.at_tool or n > 0,
-        effects=counted(setup.effects),
+        effects=setup.effects.dtype,
         own_effects=len(effects := setup.scenario.effects),
         own_frames=len(effects) if any(effect.at != BODY for effect in effects) else 0,
     )
@@ -317,10 +317,9 @@ class RunMemory:
 
     def _takes(self, shape: Shape) -> bool:
         """Whether a run of a shape fits into this memory: it may have fewer effects."""
-        there = dict(self.shape.effects)
-        return replace(shape, effects=self.shape.effects) == self.shape and all(
-            n <= there.get(name, 0) for name, n in shape.effects
-        )
+        room, asked = self.shape.effects, shape.effects
+        fewer = all(asked[name].shape <= room[name].shape for name in EFFECTS)
+        return fewer and replace(shape, effects=room) == self.shape
 
     def _fitting(self, setup: Setup, change: Change = ANYTHING) -> dict[str, dict[str, Any]]:
         """The constants of the stages that a change concerns. Raises InputError if they or a table do not fit into this

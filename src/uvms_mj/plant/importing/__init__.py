@@ -1,7 +1,7 @@
 """Vehicles of other formats: SDF of Gazebo, URDF and xacro of the UUV Simulator, plain tables, and
 the numbers of programs of PythonVehicleSimulator and MSS, as our MJCF.
 
-What can't be carried over, and what was decided, is a list of sentences. It is printed, and stands in the file.
+Losses and decisions are a list of sentences. It is printed, and stands in the file.
 """
 
 import dataclasses

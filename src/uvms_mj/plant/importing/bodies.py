@@ -1,4 +1,4 @@
-"""Links and joints of a description, put together: what is welded to the base, and the links of an arm.
+"""Links and joints of a description, put together: bodies welded to the base, and the links of an arm.
 
 The link with the hydrodynamics is the base, and its frame is B. Links on fixed joints, propellers and fins are welded
 to the link that carries them, with their masses. Each other hinge or slide carries a link of our vehicle, with what is
@@ -75,7 +75,7 @@ class Joint:
     damping: float = 0.0
     friction: float = 0.0
     welded: str = ""
-    """What turns on it, if it is welded: a propeller, or a fin."""
+    """The part that turns on it, if it is welded: a propeller, or a fin."""
 
     @property
     def held(self) -> bool:
@@ -85,7 +85,7 @@ class Joint:
 
 @dataclass(eq=False)
 class Description:
-    """What a file says. ``density`` is the water's [kg/m^3]."""
+    """The contents of a file. ``density`` is the water's [kg/m^3]."""
 
     source: Source
     name: str
@@ -282,7 +282,7 @@ def _displaced(about: Description, link: Link, water: Water | None, fixed: list[
 
 
 def _turned(about: Description, name: str, D: np.ndarray, pose: Pose) -> np.ndarray:
-    """D_quadratic of a welded link in the axes of the body that carries it. What can't be carried over is said."""
+    """D_quadratic of a welded link in the axes of the body that carries it. Losses are said."""
     if not D.any():
         return D
     R = quarter_turn(pose.R)
@@ -298,7 +298,7 @@ def _turned(about: Description, name: str, D: np.ndarray, pose: Pose) -> np.ndar
 
 
 def _products(about: Description, groups: Mapping[str, Mapping[str, Pose]]) -> dict[str, float]:
-    """The products of the base by their names. Those of other links are left out, and said."""
+    """The products of the base by their names. Products of other links are left out, and said."""
     for name, water in about.water.items():
         if name != about.base and water.products:
             about.source.say(

@@ -23,7 +23,7 @@ _READ = re.compile(
     r"hydrodynamics|underwater_object|thruster|motor_?model|lift[-_]?drag|fin_ros|uuv_fin|buoyancy|"
     r"joint[-_]?(position|velocity)?[-_]?controller"
 )
-"""What the name of a plugin has that is read, or about which there is a sentence."""
+"""Parts of the names of plugins that are read, or about which there is a sentence."""
 
 
 def say_unread(source: Source, root: Element) -> None:

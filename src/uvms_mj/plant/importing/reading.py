@@ -25,7 +25,7 @@ _ROOT = re.compile(r"<([A-Za-z_][\w.:-]*)")
 
 @dataclass
 class Source:
-    """A file that is read, the folders that it may refer to, and what was left out of it or decided.
+    """A file that is read, the folders that it may refer to, its losses, and the decisions about it.
 
     Attributes:
         path: of the main file.

@@ -99,7 +99,7 @@ class _Model:
         self.poses: dict[str, tuple[Pose, str, str]] = {}
         """Of each frame: pose, the frame in which it stands, and its place."""
         self._scopes: dict[str, tuple[str, str]] = {}
-        """Of each frame: what stands before the names of its model, and the frame of that model."""
+        """Of each frame: the prefix of the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
 
@@ -413,7 +413,7 @@ class _Model:
         return name
 
     def _plugin(self, about: Description, plugin: Element) -> None:
-        """What a plugin adds to a vehicle: a thruster, or a sentence about a fin or an engine."""
+        """The part that a plugin adds to a vehicle: a thruster, or a sentence about a fin or an engine."""
         source, kind, place = self.source, kind_of(plugin), place_of(plugin)
         if "uuv_thruster" in kind or "thruster_ros" in kind:
             uuv_thruster(about, plugin)

@@ -1,4 +1,4 @@
-"""Shapes of a source: what is drawn, and the volume that it displaces.
+"""Shapes of a source for drawing, and the volume that they displace.
 
 The volume of a mesh is the polyhedron's, by the divergence theorem: V = sum x_1 . (x_2 x x_3)/6, with the first moment
 (x_1 + x_2 + x_3)/4 of each term. The mesh must be closed: each edge has two triangles, with opposite directions. MuJoCo
@@ -41,7 +41,7 @@ class Solid:
     name: str = ""
 
     def shape(self, frame: Pose) -> Shape | None:
-        """What is drawn of it, where its link has a pose in the body's frame."""
+        """The shape to draw, where its link has a pose in the body's frame."""
         if self.kind is None:
             return None
         pose = frame @ self.pose

@@ -1,4 +1,4 @@
-"""URDF, also expanded from xacro: links, joints, and what the plugins of the UUV Simulator say."""
+"""URDF, also expanded from xacro: links, joints, and the numbers of the UUV Simulator's plugins."""
 
 import math
 from xml.etree.ElementTree import Element

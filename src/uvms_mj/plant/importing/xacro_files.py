@@ -71,7 +71,7 @@ _FUNCTIONS |= {
 _CONSTANTS = {"pi": math.pi, "e": math.e, "tau": math.tau, "True": True, "False": False, "true": True, "false": False}
 _lock = threading.Lock()
 _PATCHED = ("safe_eval", "eval_extension", "parse", "handle_macro_call", "load_yaml")
-"""What this module replaces in xacro while a file is expanded."""
+"""The parts of xacro that this module replaces while a file is expanded."""
 
 
 def computed(expression: str, symbols: Any) -> Any:

@@ -61,7 +61,7 @@ class Data:
     """The measurements of an experiment.
 
     Attributes:
-        channels: what is compared with the plant. A measured attitude has three, of the turn from the plant's to it.
+        channels: columns to compare with the plant. A measured attitude has three, of the turn from the plant's to it.
         quat: (n, 4) the measured attitude, at the times of its channels.
         given: (n, m) arrays by name that are no channel: velocities of a towing, joints and wrenches of a trim.
         inputs: of a motion, or None.

@@ -19,12 +19,12 @@ from ...quantities import STRICT, Angles, Number, Position, Step, Twist, Vector3
 
 Scale = Annotated[Number, refusing(lambda x: x is not None and x <= 0.0, "must be greater than 0")]
 UNKNOWNS = ("current", "delay", "clock")
-"""What may be fitted of a motion beside its start."""
+"""Unknowns of a motion that may be fitted beside its start."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class Prior:
-    """What is known of a coefficient beforehand, as a normal distribution."""
+    """Earlier knowledge of a coefficient, as a normal distribution."""
 
     mean: Number
     sigma: Scale

@@ -1,4 +1,4 @@
-"""Nonlinear least squares by SciPy, weighted by the noise of each channel, and what the data say about its result.
+"""Nonlinear least squares by SciPy, weighted by the noise of each channel, and the uncertainty of its result.
 
 With residuals r over their standard deviation and their derivatives J, the information about the unknowns is J^T J. Its
 eigenvectors are the directions in which the data tell the unknowns apart, and one over the square root of an eigenvalue
@@ -33,7 +33,7 @@ from differences, are wrong by some 1e-5 of themselves."""
 _MOVES = 0.05
 """Part of an unknown in an empty direction, in units of the scales, from which on it is not given."""
 _NO_NEWS = 0.95
-"""Deviation over that of its prior from which on the data say nothing of an unknown."""
+"""Deviation over the prior's deviation from which on the data say nothing of an unknown."""
 _PASSES = 4
 """Estimates of the noise, each followed by a fit."""
 _SETTLED = 0.01
@@ -278,7 +278,7 @@ def _judged(
     success: bool,
     executor: Executor | None,
 ) -> Fit:
-    """What the data say about a result."""
+    """The uncertainty of a result, by the data."""
     weighted = Weighted(problem, sigmas, free, x, kept, executor)
     J = weighted.jacobian(z)
     tau, factors = [[1.0] * len(each.channels) for each in problem.data], list[np.ndarray]()

@@ -35,7 +35,7 @@ class Identification:
             print(each.name, each.value, each.half_width)
 
     Attributes:
-        file: what is asked for.
+        file: the task.
         problem: the measurements, the plant and the unknowns.
         path: the file.
     """
@@ -95,7 +95,7 @@ class Identification:
 
     @property
     def _about(self) -> str:
-        """What the numbers of a folder depend on: the file, the data, the vehicle and the code."""
+        """A digest of all that the numbers of a folder depend on: the file, the data, the vehicle and the code."""
         sources = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
         return f"{self.problem.digest}-{hashlib.sha256(sources).hexdigest()[:8]}"
 

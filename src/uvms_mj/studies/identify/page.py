@@ -1,4 +1,4 @@
-"""The page of an identification: coefficients, what can't be told apart, and residuals."""
+"""The page of an identification: coefficients, unknowns that can't be told apart, and residuals."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the plant predicts for an experiment with given coefficients and unknowns.
+"""The prediction of the plant for an experiment with given coefficients and unknowns.
 
 A motion is a run of the engine free_body from a start. A towing is the equation of steady motion, eq. (1) without
 weight and buoyancy: tau = C(nu) nu + D(nu) nu. A trim is the attitude in which the moments of weight, buoyancy and the
@@ -181,7 +181,7 @@ def _turns(of: np.ndarray, to: np.ndarray) -> np.ndarray:
 
 def towing(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
     """The wrench (n, 6) that holds steady velocities nu (n, 6) through still water [N, N m], without weight and
-    buoyancy. C is that of M = M_RB + M_A, Fossen (2021), 6.2."""
+    buoyancy. C is the matrix for M = M_RB + M_A, Fossen (2021), 6.2."""
     M = vehicle.M_RB + vehicle.M_A
     momentum = nu @ M.T
     C = np.concatenate(
@@ -227,7 +227,7 @@ class Postures:
 
 
 def plant_of(data: Data, mjcf: Mjcf, timestep: float, thrusters: Mapping[str, Any] | None) -> "Plant | Postures | None":
-    """What predicts an experiment, and is made once. Raises InputError that names the experiment."""
+    """The function that predicts an experiment; it is made once. Raises InputError that names the experiment."""
     try:
         if data.experiment.kind == "motion":
             return Plant(data, mjcf, timestep, thrusters)

@@ -75,7 +75,7 @@ class Problem:
 
     @functools.cached_property
     def digest(self) -> str:
-        """What the residuals depend on, as a short text."""
+        """Everything that the residuals depend on, as a short text."""
         found = hashlib.sha256(repr((self.file, self.coefficients, self.unknowns)).encode())
         for name, content in sorted(self.mjcf.files.items()):
             found.update(name.encode() + content)
@@ -193,7 +193,7 @@ def _coefficient(free: Free, vehicle: Vehicle) -> Unknown:
 
 
 def _start(data: Data) -> np.ndarray:
-    """(12,) the state at the first sample: what is measured, and of the rest what the file says."""
+    """(12,) the state at the first sample: the measured parts, and the rest by the file."""
     given = data.experiment.start
     found = np.concatenate([given.position, np.radians(given.attitude_deg), given.velocity])
     by_name = {each.name: each for each in data.channels}
@@ -210,7 +210,7 @@ def _start(data: Data) -> np.ndarray:
 
 
 def _unknowns(i: int, data: Data) -> list[Unknown]:
-    """The unknowns of an experiment: its start where it is measured, and what the file asks for."""
+    """The unknowns of an experiment: its start where it is measured, and the file's further unknowns."""
     experiment, found = data.experiment, list[Unknown]()
     if experiment.kind != "motion":
         return found

@@ -1,5 +1,5 @@
-"""What an identification says: coefficients with intervals, what can't be told apart, errors on held-out data beside
-naive models."""
+"""The result of an identification: coefficients with intervals, unknowns that can't be told apart, errors on held-out
+data beside naive models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class Result:
     notes: tuple[str, ...]
 
     def sentence(self) -> str:
-        """What is given and what is not, for the vehicle's file."""
+        """The coefficients that are given and that are not, for the vehicle's file."""
         given = [each.name for each in self.coefficients if each.given]
         lost = [each.name for each in self.coefficients if not each.given]
         said = f"Given with 95 % intervals in the text identified: {', '.join(given) or 'none'}."
@@ -176,7 +176,7 @@ def _correlated(problem: Problem, found: Fit) -> tuple[tuple[str, str, float], .
 
 
 def _held_out(problem: Problem, found: Fit) -> tuple[np.ndarray, list[HeldOut]]:
-    """Coefficients and unknowns with those of the held-out experiments, and the errors on held-out samples. The
+    """Coefficients and unknowns, also of the held-out experiments, and the errors on held-out samples. The
     unknowns of an experiment are fitted to its first part, for each vehicle."""
     x, errors = found.x.copy(), list[HeldOut]()
     n = len(problem.coefficients)
