@@ -351,6 +351,59 @@ def test_time_that_goes_back_is_neutral_and_changes_no_estimate(vehicle):
     assert vehicle.step(6 * H, "inertial") == STATUS["OK"]
 
 
+PROGRAM = """
+static double clock_s;
+static int calls;
+static double now(void) { return clock_s; }
+static void first_estimate(double *p, double *q, double *v, double *omega)
+{
+    int i;
+    for (i = 0; i < 3; i++)
+        p[i] = v[i] = omega[i] = 0.0;
+    q[0] = 1.0;
+    q[1] = q[2] = q[3] = 0.0;
+}
+static int new_imu(double last, double *turn, double *push)
+{
+    turn[0] = turn[1] = turn[2] = push[1] = 0.0;
+    push[0] = 0.2 * (clock_s - last);
+    push[2] = 9.81 * (clock_s - last);
+    return calls != 7 && calls != 13 && calls != 14;
+}
+static int new_dvl(double *v) { v[0] = v[1] = v[2] = clock_s - clock_s; return 0; }
+static int new_pressure(double *z) { *z = 0.0; return 0; }
+static int new_heading(double *angle) { *angle = 0.0; return 0; }
+static int new_fix(double *p) { p[0] = p[1] = p[2] = 0.0; return 0; }
+static int new_force(double *f) { f[0] = f[1] = f[2] = f[3] = f[4] = f[5] = 0.0; return calls != 21; }
+static int refused;
+static void report(const char *said) { refused += said != 0; }
+static double distance(double x, double y) { return x > y ? x - y : y - x; }
+"""
+END = """
+    clock_s += GSTA_PERIOD;
+    if (++calls == 31)
+        return 100 * (distance(command.p_WB[0], 0.5 * 0.2 * last * last) > 1e-12) + refused;
+"""
+
+
+def test_the_program_of_the_page_covers_lost_samples_and_refused_calls(filtered, tmp_path):
+    """The page's loop with sensors of a vehicle that accelerates uniformly: samples are lost in three calls, and a
+    force in one. The estimate is exact after each."""
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    folder, _ = filtered
+    page = Path(__file__).parents[2] / "docs/how_to/filter_to_vehicle.md"
+    text = page.read_text().split("```c\n")[1].split("```")[0]
+    front, loop = text.split("static gsta law;\n")
+    assert "    send_pulses(command.pwm);\n" in loop
+    loop = loop.replace("    send_pulses(command.pwm);\n", "")  # this vehicle has none
+    loop = f"{loop.rstrip().removesuffix('}')}{END}}}"
+    (tmp_path / "test.c").write_text(f"{front}{PROGRAM}static gsta law;\nint main(void)\n{{\n{loop}\n}}\n")
+    shutil.copy(folder / "gsta.h", tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64/libgsta.a", tmp_path / "test.c", tmp_path)
+    assert subprocess.run([program], timeout=10.0).returncode == 2  # the second sample of two, and the force
+
+
 # loop.c, and runs
 
 
