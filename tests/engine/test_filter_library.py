@@ -239,7 +239,7 @@ def test_a_turn_is_taken_and_a_push_is_turned_with_it(vehicle):
 
 @pytest.mark.parametrize("aid", ["dvl", "depth", "heading", "position"])
 def test_an_aid_moves_the_estimate_and_one_that_is_no_number_is_as_if_it_were_not_there(filtered, aid):
-    """Bit for bit, and the status says so. An aid may come without the inertial unit."""
+    """Bit for bit, and the status says so."""
     field = {"dvl": "v_dvl", "depth": "z_WB", "heading": "heading", "position": "p_fix"}[aid]
     wrong = [np.nan] * FIELDS[field]
     wrong[0] = np.inf
@@ -255,12 +255,23 @@ def test_an_aid_moves_the_estimate_and_one_that_is_no_number_is_as_if_it_were_no
         words[case] = vehicle.words
     assert said == {"there": STATUS["OK"], "no number": STATUS["LEFT_OUT"], "not there": STATUS["OK"]}
     assert words["no number"] == words["not there"] != words["there"]
-    vehicle = Vehicle(filtered[0])
-    vehicle.begin(3)
-    before = [*vehicle.command.p_WB, *vehicle.command.quat_WB, *vehicle.command.nu]
-    held = vehicle.measured(3.5 * H, aid, **off)
-    assert vehicle.step(held) == STATUS["OK"]
-    assert before != [*vehicle.command.p_WB, *vehicle.command.quat_WB, *vehicle.command.nu]
+
+
+@pytest.mark.parametrize(
+    ("aid", "field"), [("dvl", "v_dvl"), ("depth", "z_WB"), ("heading", "heading"), ("position", "p_fix")]
+)
+def test_an_aid_alone_corrects_and_takes_no_time(vehicle, aid, field):
+    """Without a sample of the inertial unit an exact aid changes nothing of a moving vehicle, and another one does."""
+    vehicle.a = np.array([0.2, -0.1, 0.05])
+    vehicle.begin(20)
+    estimate = [*vehicle.command.p_WB, *vehicle.command.quat_WB, *vehicle.command.nu]
+    exact = vehicle.measured(20 * H, aid)
+    exact.t = 20.5 * H
+    assert vehicle.step(exact) == STATUS["OK"]
+    assert [*vehicle.command.p_WB, *vehicle.command.quat_WB, *vehicle.command.nu] == pytest.approx(estimate, abs=1e-12)
+    assert vehicle.step(vehicle.measured(21.1 * H, aid, **{field: [0.1] * FIELDS[field]})) == STATUS["OK"]
+    found = [*vehicle.command.p_WB, *vehicle.command.quat_WB, *vehicle.command.nu]
+    assert np.abs(np.subtract(found, estimate)).max() > 1e-4
 
 
 def test_the_corrections_bring_a_wrong_first_estimate_to_the_fixes(vehicle):
@@ -312,6 +323,7 @@ def test_lost_samples_that_nothing_covers_are_named_and_after_ten_a_first_estima
     assert vehicle.step(22 * H, "start", p_WB=[0.3, 0.0, 0.0]) == STATUS["OK"]
     assert [*vehicle.command.p_WB] == [0.3, 0.0, 0.0]
     assert vehicle.step(23 * H, "inertial") == STATUS["OK"]
+    assert vehicle.step(24 * H, "inertial", interval=2 * H) == STATUS["LATE"]  # it covers more than the time
 
 
 def test_a_first_estimate_is_checked_and_a_later_one_forgets_the_covariance(filtered, vehicle):
@@ -337,6 +349,59 @@ def test_time_that_goes_back_is_neutral_and_changes_no_estimate(vehicle):
     after = bytes(vehicle.memory)[40:]
     assert sum(before[k : k + 8] != after[k : k + 8] for k in range(0, len(before), 8)) <= 6  # tau_hat alone
     assert vehicle.step(6 * H, "inertial") == STATUS["OK"]
+
+
+PROGRAM = """
+static double clock_s;
+static int calls;
+static double now(void) { return clock_s; }
+static void first_estimate(double *p, double *q, double *v, double *omega)
+{
+    int i;
+    for (i = 0; i < 3; i++)
+        p[i] = v[i] = omega[i] = 0.0;
+    q[0] = 1.0;
+    q[1] = q[2] = q[3] = 0.0;
+}
+static int new_imu(double last, double *turn, double *push)
+{
+    turn[0] = turn[1] = turn[2] = push[1] = 0.0;
+    push[0] = 0.2 * (clock_s - last);
+    push[2] = 9.81 * (clock_s - last);
+    return calls != 7 && calls != 13 && calls != 14;
+}
+static int new_dvl(double *v) { v[0] = v[1] = v[2] = clock_s - clock_s; return 0; }
+static int new_pressure(double *z) { *z = 0.0; return 0; }
+static int new_heading(double *angle) { *angle = 0.0; return 0; }
+static int new_fix(double *p) { p[0] = p[1] = p[2] = 0.0; return 0; }
+static int new_force(double *f) { f[0] = f[1] = f[2] = f[3] = f[4] = f[5] = 0.0; return calls != 21; }
+static int refused;
+static void report(const char *said) { refused += said != 0; }
+static double distance(double x, double y) { return x > y ? x - y : y - x; }
+"""
+END = """
+    clock_s += GSTA_PERIOD;
+    if (++calls == 31)
+        return 100 * (distance(command.p_WB[0], 0.5 * 0.2 * last * last) > 1e-12) + refused;
+"""
+
+
+def test_the_program_of_the_page_covers_lost_samples_and_refused_calls(filtered, tmp_path):
+    """The page's loop with sensors of a vehicle that accelerates uniformly: samples are lost in three calls, and a
+    force in one. The estimate is exact after each."""
+    if not runs_here("x86_64"):
+        pytest.skip("another processor")
+    folder, _ = filtered
+    page = Path(__file__).parents[2] / "docs/how_to/filter_to_vehicle.md"
+    text = page.read_text().split("```c\n")[1].split("```")[0]
+    front, loop = text.split("static gsta law;\n")
+    assert "    send_pulses(command.pwm);\n" in loop
+    loop = loop.replace("    send_pulses(command.pwm);\n", "")  # this vehicle has none
+    loop = f"{loop.rstrip().removesuffix('}')}{END}}}"
+    (tmp_path / "test.c").write_text(f"{front}{PROGRAM}static gsta law;\nint main(void)\n{{\n{loop}\n}}\n")
+    shutil.copy(folder / "gsta.h", tmp_path)
+    program = linking.program(MACHINES["x86_64"], folder / "x86_64/libgsta.a", tmp_path / "test.c", tmp_path)
+    assert subprocess.run([program], timeout=10.0).returncode == 2  # the second sample of two, and the force
 
 
 # loop.c, and runs
@@ -411,6 +476,30 @@ def test_the_export_says_that_no_run_takes_it_and_what_is_in_it(filtered):
 
 
 # scenarios
+
+
+FEELS = """
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+@dataclass(frozen=True)
+class Feels(Controller):
+    k: float = gain(200.0, "N/m, N m", "stiffness")
+    uses_task = False
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.g_hat - gains.k * signals.eta_e - 100.0 * signals.nu_e
+        tau_cmd[:3] += 0.3 * signals.f_contact_m_W
+"""
+
+
+def test_the_force_is_turned_to_the_world_with_the_estimate(tmp_path):
+    """A law that reads the force in W, at a wall, by a vehicle that is turned."""
+    (tmp_path / "feels.py").write_text(FEELS)
+    turned = {"initial.attitude_deg": [3.0, -4.0, 25.0], "initial.position": [0.9, 0.0, 0.0]}
+    run = Scenario.load("push_wall", FILTERED | turned, f"{tmp_path / 'feels.py'}:Feels")
+    library = write_library(run, tmp_path / "out", ["x86_64"])
+    assert library.targets[0].equal in (None, 1200)
+    assert "pressing" in (tmp_path / "out/README.md").read_text()
 
 
 @pytest.mark.slow

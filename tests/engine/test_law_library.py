@@ -132,6 +132,18 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
     assert library.record < 12_000
 
 
+def test_a_library_has_the_rows_of_its_reference_that_come(gsta, tmp_path):
+    """One step, or three, which take four rows: 32 bytes each. The room for a thousand stays behind. With all of the
+    steps, and a time after the last one, the recorded steps are the run's."""
+    few = [{"time": 0.1 * k, "position": [0.02 * k, 0.0, 0.0]} for k in range(1, 4)]
+    settings = {"reference.waypoints": few, "controller.period": 0.01, "simulation.duration": 13.0}
+    library = write_library(scenario("gsta", settings), tmp_path, ["x86_64"])
+    assert library.targets[0].equal in (None, library.steps)
+    one = next(each for each in gsta[1].targets if each.target == "x86_64").constants
+    assert 90 <= library.targets[0].constants - one < 1500  # three rows more, and another image
+    assert one < 9000
+
+
 def test_a_program_does_not_carry_the_law_of_a_run(gsta, tmp_path):
     """GSTA with model, allocation and T200 is at most 16 kB of code. The law of a run is in none of the sizes: it is an
     object of its own, which the linker leaves out of a program."""

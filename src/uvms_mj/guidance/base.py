@@ -37,6 +37,9 @@ class Guidance(Stage):
 
     attitude_deg: Angles = shared((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
 
+    ending: ClassVar[tuple[str, ...]] = ()
+    """Names of constants that are tables with a row for each time, the times first, of which those at infinity never
+    come: a law that leaves takes along the rows that do."""
     room: ClassVar[Room] = Room(
         name="guidance",
         table="reference",

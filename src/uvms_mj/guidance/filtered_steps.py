@@ -80,6 +80,7 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
+    ending: ClassVar = ("times", "positions")
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property

@@ -48,6 +48,8 @@ uneven."""
 class Followed(Guidance):
     """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
 
+    ending: ClassVar = ("begins", "coefficients")
+
     def notes(self, setup: SetupLike) -> Iterable[str]:
         return start_notes(self, setup)
 

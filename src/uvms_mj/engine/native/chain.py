@@ -8,7 +8,7 @@ and the sensors set in a run, its caller sets.
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from ...actuation.propeller import Propeller, commands_alone
 from ...compiler.targets import add_libm, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
+from ...guidance import Guidance
 from ...navigation.ekf import ALONE, KEPT, Ekf, estimate_alone, estimate_with_force
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
 from .compilation import link as linked
@@ -126,6 +127,8 @@ class Chain:
                     continue  # their command is the thrust
                 function = commands_alone
                 kinds = (*kinds[:3], np.dtype(("f8", (pipeline.shape.thrusters,))))
+            if isinstance(stage, Guidance) and stage.is_shipped:
+                kinds = _ended(stage.ending, compiled.settings), kinds[1], kinds[2], kinds[3]
             held = table in ("actuation", "thrusters") and stage.is_shipped and stage.period is None
             yield Link(table, compiled, function, kinds, 0 if held else steps)  # gcd(0, n) is n
 
@@ -165,13 +168,13 @@ class Chain:
         for name in ("waits", "fixed"):
             add(name, np.dtype(("i8", (n,))))
         add("outputs", np.dtype(("f8", (self._memory.shape.thrusters,))))  # commands of the speed controllers
-        raw, constants = self._memory.image.fixed, list[bytes]()
+        constants = list[bytes]()
         for k, link in enumerate(self.links):
             kind, start = link.compiled.layout, self._start_of(link)
             if link.fixed:
-                size = link.kinds[0].itemsize
+                size = link.compiled.kinds[0].itemsize
                 self._fixed[link.name] = sum(map(len, constants)) // _WORD
-                constants.append(raw[start : start + size].tobytes())
+                constants.append(_of_kind(link.kinds[0], link.compiled.settings))
                 kind, start = np.dtype(f"V{kind.itemsize - size}"), start + size
             if link.filters:
                 self._add_filter(link, add, at)
@@ -393,6 +396,29 @@ class Chain:
     def here(self, text: str, entry: str) -> "Here":
         """The chain on this processor, from its text."""
         return Here(self, text, entry)
+
+
+def _ended(names: Sequence[str], settings: np.ndarray) -> np.dtype:
+    """The dtype of settings (1,) with tables that end where their times, which are the first of the names, are
+    infinite. Their rows are a power of two, as searches in them want it."""
+    kind: Any = settings.dtype
+    if not names:
+        return kind
+    rows = 1 << max(0, int(np.isfinite(settings[names[0]]).sum()) - 1).bit_length()
+    fields = [(name, kind[name].base, kind[name].shape) for name in kind.names]
+    return np.dtype(
+        [(name, of, (min(rows, shape[0]), *shape[1:]) if name in names else shape) for name, of, shape in fields],
+        align=True,
+    )
+
+
+def _of_kind(kind: np.dtype, settings: np.ndarray) -> bytes:
+    """The bytes of settings (1,) whose tables may be shorter."""
+    found = np.zeros(1, kind)
+    for name in kind.names or ():
+        part = tuple(slice(n) for n in kind[name].shape)
+        found[name] = settings[name][(slice(None), *part)]
+    return found.tobytes()
 
 
 class Here:
