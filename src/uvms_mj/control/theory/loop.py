@@ -295,6 +295,7 @@ class Loop:
             counts alone.
         period: control period [s]; default: the run's. Its :class:`Timing` must not be too long.
         rest: all contacts at the rest, in place of one contact.
+        push: the normal force of the contact [N], for the effects that depend on it; default: the desired one.
     """
 
     def __init__(
@@ -305,6 +306,7 @@ class Loop:
         amplitudes: tuple[float, ...] = (),
         period: float | None = None,
         rest: "ContactsAtRest | None" = None,
+        push: float | None = None,
     ) -> None:
         self.setup, self.h, self.contact = setup, setup.scenario.simulation.timestep, contact
         M_inv, normal = np.linalg.inv(setup.design.M), np.zeros(6) if contact is None else contact.normal
@@ -320,7 +322,13 @@ class Loop:
         self.widths = self.m, self.m, len(self.force), self.m
         self.law = self._law(about, amplitudes, left, right, pushed, M_inv, rest)
         drag = -left @ M_inv @ setup.vehicle.D_linear @ right
-        self.step = self._step(self._drawn(left @ M_inv, right) + np.hstack([0.0 * drag, drag]), left @ M_inv @ pushed)
+        tau_c = np.zeros(6) if rest is None else rest.tau_c
+        if contact is not None:
+            tau_c = normal * (max(0.0, float(normal @ setup.scenario.impedance.at_end[1])) if push is None else push)
+        drawn, by_contact = self._drawn(left @ M_inv, right, tau_c)
+        self.step = self._step(
+            drawn + np.hstack([0.0 * drag, drag]), left @ M_inv @ (pushed + by_contact @ pushed)
+        )
         self._lines(period)
 
     def _law(
@@ -340,16 +348,17 @@ class Loop:
         by_s = law.by_s(np.array([S * right for S in amplitudes]))
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
-    def _drawn(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def _drawn(self, left: np.ndarray, right: np.ndarray, tau_c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Acceleration (m, 2 m) by the effects of the water on a rigid vehicle, shipped ones and a user's, from x and
-        nu."""
-        effects = self.setup.scenario.effects
+        nu, and their wrench (6, 6) from a contact's, under the normal forces tau_c (6,)."""
+        effects, by_contact = self.setup.scenario.effects, np.zeros((6, 6))
         if self.setup.not_rigid:
-            return np.zeros((self.m, 2 * self.m))
+            return np.zeros((self.m, 2 * self.m)), by_contact
         slopes = self.setup.effect_slopes
         if effects:
-            slopes = slopes + OwnEffects(effects, self.setup).slopes(self.setup)
-        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right])
+            own = OwnEffects(effects, self.setup).slopes(self.setup, tau_c)
+            slopes, by_contact = slopes + own[:, :12], own[:, 12:]
+        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right]), by_contact
 
     def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """A time step of x, nu and the states of the lag, which the acceleration by the command follows. The water's
