@@ -326,9 +326,7 @@ class Loop:
         if contact is not None:
             tau_c = normal * (max(0.0, float(normal @ setup.scenario.impedance.at_end[1])) if push is None else push)
         drawn, by_contact = self._drawn(left @ M_inv, right, tau_c)
-        self.step = self._step(
-            drawn + np.hstack([0.0 * drag, drag]), left @ M_inv @ (pushed + by_contact @ pushed)
-        )
+        self.step = self._step(drawn + np.hstack([0.0 * drag, drag]), left @ M_inv @ (pushed + by_contact @ pushed))
         self._lines(period)
 
     def _law(

@@ -183,7 +183,7 @@ class OwnEffects:
         self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any,
         contacts: Contacts | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """The sum (6,) of their wrenches about B's origin in B, at a pose, a velocity and the normal forces of contacts.
+        """The sum (6,) of their wrenches about B's origin in B, at a pose and a velocity under the forces of contacts.
         Raises NotKnownAtRest, also at one pose alone: a branch may ask for the time."""
         total = np.zeros(6)
         at_B = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
