@@ -29,7 +29,7 @@ from uvms_mj.views.figures import style
 
 TESTS = Path(__file__).parent
 SHORT = {"simulation.timestep": 1e-3, "simulation.duration": 0.02}
-HERE, WALLS, SENSORS = "test_where_to_add.py", "plant/test_walls.py", "navigation/test_sensors.py"
+HERE, IN_SRC, SENSORS = "test_where_to_add.py", "test_added_to_src.py", "navigation/test_sensors.py"
 LIBRARY = "engine/test_law_library.py"
 SHIPS, NUMBER = "test_a_stage_that_ships_is_a_class_and_an_entry", "test_a_number_is_a_function_and_an_entry"
 SHOWN = {
@@ -45,14 +45,14 @@ SHOWN = {
     "check of a run, or warning before it": (HERE, "test_a_check_refuses_and_a_warning_is_said"),
     "vehicle": ("plant/test_own_vehicle.py", "test_it_runs_by_the_command_that_is_printed"),
     "format of a vehicle of others": ("plant/test_importing.py", "test_sdf_of_gz_sim_is_the_same_vehicle"),
-    "wall shape": (WALLS, "test_a_contact_at_rest_is_the_gradient_of_its_distance"),
+    "wall shape": (IN_SRC, "test_a_shape_is_an_entry_and_its_lines"),
     "force of the water, of a user": ("plant/test_own_effects.py", "test_both_engines_and_plain_python_agree"),
     "motion of the water": ("physics/test_waves.py", "test_a_run_has_the_motion_of_the_water_along_both_ways"),
     "inertia that the water adds": (
         "physics/test_near_wall.py",
         "test_engines_agree_on_a_landing_and_the_rest_is_that_without_a_pad",
     ),
-    "force of the water on the base": ("engine/test_water.py", "test_a_tether_slows_a_vehicle_as_its_closed_form_says"),
+    "force of the water on the base": (IN_SRC, "test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table"),
     "number about a run": (HERE, NUMBER),
     "metric: a number that a study keeps, or that `run` prints": (HERE, NUMBER),
     "fonts of figures": (HERE, "test_fonts_are_an_entry_of_the_figures_and_of_the_command"),

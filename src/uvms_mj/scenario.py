@@ -467,7 +467,12 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
             ]
         if table in _TABLES:
             return [Fault(key, is_a_table(table, value, _KEYS[table], STAGES.get(table)))]
+        if table in tables_by_word(STAGE_LISTS):
+            return [Fault(key, no_table(table, "name", _TABLES, CHOICES))]
         return [Fault(key, not_dotted(table, value, _KEYS, STAGES, tables))]
+    if (listed := table.partition("[")[0]) in LISTS:
+        first = f"{listed}[0].{word.rpartition('.')[2]}"
+        return [Fault(key, f"{listed} is a list of tables; a key of its first one is {first}")]
     if table not in _TABLES:
         return [Fault(key, no_table(table, word, _TABLES, CHOICES))]
     if "[" in word:

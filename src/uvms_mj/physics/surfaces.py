@@ -16,6 +16,7 @@ segment of the half length b: the sphere about :math:`q_z` clipped to b. A surfa
 table of displacements over time, linear between its rows, and by a sine.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from .frames import to_body, to_world
-from .kernels import kernel
+from .kernels import kernel, record_of
 
 
 @dataclass(frozen=True)
@@ -35,38 +36,37 @@ class Shape:
         keys: of its size in a scenario [m].
         extent: the numbers (3,) of a SURFACE record from the values of the keys.
         size: the least length over which it is curved, from the extent; None of a flat one [m].
-        takes_capsules: whether :func:`nearest_on_segment` finds the point of a capsule's axis that is nearest to it.
         drawn: its picture, from the extent: a geom's type with its size as in MJCF, or None for a plate.
     """
 
     keys: tuple[str, ...]
     extent: Callable[..., tuple[float, float, float]]
     size: Callable[[Sequence[float]], float] | None
-    takes_capsules: bool
     drawn: Callable[[Sequence[float]], tuple[Any, tuple[float, float, float]]] | None
 
 
 DRAWN_LENGTH = 1.5
 """Length of the drawn part of an endless shape [m]."""
 SHAPES: dict[str, Shape] = {
-    "plane": Shape((), lambda: (0.0, 0.0, 0.0), None, True, None),
+    "plane": Shape((), lambda: (0.0, 0.0, 0.0), None, None),
     "sphere": Shape(
-        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0], True, lambda e: ("sphere", (e[0], 0.0, 0.0))
+        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0], lambda e: ("sphere", (e[0], 0.0, 0.0))
     ),
     "cylinder": Shape(
-        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0], True,
+        ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0],
         lambda e: ("cylinder", (e[0], 0.5 * DRAWN_LENGTH, 0.0)),
     ),
     "box": Shape(
-        ("edges",), lambda edges: (0.5 * edges[0], 0.5 * edges[1], 0.5 * edges[2]), min, False,
+        ("edges",), lambda edges: (0.5 * edges[0], 0.5 * edges[1], 0.5 * edges[2]), min,
         lambda e: ("box", (e[0], e[1], e[2])),
     ),
     "capsule": Shape(
-        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[0], False,
+        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[0],
         lambda e: ("capsule", (e[0], e[1], 0.0)),
     ),
 }  # fmt: skip
-"""The shapes by name. A SURFACE record has the index; :func:`signed_distance` knows each of them."""
+"""The shapes by name. A SURFACE record has the index. A shape that the kernels do not know is refused
+(:func:`is_computed`)."""
 PLANE, SPHERE, CYLINDER, BOX, CAPSULE = range(len(SHAPES))
 
 SURFACE = np.dtype(
@@ -130,12 +130,14 @@ def signed_distance(surface, c_W, n_W) -> float:
     distance = 0.0
     if surface.kind == BOX:
         distance = from_box(q, surface.extent)
-    else:
+    elif surface.kind == SPHERE or surface.kind == CYLINDER or surface.kind == CAPSULE:
         if surface.kind == CYLINDER:
             q[2] = 0.0
         elif surface.kind == CAPSULE:
             q[2] -= min(surface.extent[1], max(-surface.extent[1], q[2]))
         distance = normalise(q) - surface.extent[0]
+    else:  # a shape without a line here
+        distance = math.nan
     to_world(R, q, n_W)
     return distance
 
@@ -171,13 +173,26 @@ def from_box(q, half) -> float:
 @kernel
 def nearest_on_segment(surface, a_W, b_W) -> float:
     """Where on the segment from a_W (3,) to b_W (3,) the point nearest to the centre of a sphere, or to the axis of a
-    cylinder, is: 0 at a_W, 1 at b_W, 0.5 if the segment is parallel to the axis."""
+    cylinder, is: 0 at a_W, 1 at b_W, 0.5 if the segment is parallel to the axis. NaN of another shape."""
     d, e, axis = b_W - a_W, surface.p_WS - a_W, surface.R_WS[:, 2]
     along, size, length = d @ e, d @ d, d @ d
     if surface.kind == CYLINDER:  # across the axis only
         axial = d @ axis
         along -= axial * (e @ axis)
         size -= axial * axial
+    elif surface.kind != SPHERE:
+        return math.nan
     if size <= 1e-12 * length:
         return 0.5
     return min(1.0, max(0.0, along / size))
+
+
+@functools.cache
+def is_computed(shape: str, capsule: bool = False) -> bool:
+    """Whether the kernels know a shape: its distance from a point, or from the axis of a capsule."""
+    surface, a, b = record_of(np.zeros(1, SURFACE)), np.array([0.5, 0.5, 0.5]), np.array([2.0, 1.0, 0.5])
+    surface.kind, surface.extent[:], surface.R_WS[:] = list(SHAPES).index(shape), 0.25, np.eye(3)
+    found = signed_distance(surface, a, np.zeros(3))
+    if capsule and SHAPES[shape].size is not None:  # a flat shape is touched by both ends
+        found += nearest_on_segment(surface, a, b)
+    return math.isfinite(found)

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Fault, suggestion
 from ..physics.contacts import PAIR
 from ..physics.frames import BODY
-from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
+from ..physics.surfaces import SHAPES, SURFACE, is_computed, nearest_on_segment, signed_distance
 from ..physics.vehicle import VehicleLike
 from ..stages.setup import ScenarioLike
 from .settings import ContactBody, Surface, contact_settings, in_series
@@ -261,8 +261,11 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
         if body.body is not None and body.body not in names:
             yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
     for i, wall in enumerate(scenario.walls):
+        if not is_computed(wall.shape):
+            yield Fault(f"walls[{i}].shape", f"the distance from a {wall.shape} is not computed")
+            continue
         for k, body in enumerate(bodies):
-            if body.end is not None and not SHAPES[wall.shape].takes_capsules:
+            if body.end is not None and not is_computed(wall.shape, capsule=True):
                 yield Fault(
                     f"vehicle.contact_bodies[{k}].end",
                     f"contact of a capsule with a {wall.shape}, walls[{i}], is not computed; give spheres along the "

@@ -31,7 +31,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
-from ..physics.contacts import place_carrier
+from ..physics.contacts import place_carrier, wrench_at_origin
 from ..physics.frames import BODY, attitude, to_body
 from ..physics.kernels import kernel
 from ..physics.vehicle import VehicleLike
@@ -104,6 +104,23 @@ def at_frame(run, frame, given):
     attitude(frame.R_WC, given.quat_WB)
 
 
+@kernel
+def set_normal_forces(run, link, given):
+    """Set the normal forces of the springs of all contacts on a link: their sum in W, and their wrench at the origin of
+    the effect's frame, in its axes. They follow from the state of the instant, whatever applies them."""
+    given.f_normal_W[:], given.tau_normal_B[:] = 0.0, 0.0
+    for k in range(run.pair_count):
+        pair = run.pairs[k]
+        carrier, contact, p_WC, tau = run.carriers[pair.carrier], pair.contact, run.true.p_WB, np.zeros(6)
+        if contact.touching != 0 and carrier.link == link:
+            if run.carried.shape[0] != 0:
+                p_WC = carrier.p_WC
+            f_W = pair.f_n * contact.normal_W
+            wrench_at_origin(given.R_WB, p_WC + contact.arm_W - given.p_WB, f_W, tau)
+            given.f_normal_W += f_W
+            given.tau_normal_B += tau
+
+
 class Surroundings(Stage):
     """The records ``given`` of effects."""
 
@@ -115,15 +132,18 @@ class Surroundings(Stage):
     def step(settings, run, given, state_dot, out):
         true = run.true
         for k in range(run.around.shape[0]):
-            around, produced = run.around[k], run.commands.u_cmd
+            around, produced, link = run.around[k], run.commands.u_cmd, 0
             if run.plant.effect_frames.shape[0] != 0:
                 at_frame(run, run.plant.effect_frames[k], around)
+                link = run.plant.effect_frames[k].link
             else:
                 around.p_WB[:], around.quat_WB[:], around.nu[:] = true.p_WB, true.quat_WB, true.nu
                 around.R_WB[:] = true.R_WB
             around.v_c_W[:] = true.v_c_W
             to_body(around.R_WB, true.v_c_W, around.nu_r)
             around.nu_r[:3], around.nu_r[3:] = around.nu[:3] - around.nu_r[:3], around.nu[3:]
+            if run.pairs.shape[0] != 0:
+                set_normal_forces(run, link, around)
             if run.ideal == 0:
                 produced = run.thrust
             around.u[:] = np.minimum(run.high, np.maximum(run.low, produced))

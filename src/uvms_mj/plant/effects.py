@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.effects import FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
 from .settings import EffectTable, World
@@ -47,8 +48,12 @@ class _World:
         return len(self._plant.vehicle.arm.links)
 
     @property
-    def start_z(self) -> float:
-        return self._scenario.initial.position[2]
+    def start_p(self) -> tuple[float, float, float]:
+        return self._scenario.initial.position
+
+    @property
+    def start_R(self) -> np.ndarray:
+        return rotation_matrix(quat_from_euler_deg(*self._scenario.initial.attitude_deg))
 
 
 def world_of(scenario: ScenarioLike, plant: Any) -> Any:

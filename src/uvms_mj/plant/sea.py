@@ -119,7 +119,7 @@ class Sea(EffectTable):
     def faults(self, world: World) -> Iterator[Fault]:
         if not self.moves:
             return
-        gravity, start_z = world.gravity, world.start_z
+        gravity, start_z = world.gravity, world.start_p[2]
         if gravity == 0.0:
             yield Fault("height", "there are no waves in a world without gravity")
             return

@@ -346,18 +346,28 @@ class Pad(EffectTable):
         if not any(self.normal):
             raise ValueError("normal must not be zero")
 
+    def facing(self, world: World) -> tuple[Any, Any]:
+        """A point (3,) of the face in W [m], and its unit normal (3,) out of the wall."""
+        if self.point is None:
+            return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
+        length = math.hypot(*self.normal)
+        return self.point, tuple(x / length for x in self.normal)
+
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
-        length = math.hypot(*self.normal)
-        point, normal = self.point, tuple(x / length for x in self.normal)
-        if point is None:
-            point, normal = (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
         numbers = self.density, self.viscosity, self.least_gap
-        return [(self.radius, self.position, point, normal, *numbers)]
+        return [(self.radius, self.position, *self.facing(world), *numbers)]
 
     def faults(self, world: World) -> Iterator[Fault]:
         if self.point is None and world.face is None:
             yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
+            return
+        point, normal = self.facing(world)
+        if self.point is None and tuple(self.normal) != normal:
+            yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
+        gap = float(np.dot(normal, np.add(world.start_p, world.start_R @ self.position) - np.array(point)))
+        if gap < -self.radius:
+            yield Fault("position", f"is at the start {-gap:.3g} m behind the face of the wall that it faces")
 
 
 EFFECT_TABLES: dict[str, type[EffectTable]] = {

@@ -97,7 +97,7 @@ class RestingVehicle:
         force -= term
         add_effects(self.effects, nu_r, force)
         quat = quat_turned(self.quat, x[3:6])
-        force += self.own_effects.wrench(position, quat, R_WB, nu, nu_r, v_c_W)
+        force += self.own_effects.wrench(position, quat, R_WB, nu, nu_r, v_c_W, lambda: self.contact(x))
         weights = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
         restoring(*weights, self.setup.gravity_W, R_WB, term)
         return np.linalg.solve(vehicle.M, force - term) + nu_c_dot

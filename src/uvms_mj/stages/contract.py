@@ -284,9 +284,13 @@ def _wrong_function(cls: type[Any]) -> Iterator[str]:
         return
     if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
         yield f"{method} must be a plain function: no async, no yield"
+    taken = [*inspect.signature(function).parameters]
     try:
         inspect.signature(function).bind(*arguments)
+        swapped = sorted(taken) == sorted(arguments) and taken != [*arguments]
     except TypeError:
+        swapped = True
+    if swapped:
         yield f"{method} must take ({', '.join(arguments)})"
 
 

@@ -72,21 +72,21 @@ class Choice(Generic[_Stage]):
         violates the contract."""
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
-            known = f"choose from {', '.join(self.shipped)}"
+            known = f"choose from {', '.join(self.shipped)}" if self.shipped else f"give {USERS}"
             raise InputError([Fault(key, f"{source!r} is not the name of any {noun}; {known}")])
         if source in self.shipped:
             return self.shipped[source]
         file, class_name = parted(source)
         if not class_name:
-            hint = suggestion(source, self.shipped)
-            own = f"for your own {noun} give {USERS}"
+            hint = f"{suggestion(source, self.shipped)}; " if self.shipped else ""
+            own = f"{hint}for your own {noun} give {USERS}"
             if file.endswith(SHARED):
                 names = described_beside(file, self.base.room.table) or ["NAME"]
                 raise InputError([Fault(key, f"{source!r} names no function; give {source}:{' or :'.join(names)}")])
             if file:
                 names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]
                 raise InputError([Fault(key, f"{source!r} names no class; {give_one(source, names)}")])
-            raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
+            raise InputError([Fault(key, f"no {noun} {source!r}; {own}")])
         stages = stages_in(file, key, class_name, namespace)
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:

@@ -291,6 +291,13 @@ EFFECT_WRENCH = Signal("tau", (6,), _WRENCH, "B", "wrench of the effect on the v
 """Set by an effect of a user's own."""
 
 
+NORMAL_FORCE = (
+    Signal("f_normal_W", (3,), "N", "W", "normal force of the walls' springs on the body, of the same instant"),
+    Signal("tau_normal_B", (6,), _WRENCH, "B", "f_normal_W as a wrench at B's origin"),
+)
+"""Given to effects: the contacts of the body that the effect acts on, without their friction."""
+
+
 def effect_given(n: int) -> tuple[Signal, ...]:
     """Given to the effects on a vehicle with n thrusters: the truth."""
     return (
@@ -298,6 +305,7 @@ def effect_given(n: int) -> tuple[Signal, ...]:
         *TRUE[:4],
         Signal("nu_r", (6,), _TWIST, "B", "velocity relative to the water"),
         _SET["v_c_W"],
+        *NORMAL_FORCE,
         thruster_signal(n),
     )
 

@@ -279,6 +279,7 @@ class Loop:
         period: control period [s]; default: the run's. Its :class:`Timing` must not be too long.
         rest: what acts on the vehicle about a rest, in place of one contact.
         springs: which of its sets of contacts.
+        push: the normal force of the contact [N], for the effects that depend on it; default: the desired one.
     """
 
     def __init__(
@@ -290,6 +291,7 @@ class Loop:
         period: float | None = None,
         rest: "ContactsAtRest | None" = None,
         springs: int = 0,
+        push: float | None = None,
     ) -> None:
         self.setup, self.h, self.contact = setup, setup.scenario.simulation.timestep, contact
         M_inv, normal = np.linalg.inv(setup.design.M), np.zeros(6) if contact is None else contact.normal
@@ -304,8 +306,13 @@ class Loop:
             self.force = -np.hstack(rest.springs[springs])
         self.widths = self.m, self.m, len(self.force), self.m
         self.law = self._law(about, amplitudes, left, right, pushed, M_inv, rest)
-        drawn = self._drawn(left @ M_inv, right) if rest is None else -M_inv @ rest.needs
-        self.step = self._step(drawn, left @ M_inv @ pushed)
+        tau_c = np.zeros(6) if rest is None else rest.tau_c
+        if contact is not None:
+            tau_c = normal * (max(0.0, float(normal @ setup.scenario.impedance.at_end[1])) if push is None else push)
+        drawn, by_contact = self._drawn(left @ M_inv, right, tau_c)
+        if rest is not None:
+            drawn = -M_inv @ rest.needs
+        self.step = self._step(drawn, left @ M_inv @ (pushed + by_contact @ pushed))
         self._lines(period)
 
     def _law(
@@ -325,16 +332,17 @@ class Loop:
         by_s = law.by_s(np.array([S * right for S in amplitudes]))
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
-    def _drawn(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def _drawn(self, left: np.ndarray, right: np.ndarray, tau_c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Acceleration (m, 2 m) by linear damping and by the effects of the water on a rigid vehicle, shipped ones and
-        a user's, from x and nu."""
-        effects, slopes = self.setup.scenario.effects, np.zeros((6, 12))
+        a user's, from x and nu, and their wrench (6, 6) from a contact's, under the normal forces tau_c (6,)."""
+        effects, slopes, by_contact = self.setup.scenario.effects, np.zeros((6, 12)), np.zeros((6, 6))
         slopes[:, 6:] = -self.setup.vehicle.D_linear
         if not self.setup.not_rigid:
             slopes += self.setup.effect_slopes
             if effects:
-                slopes += OwnEffects(effects, self.setup).slopes(self.setup)
-        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right])
+                own = OwnEffects(effects, self.setup).slopes(self.setup, tau_c)
+                slopes, by_contact = slopes + own[:, :12], own[:, 12:]
+        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right]), by_contact
 
     def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """A time step of x, nu and the states of the lag, which the acceleration by the command follows. The water's

@@ -1,10 +1,10 @@
 """Effects of a user's own at rest: the closed forms call their functions as plain Python.
 
-An effect is known at rest if it has no states and no memory, and its wrench depends on pose, velocity and current
-alone.
+An effect is known at rest if it has no states and no memory, and its wrench depends on pose, velocity, current and, of
+a rigid vehicle at B, the normal forces of its contacts alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,21 @@ from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_m
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
 from ...stages.setup import SetupLike
+from ...stages.signals import NORMAL_FORCE
 
 _SMALL = 1e-6
 """Differences of pose and velocity for slopes [SI]."""
 _UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
+
+
+_OF_CONTACTS = tuple(signal.name for signal in NORMAL_FORCE)
+Contacts = Callable[[], np.ndarray]
+"""Gives the normal forces of all contacts at a pose as a wrench (6,) at B's origin in B [N, N m]."""
+
+
+def no_contact() -> np.ndarray:
+    """The :data:`Contacts` of a vehicle that touches nothing."""
+    return np.zeros(6)
 
 
 class NotKnownAtRest(Exception):
@@ -26,18 +37,29 @@ class NotKnownAtRest(Exception):
 
 
 class _Given:
-    """The record of a function at rest."""
+    """The record of a function at rest, in a frame on the base. The contacts are computed where it asks for them."""
 
-    def __init__(self, **known: np.ndarray) -> None:
-        self._known = known
+    def __init__(self, frame: Any, contacts: Contacts | None, **known: np.ndarray) -> None:
+        self._frame, self._contacts, self._known = frame, contacts, known
+
+    def _pressed(self) -> dict[str, np.ndarray]:
+        """The normal forces of the contacts in W, and their wrench in the frame."""
+        if self._contacts is None:
+            raise NotKnownAtRest("the wrench of an effect depends on contacts, which are known of a rigid vehicle at B")
+        (f, m), p, R = np.split(self._contacts(), 2), self._frame.p, self._frame.R
+        R_WB = self._known["R_WB"] @ R.T
+        tau = np.concatenate([R.T @ f, R.T @ (m - np.cross(p, f))])
+        return dict(zip(_OF_CONTACTS, (R_WB @ f, tau), strict=True))
 
     def __getitem__(self, name: str) -> Any:
+        if name in _OF_CONTACTS and name not in self._known:
+            self._known |= self._pressed()
         if name in _UNKNOWN:
             raise NotKnownAtRest(f"the wrench of an effect depends on {_UNKNOWN[name]}")
         return self._known[name]
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in (*self._known, *_UNKNOWN):
+        if name.startswith("_") or name not in (*self._known, *_OF_CONTACTS, *_UNKNOWN):
             raise AttributeError(f"an effect is given no {name!r}")
         return self[name]
 
@@ -91,6 +113,7 @@ class OwnEffects:
 
     def __init__(self, effects: Sequence[Any], setup: SetupLike) -> None:
         self._calls: list[tuple[Any, Any, Any, Stage, Any]] = []
+        self._untouched = None if setup.not_rigid else no_contact
         for effect in effects:
             kind = type(effect)
             state = record_of(kind.start_record(len(setup.vehicle.thrusters)))
@@ -106,24 +129,30 @@ class OwnEffects:
                 return f"the effect {effect.label()} acts on a link"
         q = np.array([1.0, 0.0, 0.0, 0.0])
         try:
-            self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3))
+            self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3), self._untouched)
         except NotKnownAtRest as reason:
             return str(reason)
         return ""
 
-    def slopes(self, setup: SetupLike) -> np.ndarray:
-        """The slopes (6, 12) of the wrench in B by displacement and rotation vector in B and by nu, about the desired
-        pose at rest in the mean current. Raises NotKnownAtRest."""
+    def slopes(self, setup: SetupLike, tau_c: np.ndarray | None = None) -> np.ndarray:
+        """The slopes of the wrench in B by displacement and rotation vector in B and by nu, (6, 12), about the desired
+        pose at rest in the mean current; under the normal forces tau_c (6,) of contacts also by these, (6, 18).
+        Raises NotKnownAtRest."""
         p, quat = np.array(setup.rest_pose[0] or setup.initial.position), setup.design.quat_d
         v_c_W, R_0 = setup.mean_water.flow(p), rotation_matrix(quat)
+        n, pressed = (12, np.zeros(6)) if tau_c is None else (18, tau_c)
 
         def wrench(x: np.ndarray) -> np.ndarray:
             turned = quat_turned(quat, x[3:6])
-            R, nu_r = rotation_matrix(turned), x[6:].copy()
+            R, nu, now = rotation_matrix(turned), x[6:12], pressed.copy()
+            if n > 12:
+                now += x[12:]
+            nu_r = nu.copy()
             nu_r[:3] -= R.T @ v_c_W
-            return self.wrench(p + R_0 @ x[:3], turned, R, x[6:], nu_r, v_c_W)
+            contacts = self._untouched and (lambda: now)
+            return self.wrench(p + R_0 @ x[:3], turned, R, nu, nu_r, v_c_W, contacts)
 
-        steps = _SMALL * np.eye(12)
+        steps = _SMALL * np.eye(n)
         return np.column_stack([(wrench(x) - wrench(-x)) / (2.0 * _SMALL) for x in steps])
 
     @property
@@ -134,9 +163,10 @@ class OwnEffects:
         """:func:`longest_step` for them alone [s]."""
         return longest_step(setup, self.slopes(setup))
 
-    def feed(self, setup: SetupLike) -> bool:
-        """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu."""
-        D = self.slopes(setup)[:, 6:] - setup.vehicle.D_linear
+    def feed(self, setup: SetupLike, tau_c: np.ndarray | None = None) -> bool:
+        """Whether a motion of the vehicle with them grows about rest without a law, by their slopes over nu, free or
+        under the normal forces tau_c (6,) of contacts."""
+        D = self.slopes(setup, tau_c)[:, 6:12] - setup.vehicle.D_linear
         return bool((np.linalg.eigvals(np.linalg.solve(setup.vehicle.M, D)).real > _SMALL).any())
 
     def not_in_the_loop(self, setup: SetupLike) -> str:
@@ -149,9 +179,12 @@ class OwnEffects:
             return str(reason)
         return ""
 
-    def wrench(self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any) -> np.ndarray:
-        """The sum (6,) of their wrenches about B's origin in B, at a pose and a velocity. Raises NotKnownAtRest, also
-        at one pose alone: a branch may ask for the time."""
+    def wrench(
+        self, p: np.ndarray, quat: np.ndarray, R: np.ndarray, nu: Any, nu_r: Any, v_c_W: Any,
+        contacts: Contacts | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """The sum (6,) of their wrenches about B's origin in B, at a pose and a velocity under the forces of contacts.
+        Raises NotKnownAtRest, also at one pose alone: a branch may ask for the time."""
         total = np.zeros(6)
         at_B = {"p_WB": p, "quat_WB": quat, "R_WB": R, "nu": nu, "nu_r": nu_r, "v_c_W": v_c_W}
         for function, settings, state, effect, frame in self._calls:
@@ -159,9 +192,8 @@ class OwnEffects:
             tau, dot = np.zeros(6), np.zeros(0)
             try:
                 with np.errstate(all="ignore"):  # as in a run
-                    function(
-                        settings, state, _Given(**{name: np.array(each) for name, each in given.items()}), dot, tau
-                    )
+                    known = {name: np.array(each) for name, each in given.items()}
+                    function(settings, state, _Given(frame, contacts, **known), dot, tau)
             except NotKnownAtRest:
                 raise
             except ForeignCode:

@@ -93,10 +93,21 @@ class Stability:
             return f"{own.names} feeds energy in about rest, and a super-twisting law is not known to hold it"
         return ""
 
-    def _growth(self, contact: Any, period: float | None = None) -> float:
-        """Growth rate of a small motion [1/s], also at another control period [s]."""
+    def _growth(self, contact: Any, period: float | None = None, push: float | None = None) -> float:
+        """Growth rate of a small motion [1/s], also at another control period [s], or under another push [N]."""
         amplitudes = () if math.isinf(self.layer) else (self.layer,)
-        return float(Loop(self.setup, contact, self.about, amplitudes, period).growths[0])
+        return float(Loop(self.setup, contact, self.about, amplitudes, period, push=push).growths[0])
+
+    def _grows_pressed(self, state: SteadyState) -> bool:
+        """Whether a user's effects, which may depend on the contact, make a motion grow under the push of a rest."""
+        setup = self.setup
+        if not setup.scenario.effects or setup.not_rigid or state.force <= 0.0:
+            return False
+        contacts = [each for each in setup.contacts_at_rest if each.normal.any()]
+        if self.layer == 0.0:
+            own = OwnEffects(setup.scenario.effects, setup)
+            return any(own.feed(setup, state.force * each.normal) for each in contacts)
+        return any(self._growth(each, push=state.force) > GROWS for each in contacts)
 
     def _grows_about(self, state: SteadyState) -> bool:
         """Whether the motion about a rest among shapes grows, with one of the sets of contacts that it meets.
@@ -148,6 +159,8 @@ class Stability:
             if self.age and self.age.share >= 1.0:
                 return f"the sampled law limit-cycles against this wall: {self.age.comparison()}"
             return "the sampled law does not damp the vibration against this wall"
+        if self._grows_pressed(state):
+            return "the sampled law does not come to rest here: a motion under the push grows with the effects"
         if self._grows_about(state):
             return "the sampled law does not come to rest at this contact: a motion about it grows"
         return state

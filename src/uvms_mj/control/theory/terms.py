@@ -405,7 +405,8 @@ class Balance:
         assert self.own_effects is not None
         v_c_W, nu = self.setup.mean_water.flow(x.position), nu_r.copy()
         nu[:3] += x.R_WB.T @ v_c_W
-        return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W)
+        contacts = None if self.setup.not_rigid else lambda: x.tau_c
+        return self.own_effects.wrench(x.position, x.quat, x.R_WB, nu, nu_r, v_c_W, contacts)
 
     def restoring(self, vehicle: VehicleLike, R_WB: np.ndarray) -> np.ndarray:
         """g(eta) (6,) of a vehicle, the true one or the file's."""

@@ -1,0 +1,163 @@
+"""A shape and an effect are added to a copy of the package as "Where to add something" says, and run there."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import uvms_mj
+
+ROOT = Path(uvms_mj.__file__).parents[2]
+MOST_FILES = 3
+"""A shape or an effect is added in at most so many files of src."""
+
+TORUS = {
+    "physics/surfaces.py": [
+        (
+            '    "capsule": Shape(',
+            '    "torus": Shape(\n'
+            '        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[1],\n'
+            '        lambda e: ("cylinder", (e[0], e[1], 0.0)),\n'
+            "    ),\n"
+            '    "capsule": Shape(',
+        ),
+        ("PLANE, SPHERE, CYLINDER, BOX, CAPSULE =", "PLANE, SPHERE, CYLINDER, BOX, TORUS, CAPSULE ="),
+    ]
+}
+ITS_LINES = {
+    "physics/surfaces.py": [
+        (
+            "    else:  # a shape without a line here",
+            "    elif surface.kind == TORUS:  # a ring about z: its radius, that of its tube\n"
+            "        across = math.sqrt(q[0] * q[0] + q[1] * q[1])\n"
+            "        q[0] -= surface.extent[0] * q[0] / across\n"
+            "        q[1] -= surface.extent[0] * q[1] / across\n"
+            "        distance = normalise(q) - surface.extent[1]\n"
+            "    else:  # a shape without a line here",
+        )
+    ]
+}
+KEEL = {
+    "physics/effects.py": [
+        ('    "drag": DRAG,\n', '    "drag": DRAG,\n    "keel": KEEL,\n'),
+        ("PRODUCT = np.dtype(", 'KEEL = np.dtype([("c", "f8"), ("x", "f8")], align=True)\nPRODUCT = np.dtype('),
+        (
+            "    for k in range(effects.products.shape[0]):",
+            "    for k in range(effects.keel.shape[0]):\n"
+            "        add_keel(effects.keel[k], nu_r, tau)\n"
+            "    for k in range(effects.products.shape[0]):",
+        ),
+        (
+            "@kernel\ndef add_product(",
+            "@kernel\ndef add_keel(keel, nu_r, tau):\n"
+            "    v = nu_r[1] + keel.x * nu_r[5]\n"
+            "    f = -keel.c * abs(v) * v\n"
+            "    tau[1] += f\n"
+            "    tau[5] += keel.x * f\n\n\n"
+            "@kernel\ndef add_product(",
+        ),
+    ],
+    "plant/water.py": [
+        (
+            "EFFECT_TABLES: dict",
+            "@dataclass(frozen=True, config=STRICT)\n"
+            "class Keel(EffectTable):\n"
+            '    c: _Coefficient = doc("drag over the square of the velocity across [N s^2/m^2]", 0.0)\n'
+            '    x: float = doc("place [m]", 0.0)\n\n'
+            "    def records(self, world: World) -> list[tuple]:\n"
+            "        return [(self.c, self.x)] if self.c > 0.0 else []\n\n\n"
+            "EFFECT_TABLES: dict",
+        ),
+        ('    "drag": Drag,\n', '    "drag": Drag,\n    "keel": Keel,\n'),
+    ],
+    "scenario.py": [
+        ("import Current, Disturbance, Drag, Fin, Pad,", "import Current, Disturbance, Drag, Fin, Keel, Pad,"),
+        ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    keel: Keel = Keel()\n"),
+    ],
+}
+RUN = """
+import json, sys
+from uvms_mj import Scenario, simulate
+found = []
+for changes, engine in json.loads(sys.argv[1]):
+    try:
+        trace = simulate(Scenario.load("push_wall", changes, "impedance"), engine=engine)
+    except Exception as error:
+        found.append(str(error))
+        continue
+    at_rest = getattr(trace.analytic, "reason", None) or [trace.analytic.force, *trace.analytic.position]
+    p_WB, nu, push = (getattr(trace, name)[-1].tolist() for name in ("p_WB", "nu", "push"))
+    found.append({"p_WB": p_WB, "nu": nu, "push": push, "rest": at_rest})
+print(json.dumps(found))
+"""
+
+
+def run_with(folder: Path, runs: list, *edits: dict) -> list:
+    """What runs (changes, engine) give in a copy of the package with these texts replaced, file by file."""
+    touched = {name for each in edits for name in each}
+    assert len(touched) <= MOST_FILES
+    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("models", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    for each in edits:
+        for name, texts in each.items():
+            file = folder / "src" / "uvms_mj" / name
+            text = file.read_text()
+            for old, new in texts:
+                assert text.count(old) == 1, (name, old)
+                text = text.replace(old, new)
+            file.write_text(text)
+    own = {"PYTHONPATH": str(folder / "src"), "UVMS_MJ_CACHE_DIR": str(folder / "cache"), "PYTHONWARNINGS": "ignore"}
+    (folder / "run.py").write_text(RUN)
+    command = [sys.executable, "run.py", json.dumps(runs)]
+    done = subprocess.run(command, cwd=folder, env=os.environ | own, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+RING = {"shape": "torus", "radius": 0.6, "length": 0.4, "position": [1.0, 0.0, 0.0], "stiffness": 2e3, "damping": 200.0}
+INTO_THE_RING = {
+    "simulation.timestep": 1e-3,
+    "simulation.duration": 40.0,
+    "wall.present": False,
+    "current.speed": 0.0,
+    "vehicle.contact_bodies": [{"position": [0.1, 0.0, 0.0], "radius": 0.05}],
+    "walls": [RING],
+    "reference.target": [0.3, 0.0, 0.0],
+}
+
+
+def test_a_shape_is_an_entry_and_its_lines(tmp_path):
+    """A ring whose tube is 0.2 m thick: both engines press on its outside with the force of its closed form."""
+    found = run_with(tmp_path, [(INTO_THE_RING, "free_body"), (INTO_THE_RING, "mujoco")], TORUS, ITS_LINES)
+    free, whole = found
+    np.testing.assert_allclose(free["p_WB"], whole["p_WB"], rtol=0.0, atol=1e-9)
+    depth = free["p_WB"][0] + 0.1 + 0.05 - (1.0 - 0.6 - 0.2)
+    assert free["push"] == pytest.approx(2e3 * depth, rel=1e-6)
+    assert free["push"] > 1.0
+    assert free["rest"][0] == pytest.approx(free["push"], rel=1e-5)
+
+
+def test_a_shape_without_its_lines_is_refused_and_is_not_a_sphere(tmp_path):
+    assert run_with(tmp_path, [(INTO_THE_RING, "free_body")], TORUS) == [
+        "scenario: walls[0].shape: the distance from a torus is not computed"
+    ]
+
+
+def test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table(tmp_path):
+    """It is the shipped drag at a place with the same numbers, in both engines and in the closed form."""
+    base = {"simulation.timestep": 1e-3, "simulation.duration": 20.0, "current.direction_deg": 70.0}
+    keel = base | {"keel.c": 60.0, "keel.x": 0.2}
+    drag = base | {"drag": [{"forward": [0.0, 60.0, 0.0], "position": [0.2, 0.0, 0.0]}]}
+    runs = [(keel, "free_body"), (keel, "mujoco"), (drag, "free_body"), (base, "free_body")]
+    *both, shipped, without = run_with(tmp_path, runs, KEEL)
+    for own in both:
+        for name in ("p_WB", "nu", "rest"):
+            np.testing.assert_allclose(own[name], shipped[name], rtol=0.0, atol=1e-10)
+        assert np.abs(np.subtract(own["p_WB"], without["p_WB"])).max() > 1e-4
+        np.testing.assert_allclose(own["p_WB"], own["rest"][1:], rtol=0.0, atol=1e-5)
