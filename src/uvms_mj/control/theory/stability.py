@@ -117,7 +117,7 @@ class Stability:
         amplitudes = () if math.isinf(self.layer) else (self.layer,)
         rest, about = state.contacts, (*self.about, *self.held(state))
         loops = (Loop(self.setup, None, about, amplitudes, rest=rest, springs=k) for k in range(len(rest.springs)))
-        return any(loop.growths[0] > GROWS for loop in loops)
+        return any(loop.growths[0] > GROWS or loop.swings for loop in loops)
 
     def _ends(self, contact: Any) -> tuple[float, bool, float]:
         if math.isinf(self.layer):
@@ -162,7 +162,7 @@ class Stability:
         if self._grows_pressed(state):
             return "the sampled law does not come to rest here: a motion under the push grows with the effects"
         if self._grows_about(state):
-            return "the sampled law does not come to rest at this contact: a motion about it grows"
+            return "the sampled law does not come to rest at this contact: a motion about it grows, or hardly decays"
         return state
 
     def notes(self, label: str) -> Iterator[str]:
