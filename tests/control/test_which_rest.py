@@ -1,5 +1,7 @@
 """A closed form is that of the rest that the vehicle reaches from its start; what can't be shown is not announced."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,11 @@ import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
-from uvms_mj.control.theory.loop import Loop
+from uvms_mj.control.theory.loop import Loop, _Law
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.control.theory.stability import Stability
 from uvms_mj.control.theory.task_motion import comes_back
+from uvms_mj.physics.frames import quat_error, quat_turned, rotation_matrix
 from uvms_mj.setup.base import set_up
 
 QUICK = {"simulation.timestep": 1e-3}
@@ -236,11 +239,27 @@ def test_a_rest_that_a_contact_beside_it_keeps_from_coming_has_no_closed_form():
     assert "a motion about it grows" in found.reason
 
 
-def test_a_loop_about_a_rest_has_the_attitude_of_the_rest():
-    """The vehicle presses with a yaw of 92 degrees, where eq. (17) turns the axes of the attitude's error."""
-    found = sweep_rests.tried((92, 491, False))
-    assert found.kind == "not settled"
-    assert "a motion about it grows" in found.reason
+@pytest.mark.parametrize("seed", range(3))
+def test_a_loop_about_a_rest_has_the_attitude_of_the_rest(seed, monkeypatch):
+    """Its pose error by displacement and rotation vector against differences of the stage's own, eq. (17)."""
+    rng = np.random.default_rng(seed)
+    p_e, quat = rng.normal(size=3), rng.normal(size=4)
+    quat /= np.linalg.norm(quat) * np.sign(quat[0])
+    seen = []
+    monkeypatch.setattr(Stability, "checked", lambda self, state: seen.append((self, state)) or state)
+    steady_state(set_up(Scenario.load("push_wall", QUICK | PILED | {"controller.k_i": 0.2})))
+    ((stability, state),) = seen
+    rest = dataclasses.replace(state.contacts, eta_e=np.concatenate([p_e, quat[1:]]))
+    law = _Law(stability.setup, (), False, rest)
+
+    def error(y):
+        turned, quat_e = quat_turned(quat, y[3:]), np.empty(4)
+        R, moved = rotation_matrix(turned), rotation_matrix(quat) @ (p_e + y[:3])
+        quat_error(np.array([1.0, 0.0, 0.0, 0.0]), turned, quat_e)
+        return np.concatenate([R.T @ moved, quat_e[1:]])
+
+    found = np.array([(error(e) - error(-e)) / 2e-6 for e in 1e-6 * np.eye(6)]).T
+    np.testing.assert_allclose(law.error, found, atol=1e-9)
 
 
 OVER = {  # the inner loop of admittance pushes the body over the cylinder, where the desired impedance stays
