@@ -36,7 +36,7 @@ from ..stages.setup import ScenarioLike
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
-    time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN where it is not known, and
+    time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN if it is not known, and
     its attitude (3, 3) there."""
 
     seed: int = 0
