@@ -20,7 +20,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from uvms_mj.compiler.targets import WASM
 from uvms_mj.control.task import natural_damping
 from uvms_mj.engine.native.intrinsics import kernel_module
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
-from uvms_mj.engine.native.record import Shape, run_dtype, with_numbers
+from uvms_mj.engine.native.record import Shape, integers_of, run_dtype, with_numbers
 from uvms_mj.views.colours import LAWS as COLOURS
 from uvms_mj.views.colours import legible
 
@@ -201,19 +201,7 @@ def _code(stage: Any) -> tuple[Any, str]:
 @functools.cache
 def _integers(shape: Shape) -> set[int]:
     """The places of the integers of a run's record."""
-    return set(_whole(run_dtype(shape), 0))
-
-
-def _whole(kind: np.dtype, at: int) -> Iterator[int]:
-    if kind.subdtype is not None:
-        base, dimensions = kind.subdtype
-        for k in range(int(np.prod(dimensions))):
-            yield from _whole(base, at + k * base.itemsize)
-    elif kind.fields is not None:
-        for field, offset, *_ in kind.fields.values():
-            yield from _whole(field, at + offset)
-    elif kind.kind == "i":
-        yield at // 8
+    return {at // 8 for at in integers_of(run_dtype(shape))}
 
 
 def module(loops: Loops) -> bytes:

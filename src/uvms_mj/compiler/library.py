@@ -32,6 +32,14 @@ def jacobi_rotation(a, b, c):
     return cosine, cosine * t
 
 
+def turn(A, i, j, cosine, sine):
+    """Rotate the columns i and j of A into each other."""
+    for k in range(A.shape[0]):
+        x, y = A[k, i], A[k, j]
+        A[k, i] = cosine * x - sine * y
+        A[k, j] = sine * x + cosine * y
+
+
 def floor_divide(a, b):
     """``a // b`` of floats."""
     if b == 0.0:
@@ -406,14 +414,8 @@ def orthogonal_columns(A):
                 if not abs(c) <= 1e-16 * math.sqrt(a) * math.sqrt(b):
                     rotations += 1
                     cosine, sine = jacobi_rotation(a, b, c)
-                    for k in range(m):
-                        x, y = B[k, i], B[k, j]
-                        B[k, i] = cosine * x - sine * y
-                        B[k, j] = sine * x + cosine * y
-                    for k in range(n):
-                        x, y = V[k, i], V[k, j]
-                        V[k, i] = cosine * x - sine * y
-                        V[k, j] = sine * x + cosine * y
+                    turn(B, i, j, cosine, sine)
+                    turn(V, i, j, cosine, sine)
         if rotations == 0:
             break
     return B, V
@@ -518,14 +520,8 @@ def eigenvalues(A):
                 if not abs(S[i, j]) <= 1e-17 * (abs(S[i, i]) + abs(S[j, j])):
                     rotations += 1
                     cosine, sine = jacobi_rotation(S[i, i], S[j, j], S[i, j])
-                    for k in range(n):
-                        x, y = S[k, i], S[k, j]
-                        S[k, i] = cosine * x - sine * y
-                        S[k, j] = sine * x + cosine * y
-                    for k in range(n):
-                        x, y = S[i, k], S[j, k]
-                        S[i, k] = cosine * x - sine * y
-                        S[j, k] = sine * x + cosine * y
+                    turn(S, i, j, cosine, sine)
+                    turn(S.T, i, j, cosine, sine)
         if rotations == 0:
             break
     values = np.zeros(n)

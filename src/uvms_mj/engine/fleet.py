@@ -63,7 +63,6 @@ class Starts:
             if stage.code is None:
                 raise NotInFleet(f"{stage.slow}; a fleet runs compiled stages only")
         self.external = scenario.controller.external, scenario.actuation.external
-        self._kinds = [type(stage.stage) for stage in stages.running]
         self._tables = self._digest(self.setup)
         self.template = self.of_setup(self.setup)
 

@@ -4,7 +4,6 @@ import hashlib
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,7 +20,7 @@ from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
 from .native.attachment import STILL, WORLD, immerse
 from .native.other_targets import water_for
-from .native.record import Field, alone_dtype
+from .native.record import Field, alone_dtype, integers_of
 from .native.shared_library import compiler
 
 CODE = "uvms_mj_water"
@@ -78,7 +77,7 @@ def _record(mjcf: Mjcf) -> str:
         attachment.release()
     record["plant"]["mujoco"] = 0
     words = record.view("<i8")
-    integers = {at // 8 for at in _whole(record.dtype, 0)}
+    integers = {at // 8 for at in integers_of(record.dtype)}
     parts = []
     for place in np.flatnonzero(words).tolist():
         number = float(words[place]) if place in integers else float(words[place : place + 1].view("f8")[0])
@@ -93,19 +92,6 @@ def _sum(data: bytes) -> int:
     for byte in data:
         found = (found ^ byte) * 0x100000001B3 % 2**64
     return found
-
-
-def _whole(kind: np.dtype, at: int) -> Iterator[int]:
-    """The offsets of the whole numbers of a record [bytes]."""
-    if kind.subdtype is not None:
-        base, shape = kind.subdtype
-        for k in range(int(np.prod(shape))):
-            yield from _whole(base, at + k * base.itemsize)
-    elif kind.fields is not None:
-        for field, offset, *_ in kind.fields.values():
-            yield from _whole(field, at + offset)
-    elif kind.kind == "i":
-        yield at
 
 
 def immersed(mjcf: Mjcf) -> dict[str, bytes]:
@@ -149,7 +135,7 @@ def _header(vehicle: Vehicle) -> str:
         return place
 
     border: Any = plant.fields["mujoco"][0]
-    whole = ", ".join(map(str, _whole(kind, 0)))
+    whole = ", ".join(map(str, integers_of(kind)))
     return "\n".join(
         [
             f'#define NAME "{name_of(vehicle)}"',

@@ -320,13 +320,14 @@ def place_carrier(run, carrier):
     if frames.shape[0] > 1 and carrier.link != 0:
         own = frames[carrier.link]
         compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
-    ride(carrier, true.p_WB, true.R_WB, true.nu)
+    compose_poses(true.R_WB, true.p_WB, carrier.R_BC, carrier.p_BC, carrier.R_WC, carrier.p_WC)
+    carrier.V[:] = true.nu
     if frames.shape[0] > 1:
         above = carrier.link
         for _ in range(frames[carrier.link].depth):
             carrier.V += frames[above].S * run.encoder.q_dot[above - 1]
             above = frames[above].parent
-    arrive(carrier)
+    motion_at(carrier.R_BC, carrier.p_BC, carrier.V, carrier.nu)
 
 
 @kernel
@@ -387,16 +388,3 @@ def force_of_step(run):
                 row.wall_work -= 0.5 * (carrier.f_W[i] + carrier.f_before_W[i]) * (p[i] - carrier.p_before[i])
                 row.wall_work -= 0.5 * (moment[i] + carrier.moment_before[i]) * h * nu[i + 3]
         carrier.f_before_W[:], carrier.moment_before[:], carrier.p_before[:] = carrier.f_W, moment, p
-
-
-@kernel
-def ride(carrier, p_WB, R_WB, nu):
-    """Set the pose of a carrier in W from B's, and start its velocity with the base's, nu (6,)."""
-    compose_poses(R_WB, p_WB, carrier.R_BC, carrier.p_BC, carrier.R_WC, carrier.p_WC)
-    carrier.V[:] = nu
-
-
-@kernel
-def arrive(carrier):
-    """Finish the velocity of a carrier."""
-    motion_at(carrier.R_BC, carrier.p_BC, carrier.V, carrier.nu)

@@ -8,7 +8,7 @@ and to the machine code of stages.
 
 import functools
 import mmap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -304,6 +304,19 @@ def with_numbers(dtype: np.dtype) -> np.dtype:
     formats = [*(kind for kind, *_ in fields.values()), ("f8", (NUMBERS,)), ("i8", (NUMBERS,))]
     offsets = [*(at for _, at, *_ in fields.values()), 0, 0]
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": 8 * NUMBERS})
+
+
+def integers_of(kind: np.dtype, at: int = 0) -> Iterator[int]:
+    """The offsets of the integers of a record that lies at an offset [bytes]."""
+    if kind.subdtype is not None:
+        base, shape = kind.subdtype
+        for k in range(int(np.prod(shape))):
+            yield from integers_of(base, at + k * base.itemsize)
+    elif kind.fields is not None:
+        for part, offset, *_ in kind.fields.values():
+            yield from integers_of(part, at + offset)
+    elif kind.kind == "i":
+        yield at
 
 
 @dataclass(frozen=True)
