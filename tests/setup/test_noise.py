@@ -31,6 +31,11 @@ CUBE = {"vehicle.model": "examples/cube.xml", "current.speed": 0.0, "impedance.M
 FREE = PUSHING | {"wall.position": 50.0, "initial.position": [1.4, 0.0, 0.0]}
 
 
+BODIES = {"vehicle.contact_bodies": [{"position": [0.2, y, 0.0], "radius": 0.04} for y in (-0.15, 0.1)]}
+SIDE = {"shape": "plane", "position": [0.0, 0.35, 0.0], "attitude_deg": [0.0, 0.0, 90.0], "stiffness": 1e3}
+CORNER = {"walls": [SIDE | {"damping": 100.0}], "reference.target": [1.4, 0.4, 0.0]}
+
+
 def setup_of(settings, law="impedance"):
     return set_up(Scenario.load("push_wall", settings, law))
 
@@ -104,6 +109,26 @@ def test_without_a_wall_the_deviations_are_those_far_away_from_one():
             assert np.allclose(getattr(found, name), getattr(far, name), rtol=1e-9, atol=0.0), name
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("contacts", [BODIES, CORNER])
+def test_two_bodies_on_a_wall_and_a_corner_of_two_walls(contacts):
+    found, trace, settled = compared(PUSHING | contacts | {"navigation.force_noise": 1.0})
+    assert trace.push[settled].std() == pytest.approx(found.push, rel=0.03)
+    assert np.allclose(trace.p_WB[settled].std(axis=0), found.position, rtol=0.03)
+    assert np.allclose(2.0 * trace.quat_WB[settled, 1:].std(axis=0), found.attitude, rtol=0.03)
+
+
+def test_a_wall_that_is_not_touched_changes_nothing_until_it_is_near():
+    """A second wall beside the vehicle, at multiples of the deviation from its reach."""
+    noise = PUSHING | {"navigation.position_noise": 1e-3}
+    alone, reach = deviations(setup_of(noise)), setup_of(noise).contacts.pairs[0].radius
+    y = steady_state(setup_of(noise)).position[1] + reach
+    beside = [{"walls": [SIDE | {"position": [0.0, y + k * alone.position[1], 0.0]}]} for k in (3.5, 4.5)]
+    near, clear = (deviations(setup_of(noise | each)) for each in beside)
+    assert near == "the vehicle would touch the wall at times"
+    assert clear.push == pytest.approx(alone.push, rel=1e-6)
+
+
 def test_another_law_is_linearised_by_its_own_function():
     settings = PUSHING | {"navigation.force_noise": 1.0, "navigation.velocity_noise": 5e-3}
     found, trace, settled = compared(settings, "admittance")
@@ -174,6 +199,7 @@ def test_a_scalar_loop_by_hand():
             "white noise with a constant delay only: navigation.force_jitter",
         ),
         ("impedance", {"navigation.mass_behind": 1.0}, "sees an acceleration"),
+        ("impedance", {"bumper.stiffness": 1e4}, "rigid bodies on walls of one layer that stand, not for wall"),
         ("impedance", {"navigation.force_noise": 30.0, "reference.target": [1.02, 0.0, 0.0]}, "would lose contact"),
         ("impedance", {"navigation.position_noise": 0.05} | CUBE, "a thruster would saturate at times"),
         (

@@ -53,13 +53,9 @@ class Actuation(Stage):
 @kernel
 def pseudo_inverse(given, u):
     """Set u = B^+ tau_cmd (eq. 25) within the thrusters' limits. A stage that calls it first changes only the rest."""
-    B_pinv, u_min, u_max = given.B_pinv, given.u_min, given.u_max
-    a, b, c = given.tau_cmd[0], given.tau_cmd[1], given.tau_cmd[2]
-    d, e, f = given.tau_cmd[3], given.tau_cmd[4], given.tau_cmd[5]
-    for k in range(u.shape[0]):
-        total = (B_pinv[k, 0] * a + B_pinv[k, 1] * b) + (B_pinv[k, 2] * c + B_pinv[k, 3] * d)
-        total += B_pinv[k, 4] * e + B_pinv[k, 5] * f
-        u[k] = min(u_max[k], max(u_min[k], total))
+    B_pinv, tau = given.B_pinv, given.tau_cmd
+    free = B_pinv[:, :2] @ tau[:2] + B_pinv[:, 2:4] @ tau[2:4] + B_pinv[:, 4:] @ tau[4:]  # no sum waits for another
+    u[:] = np.clip(free, given.u_min, given.u_max)
 
 
 @dataclasses.dataclass(frozen=True)

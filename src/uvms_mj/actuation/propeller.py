@@ -110,12 +110,9 @@ def frozen(settings, instant) -> bool:
 @kernel
 def lagged(settings, state, k, thrust) -> float:
     """The thrust at this instant, before the new input acts; the states go on to the next instant."""
-    Phi, Gamma, C = settings.Phi, settings.Gamma, settings.C
-    x_1, x_2, x_3 = state.x_1[k], state.x_2[k], state.x_3[k]
-    state.x_1[k] = Phi[0, 0] * x_1 + Phi[0, 1] * x_2 + Phi[0, 2] * x_3 + Gamma[0] * thrust
-    state.x_2[k] = Phi[1, 0] * x_1 + Phi[1, 1] * x_2 + Phi[1, 2] * x_3 + Gamma[1] * thrust
-    state.x_3[k] = Phi[2, 0] * x_1 + Phi[2, 1] * x_2 + Phi[2, 2] * x_3 + Gamma[2] * thrust
-    return C[0] * x_1 + C[1] * x_2 + C[2] * x_3
+    x = np.array([state.x_1[k], state.x_2[k], state.x_3[k]])
+    state.x_1[k], state.x_2[k], state.x_3[k] = settings.Phi @ x + settings.Gamma * thrust
+    return settings.C @ x
 
 
 def commands_alone(settings, state, given, state_dot, out):

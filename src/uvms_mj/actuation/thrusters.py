@@ -250,11 +250,5 @@ class Inflow(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        R, nu, v_c, columns = given.R_WB, given.nu, given.v_c_W, settings.columns
-        u = nu[0] - (R[0, 0] * v_c[0] + R[1, 0] * v_c[1] + R[2, 0] * v_c[2])
-        v = nu[1] - (R[0, 1] * v_c[0] + R[1, 1] * v_c[1] + R[2, 1] * v_c[2])
-        w = nu[2] - (R[0, 2] * v_c[0] + R[1, 2] * v_c[1] + R[2, 2] * v_c[2])
-        p, q, r = nu[3], nu[4], nu[5]
-        for k in range(out.shape[0]):
-            linear = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
-            out[k] = linear + (columns[k, 3] * p + columns[k, 4] * q + columns[k, 5] * r)
+        columns, v_r, omega = settings.columns, given.nu[:3] - given.R_WB.T @ given.v_c_W, given.nu[3:]
+        out[:] = columns[:, :3] @ v_r + columns[:, 3:] @ omega

@@ -287,7 +287,8 @@ class Circle(Guidance):
 def turn_about(axis, angle, quat, out):
     """Set out (4,) to the attitude ``quat`` turned about a unit vector in W by an angle [rad]."""
     w, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
-    multiply(w, s * axis[0], s * axis[1], s * axis[2], quat[0], quat[1], quat[2], quat[3], 0, out)
+    x, y, z = s * axis
+    multiply(np.array([w, x, y, z]), quat, out)
 
 
 _MOMENT = 1e-6

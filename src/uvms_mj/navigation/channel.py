@@ -157,11 +157,10 @@ def measure_attitude(channel, memory, quat, instant, key, index, measured):
         return
     if instant % int(channel[PERIOD]) == 0:
         draw_error(channel, memory, instant, key, index)
-        x, y, z = memory[ERROR], memory[ERROR + 1], memory[ERROR + 2]
-        angle = math.sqrt(x * x + y * y + z * z)
-        half = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-        w = math.cos(0.5 * angle)
-        multiply(quat[0], quat[1], quat[2], quat[3], w, half * x, half * y, half * z, SAMPLE, memory)
+        error = memory[ERROR : ERROR + 3]
+        angle = math.sqrt(error @ error)
+        x, y, z = error * (math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5)
+        multiply(quat, np.array([math.cos(0.5 * angle), x, y, z]), memory[SAMPLE : SAMPLE + 4])
         if channel[QUANTUM] > 0.0 or channel[LIMIT] < _NO_LIMIT:
             resolve_attitude(channel, memory)
         send(channel, memory, 4, instant, key, index)
@@ -217,21 +216,22 @@ def send(channel, memory, n, instant, key, index):
             arrival += math.floor((channel[JITTER] + 1.0) * (random_bits(key, instant, stream, 0) * _UNIT))
         arrival = max(arrival, memory[LATEST])
     memory[LATEST] = arrival
-    slot = QUEUE + SLOT * (int(memory[TAKEN]) % IN_FLIGHT)
-    memory[slot] = arrival
+    slot = memory[QUEUE:].reshape(IN_FLIGHT, SLOT)[int(memory[TAKEN]) % IN_FLIGHT]
+    slot[0] = arrival
     for i in range(n):
-        memory[slot + 1 + i] = memory[SAMPLE + i]
+        slot[1 + i] = memory[SAMPLE + i]
     memory[TAKEN] += 1.0
 
 
 @kernel
 def receive(memory, n, instant, first, measured):
     """Set the measurement to the last sample that has arrived, if there is a new one."""
+    queue = memory[QUEUE:].reshape(IN_FLIGHT, SLOT)
     for j in range(int(memory[ARRIVED]), int(memory[TAKEN])):
-        slot = QUEUE + SLOT * (j % IN_FLIGHT)
-        if memory[slot] > instant:
+        slot = queue[j % IN_FLIGHT]
+        if slot[0] > instant:
             return
         for i in range(n):
-            measured[first + i] = memory[slot + 1 + i]
+            measured[first + i] = slot[1 + i]
         memory[ARRIVED] += 1.0
     memory[TAKEN], memory[ARRIVED] = 0.0, 0.0  # the queue is empty: it begins again where the cache has it

@@ -59,7 +59,7 @@ def turned(quat, phi, out):
     angle = math.sqrt(phi @ phi)
     scale = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
     x, y, z = scale * phi
-    multiply(quat[0], quat[1], quat[2], quat[3], math.cos(0.5 * angle), x, y, z, 0, out)
+    multiply(quat, np.array([math.cos(0.5 * angle), x, y, z]), out)
     out /= math.sqrt(out @ out)
 
 
@@ -212,7 +212,7 @@ def sense(settings, state, given, sample):
     if due(sample, settings.depth_samples):
         present[1] = 1.0
         state.depth[0] = given.p_WB[2] + settings.depth_noise * standard_normal(key, instant, _DEPTH)
-    if due(sample, settings.heading_samples) and R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] >= _LEVEL:
+    if due(sample, settings.heading_samples) and R[:2, 0] @ R[:2, 0] >= _LEVEL:
         present[2] = 1.0
         noise = settings.heading_noise * standard_normal(key, instant, _HEADING)
         state.heading[0] = math.atan2(R[1, 0], R[0, 0]) + noise
@@ -297,7 +297,7 @@ def heading_fix(settings, state, out):
     """The heading, the angle of x of B in the horizontal plane. The innovation is the sine of the difference, which
     does not jump. Without an effect above 89 degrees of estimated pitch, where there is no heading."""
     H, R, heading = state.H, out.R_WB, state.heading[0]
-    square = R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]
+    square = R[:2, 0] @ R[:2, 0]
     if square < _LEVEL:
         return
     H[7] = (R[1, 0] * R[0, 2] - R[0, 0] * R[1, 2]) / square

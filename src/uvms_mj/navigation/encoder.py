@@ -74,8 +74,7 @@ class JointEncoder(Encoder):
 
     name = "encoder"
     memory: ClassVar = {
-        "queue": 2 * MOST_JOINTS * (MOST_LATE + 1),
-        "sample": 2 * MOST_JOINTS,
+        "queue": (MOST_LATE + 1, 2, MOST_JOINTS),
         "last": "joints",
         "rate": "joints",
     }
@@ -110,20 +109,16 @@ class JointEncoder(Encoder):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         k, n = given.instant, out.q_m.shape[0]
+        now, arrived = state.queue[k % (MOST_LATE + 1)], state.queue[max(0, k - int(settings.late)) % (MOST_LATE + 1)]
         for j in range(n):
             position = given.q[j] + settings.bias[j]
             if settings.noise[j] > 0.0:
                 position += settings.noise[j] * standard_normal(given.key, k, 2 * j)
-            state.sample[j] = quantised(position, settings.resolution[j])
-            state.sample[n + j] = given.q_dot[j]
+            now[0, j], now[1, j] = quantised(position, settings.resolution[j]), given.q_dot[j]
             if settings.velocity_noise[j] > 0.0:
-                state.sample[n + j] += settings.velocity_noise[j] * standard_normal(given.key, k, 2 * j + 1)
-        now, arrived = 2 * n * (k % (MOST_LATE + 1)), 2 * n * (max(0, k - int(settings.late)) % (MOST_LATE + 1))
-        for i in range(2 * n):
-            state.queue[now + i] = state.sample[i]
+                now[1, j] += settings.velocity_noise[j] * standard_normal(given.key, k, 2 * j + 1)
         for j in range(n):
-            out.q_m[j] = state.queue[arrived + j]
-            rate = state.queue[arrived + n + j]
+            out.q_m[j], rate = arrived[0, j], arrived[1, j]
             if not settings.measured:
                 rate = (out.q_m[j] - state.last[j]) / given.period if k > 0 else 0.0
                 state.last[j] = out.q_m[j]

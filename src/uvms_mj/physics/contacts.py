@@ -122,7 +122,7 @@ def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
     arm[:] = c - p_WC - (pair.radius + 0.5 * distance) * n
     point_velocity(R_WC, nu, arm, v)
     v -= surface.v_W
-    v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+    v_n = n @ v
     pair.f_n = series_force(pair, -distance, -v_n, timestep)
     press(contact, pair.f_n, v - v_n * n, R_WC, timestep)
 
@@ -238,7 +238,7 @@ def friction(contact, f_n, v_t, timestep):
     limit = contact.friction * f_n
     if contact.touching != 0:
         xi += timestep * v_t
-        xi -= (n[0] * xi[0] + n[1] * xi[1] + n[2] * xi[2]) * n  # the face may have turned
+        xi -= (n @ xi) * n  # the face may have turned
     held = contact.tangential_stiffness * math.sqrt(xi @ xi)
     if held > limit:
         xi *= limit / held

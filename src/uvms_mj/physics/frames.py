@@ -103,7 +103,7 @@ def add_wrench_from(R, p, wrench, out):
 @kernel
 def rotation(quat, R_WB):
     """Set R_WB (3, 3) from a unit quaternion (4,)."""
-    w, x, y, z = quat[0], quat[1], quat[2], quat[3]
+    w, x, y, z = quat
     R_WB[0, 0], R_WB[0, 1], R_WB[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R_WB[1, 0], R_WB[1, 1], R_WB[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     R_WB[2, 0], R_WB[2, 1], R_WB[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
@@ -130,12 +130,14 @@ def attitude(R, quat):
 
 
 @kernel
-def multiply(a, b, c, d, w, x, y, z, first, out):
-    """Set four numbers of out, from the place ``first`` on, to the product of the quaternions a b c d and w x y z."""
-    out[first] = a * w - b * x - c * y - d * z
-    out[first + 1] = a * x + b * w + c * z - d * y
-    out[first + 2] = a * y - b * z + c * w + d * x
-    out[first + 3] = a * z + b * y - c * x + d * w
+def multiply(p, q, out):
+    """Set out (4,) to the product of the quaternions p and q (4,); out may be one of them."""
+    a, b, c, d = p
+    w, x, y, z = q
+    out[0] = a * w - b * x - c * y - d * z
+    out[1] = a * x + b * w + c * z - d * y
+    out[2] = a * y - b * z + c * w + d * x
+    out[3] = a * z + b * y - c * x + d * w
 
 
 @kernel
@@ -145,7 +147,7 @@ def quat_error(quat_d, quat, out):
     q and -q are the same attitude. The sign with w >= 0 gives the shorter rotation, so that a vehicle which starts at
     -q does not turn by a full revolution.
     """
-    multiply(quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3], quat[0], quat[1], quat[2], quat[3], 0, out)
+    multiply(np.array([1.0, -1.0, -1.0, -1.0]) * quat_d, quat, out)
     if out[0] < 0.0:
         out[:] = -out
 

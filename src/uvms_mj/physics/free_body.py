@@ -85,4 +85,4 @@ def symplectic_step(qpos, qvel, qacc, timestep):
     half = 0.5 * timestep * rate
     scale = math.sin(half) / rate
     x, y, z = scale * omega
-    multiply(qpos[3], qpos[4], qpos[5], qpos[6], math.cos(half), x, y, z, 3, qpos)
+    multiply(qpos[3:], np.array([math.cos(half), x, y, z]), qpos[3:])

@@ -174,16 +174,17 @@ def attitude(settings, known, zeta, T, b) -> int:
         b[:] = -omega * omega * 2.0 * quat_e[1:] - damping * zeta[3:6]
         return 3
     up, up_d = known.R_WB[2], settings.up_d
-    tangents(up[0], up[1], up[2], T)
+    tangents(up, T)
     half = math.sqrt(max(0.5 + 0.5 * (up @ up_d), 1e-6))  # cos(theta/2)
     b[:] = T @ (-omega * omega / half * np.cross(up, up_d) - damping * zeta[3:6])
     return 2
 
 
 @kernel
-def tangents(x, y, z, T):
-    """Set the first two rows of T to unit vectors normal to the unit vector (x, y, z) and to each other (Duff et al.,
+def tangents(n, T):
+    """Set the first two rows of T to unit vectors normal to the unit vector n (3,) and to each other (Duff et al.,
     "Building an orthonormal basis, revisited", 2017)."""
+    x, y, z = n
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     T[0] = np.array([1.0 + sign * x * x * a, sign * x * y * a, -sign * x])

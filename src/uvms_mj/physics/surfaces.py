@@ -147,7 +147,7 @@ def normalise(q) -> float:
     """Make q (3,) a unit vector, -x if it is zero, and return its length."""
     size = math.sqrt(q @ q)
     if size == 0.0:
-        q[0], q[1], q[2] = -1.0, 0.0, 0.0
+        q[:] = np.array([-1.0, 0.0, 0.0])
     else:
         q /= size
     return size

@@ -15,6 +15,7 @@ noise of N steps, Q. Variances are means over the N steps. A sample that is d st
 remembers. The noise is taken as Gaussian, and a channel as linear: nothing is lost, limited or quantised.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -55,12 +56,12 @@ class RestingVehicle:
         self.position, self.quat, self.tau = (np.asarray(each) for each in (rest.position, rest.quat, rest.tau))
         self.R_WB = rotation_matrix(self.quat)
         zero = np.zeros(12)
-        depths = self.springs.wrenches(self.position[None], self.R_WB[None])[2]
+        _, self.pushes, depths = self.springs.wrenches(self.position[None], self.R_WB[None])  # (n,) at rest
         small = min(1e-6, 0.25 * depths[depths > 0.0].min(initial=math.inf))  # a contact stays one
         self.acceleration_by_state = jacobian(lambda x: self.acceleration(x, self.tau), zero, np.full(12, small))
         self.acceleration_by_thrust = np.linalg.inv(setup.vehicle.M)
         self.contact_by_state = jacobian(self.contact, zero, np.full(12, 0.1 * small))
-        self.push_by_state = jacobian(lambda x: np.array([self.push(x)]), zero, np.full(12, 0.1 * small))[0]
+        self.pushes_by_state = jacobian(lambda x: self.pressed(x)[1], zero, np.full(12, 0.1 * small))
 
     def pose(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and R_WB (3, 3)."""
@@ -72,9 +73,14 @@ class RestingVehicle:
         wrenches, push, _ = self.springs.wrenches(position[None], R_WB[None], x[6:])
         return wrenches.sum(axis=0), push
 
-    def push(self, x: np.ndarray) -> float:
-        """Pushing force on the walls [N]."""
-        return float(self.pressed(x)[1].sum())
+    def touches_within(self, reach: np.ndarray) -> bool:
+        """Whether a contact without a force at rest has one at a corner of the box with the half edges ``reach`` (6,),
+        of positions and rotation vectors."""
+        corners = [
+            self.pose(np.concatenate([sign * reach, np.zeros(6)])) for sign in itertools.product((-1, 1), repeat=6)
+        ]
+        p, R = (np.array(each)[:, None] for each in zip(*corners, strict=True))
+        return bool(self.springs.wrenches(p, R)[1][:, self.pushes == 0.0].any())
 
     def contact(self, x: np.ndarray) -> np.ndarray:
         """Contact wrench (6,) in B at its origin."""
@@ -274,8 +280,11 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
         return "the law is told the truth"
     if names := scenario.with_inertia:
         return f"the inertia of {', '.join(names)} is not in it"
-    if setup.contacts.springs:
-        return "it is known for the probe and [wall] alone"
+    for pair in setup.contacts.springs:
+        if not setup.contacts.carriers[pair.carrier].is_B:
+            return f"the noise is known for contacts in B's frame, and {pair.body_key} has a frame of its own"
+        if pair.bumper[0] or pair.wall.layer_depth is not None or pair.wall.moves:
+            return f"the noise is known for rigid bodies on walls of one layer that stand, not for {pair.wall_key}"
     if getattr(scenario.navigation, "mass_behind", 0.0):
         return "the force sensor sees an acceleration: navigation.mass_behind"
     for quantity, channel in channels.items():
@@ -372,15 +381,18 @@ class _Loop:
 
     def _checked(self, means: Mapping[str, Any], largest: float) -> Deviations | str:
         """The deviations, or the reason why the loop is not linear over them."""
-        by_state = self.vehicle.push_by_state
-        push, x = math.sqrt(max(0.0, by_state @ means["x"] @ by_state)), np.sqrt(np.maximum(np.diag(means["x"]), 0.0))
+        by_state, pushes = self.vehicle.pushes_by_state, self.vehicle.pushes
+        both = by_state.sum(axis=0)
+        push, x = math.sqrt(max(0.0, both @ means["x"] @ both)), np.sqrt(np.maximum(np.diag(means["x"]), 0.0))
+        spreads = np.sqrt(np.maximum(np.diag(by_state @ means["x"] @ by_state.T), 0.0))  # of each contact
         y, states, tau = (np.sqrt(np.maximum(means[name], 0.0)) for name in ("y", "states", "u"))
-        rest, label = self.vehicle.rest, self.setup.scenario.controller.label()
+        label = self.setup.scenario.controller.label()
         if not self.law.is_linear_over(_REACH * y, _REACH * states):
             return f"{label} is not linear over {_REACH:g} standard deviations of its measurements"
-        if rest.force and rest.force < _CLEAR * push:
-            return f"the push of {rest.force:.4g} N would lose contact at times: its deviation would be {push:.3g} N"
-        if not rest.force and self.vehicle.push(np.concatenate([_CLEAR * x[:3], np.zeros(9)])) > 0.0:
+        for force, spread in zip(pushes, spreads, strict=True):
+            if 0.0 < force < _CLEAR * spread:
+                return f"the push of {force:.4g} N would lose contact at times: its deviation would be {spread:.3g} N"
+        if self.vehicle.touches_within(_CLEAR * x[:6]):
             return "the vehicle would touch the wall at times"
         allocate = pseudoinverse(self.setup.nominal.B)
         u, spread = allocate @ self.vehicle.tau, np.abs(allocate) @ (_REACH * tau)

@@ -43,7 +43,7 @@ class Parallel(Controller):
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
         F_d, tau_c = signals.F_d, signals.tau_contact_m_B
-        size = math.sqrt(F_d[0] * F_d[0] + F_d[1] * F_d[1] + F_d[2] * F_d[2])
+        size = math.sqrt(F_d[:3] @ F_d[:3])
         state.xi[:] = within(state.xi, gains.limit)
         state_dot.xi[:] = 0.0
         tau_cmd[:] = signals.tau_nom

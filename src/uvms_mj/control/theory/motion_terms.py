@@ -27,7 +27,7 @@ def turned(quat, x, y, z, out):
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle
     scale = 0.5 * math.sin(half) / half if half > 0.0 else 0.5
-    multiply(quat[0], quat[1], quat[2], quat[3], math.cos(half), scale * x, scale * y, scale * z, 0, out)
+    multiply(quat, np.array([math.cos(half), scale * x, scale * y, scale * z]), out)
 
 
 @kernel
@@ -86,8 +86,7 @@ def sense(motion, world, x):
     seen.position[:], seen.quat[:], seen.nu[:], seen.tau_c[:] = x.position, x.quat, 0.0, x.tau_c
     if sensed.perfect == 0:
         seen.position[:] = sensed.position_scale * x.position + sensed.position_bias
-        q, turn = x.quat, sensed.turn
-        multiply(q[0], q[1], q[2], q[3], turn[0], turn[1], turn[2], turn[3], 0, seen.quat)
+        multiply(x.quat, sensed.turn, seen.quat)
         seen.nu[:] = sensed.nu
         seen.tau_c[:3] -= sensed.drift * (x.position[2] - sensed.z_0)
         seen.tau_c[:] = sensed.scale * seen.tau_c + sensed.bias

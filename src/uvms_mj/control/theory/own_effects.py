@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import error_text
 from ...physics.effects import WRENCHES, add_effects, counted
-from ...physics.frames import add_wrench_from, attitude, quat_turned, rotation_matrix, to_body
+from ...physics.frames import add_wrench_from, attitude, motion_at, quat_turned, rotation_matrix, to_body
 from ...physics.kernels import record_of
 from ...stages.base import ForeignCode, Stage
 from ...stages.setup import SetupLike
@@ -68,8 +68,8 @@ def _at(frame: Any, at_B: dict[str, Any]) -> dict[str, Any]:
     """What an effect in a frame on the base is given, from that at B."""
     found = at_B | {"p_WB": at_B["p_WB"] + at_B["R_WB"] @ frame.p, "R_WB": at_B["R_WB"] @ frame.R}
     for name in ("nu", "nu_r"):
-        v, omega = np.split(np.asarray(at_B[name]), 2)
-        found[name] = np.concatenate([(v + np.cross(omega, frame.p)) @ frame.R, omega @ frame.R])
+        found[name] = np.empty(6)
+        motion_at(frame.R, frame.p, np.asarray(at_B[name]), found[name])
     found["quat_WB"] = np.array([1.0, 0.0, 0.0, 0.0])
     attitude(found["R_WB"], found["quat_WB"])
     return found
