@@ -38,6 +38,24 @@ BROKEN = {
         "<xDotU>",
         "is given twice",
     ),
+    "mass twice": (
+        ".sdf",
+        SDF.replace("<mass>", "<mass>1</mass><mass>", 1),
+        "<link name='hull'> <inertial> <mass>",
+        "is given twice: keep one",
+    ),
+    "mass twice in URDF": (
+        ".urdf",
+        re.sub(r"(<mass [^>]*>)", r"\1<mass value='3'/>", URDF, count=1),
+        "<inertial> <mass>",
+        "is given twice: keep one",
+    ),
+    "two inertials": (
+        ".sdf",
+        re.sub(r"(<inertial>.*?</inertial>)", r"\1\1", SDF, count=1, flags=re.S),
+        "<link name='hull'> <inertial>",
+        "is given twice: keep one",
+    ),
     "inertia in another frame": (
         ".sdf",
         SDF.replace("<inertial><pose>", '<inertial><pose relative_to="port">'),
@@ -262,6 +280,14 @@ def test_a_whole_file_passes(tmp_path):
     """The tests above fail by what they change."""
     for suffix, text in ((".sdf", SDF), (".urdf", URDF), (".toml", TOML), (".urdf", arm())):
         read(tmp_path, suffix, text)
+
+
+@pytest.mark.parametrize(("suffix", "text", "root"), [(".sdf", SDF, "<sdf"), (".urdf", URDF, "<robot")])
+def test_a_namespace_without_a_prefix_changes_nothing(tmp_path, suffix, text, root):
+    plain, _ = read(tmp_path, suffix, text)
+    spaced, _ = read(tmp_path, suffix, text.replace(root, f"{root} xmlns='http://example.org/any'", 1))
+    for each in ("mass", "displaced_mass", "M_A", "D_linear", "I_g"):
+        np.testing.assert_array_equal(getattr(spaced.base, each), getattr(plain.base, each))
 
 
 @pytest.mark.parametrize("suffix", [".sdf", ".toml", ".urdf"])

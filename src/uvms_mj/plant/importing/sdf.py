@@ -15,7 +15,7 @@ import numpy as np
 from ..coefficients import DENSITY
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water, right_signs
-from .elements import inertia_of, kind_of, mesh_of, plugins_of, say_unread, shape_of
+from .elements import inertia_of, kind_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
 from .fins import lift_drag
 from .moving import HERE, Pose
 from .reading import Source, one_of, place_of, positive
@@ -79,6 +79,7 @@ def _included(source: Source, include: Element) -> Element:
     folder = source.within(folder, place)
     path = folder / "model.sdf" if folder.is_dir() else folder
     root = source.xml(source.text(path, place), place)
+    refuse_twice(source, root)
     model = root.find("model")
     if model is None:
         raise source.fault(place, f"{path.name} has no <model>")
