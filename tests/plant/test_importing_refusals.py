@@ -38,6 +38,12 @@ BROKEN = {
         "<xDotU>",
         "is given twice",
     ),
+    "a plugin of unknown conventions": (
+        ".sdf",
+        SDF.replace(HYDRO, re.sub(r"<plugin [^>]*>", '<plugin filename="MyHydrodynamics" name="my::Water">', HYDRO)),
+        "<plugin name='my::Water'>",
+        "whose conventions are not known",
+    ),
     "mass twice": (
         ".sdf",
         SDF.replace("<mass>", "<mass>1</mass><mass>", 1),
@@ -288,6 +294,19 @@ def test_a_namespace_without_a_prefix_changes_nothing(tmp_path, suffix, text, ro
     spaced, _ = read(tmp_path, suffix, text.replace(root, f"{root} xmlns='http://example.org/any'", 1))
     for each in ("mass", "displaced_mass", "M_A", "D_linear", "I_g"):
         np.testing.assert_array_equal(getattr(spaced.base, each), getattr(plain.base, each))
+
+
+def test_squares_of_the_lrauv_are_damping_in_both_directions(tmp_path):
+    """The plugin of the LRAUV writes xUU for X_u|u|, where gz-sim writes xUabsU."""
+    squares = re.sub(r"([xyzkmn])([UVWPQR])abs\2", r"\1\2\2", HYDRO)
+    assert squares != HYDRO
+    own = re.sub(
+        r"<plugin [^>]*>", '<plugin filename="HydrodynamicsPlugin" name="tethys::HydrodynamicsPlugin">', squares
+    )
+    wanted, found = (read(tmp_path, ".sdf", SDF.replace(HYDRO, each))[0] for each in (HYDRO, own))
+    np.testing.assert_array_equal(found.base.D_quadratic, wanted.base.D_quadratic)
+    assert np.diag(wanted.base.D_quadratic).all()
+    assert any("on abs(u) u" in each for each in found.left_out)
 
 
 @pytest.mark.parametrize("suffix", [".sdf", ".toml", ".urdf"])
