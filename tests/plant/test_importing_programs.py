@@ -139,6 +139,14 @@ def test_what_is_not_read_is_said(tmp_path, by_table):
     assert any(re.match(r"line \d+: not executed", each) for each in said)
 
 
+@pytest.mark.parametrize("value", ["np.diag([0, 0, 1e4, 20, 30, 0])", "restoring(self)"])
+def test_the_restoring_of_a_surface_vessel_is_said(tmp_path, by_table, value):
+    text = python(f"self.G = {value}\nG33 = 1e4")
+    said = read(tmp_path, ".py", text, thrusters=by_table[0].thrusters)[0].left_out
+    (restoring,) = (each for each in said if "the restoring G of a surface vessel" in each)
+    assert {"self.G", "G33"} <= {*re.split(r"[,:] ", restoring)}
+
+
 def test_derivatives_in_other_units_than_the_matrix_are_not_read(tmp_path, by_table):
     text = matlab(derivatives("M_A", M_A / 500.0))
     record = read(tmp_path, ".m", text, thrusters=by_table[0].thrusters)[0]

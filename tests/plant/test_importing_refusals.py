@@ -38,6 +38,30 @@ BROKEN = {
         "<xDotU>",
         "is given twice",
     ),
+    "a plugin of unknown conventions": (
+        ".sdf",
+        SDF.replace(HYDRO, re.sub(r"<plugin [^>]*>", '<plugin filename="MyHydrodynamics" name="my::Water">', HYDRO)),
+        "<plugin name='my::Water'>",
+        "whose conventions are not known",
+    ),
+    "mass twice": (
+        ".sdf",
+        SDF.replace("<mass>", "<mass>1</mass><mass>", 1),
+        "<link name='hull'> <inertial> <mass>",
+        "is given twice: keep one",
+    ),
+    "mass twice in URDF": (
+        ".urdf",
+        re.sub(r"(<mass [^>]*>)", r"\1<mass value='3'/>", URDF, count=1),
+        "<inertial> <mass>",
+        "is given twice: keep one",
+    ),
+    "two inertials": (
+        ".sdf",
+        re.sub(r"(<inertial>.*?</inertial>)", r"\1\1", SDF, count=1, flags=re.S),
+        "<link name='hull'> <inertial>",
+        "is given twice: keep one",
+    ),
     "inertia in another frame": (
         ".sdf",
         SDF.replace("<inertial><pose>", '<inertial><pose relative_to="port">'),
@@ -262,6 +286,27 @@ def test_a_whole_file_passes(tmp_path):
     """The tests above fail by what they change."""
     for suffix, text in ((".sdf", SDF), (".urdf", URDF), (".toml", TOML), (".urdf", arm())):
         read(tmp_path, suffix, text)
+
+
+@pytest.mark.parametrize(("suffix", "text", "root"), [(".sdf", SDF, "<sdf"), (".urdf", URDF, "<robot")])
+def test_a_namespace_without_a_prefix_changes_nothing(tmp_path, suffix, text, root):
+    plain, _ = read(tmp_path, suffix, text)
+    spaced, _ = read(tmp_path, suffix, text.replace(root, f"{root} xmlns='http://example.org/any'", 1))
+    for each in ("mass", "displaced_mass", "M_A", "D_linear", "I_g"):
+        np.testing.assert_array_equal(getattr(spaced.base, each), getattr(plain.base, each))
+
+
+def test_squares_of_the_lrauv_are_damping_in_both_directions(tmp_path):
+    """The plugin of the LRAUV writes xUU for X_u|u|, where gz-sim writes xUabsU."""
+    squares = re.sub(r"([xyzkmn])([UVWPQR])abs\2", r"\1\2\2", HYDRO)
+    assert squares != HYDRO
+    own = re.sub(
+        r"<plugin [^>]*>", '<plugin filename="HydrodynamicsPlugin" name="tethys::HydrodynamicsPlugin">', squares
+    )
+    wanted, found = (read(tmp_path, ".sdf", SDF.replace(HYDRO, each))[0] for each in (HYDRO, own))
+    np.testing.assert_array_equal(found.base.D_quadratic, wanted.base.D_quadratic)
+    assert np.diag(wanted.base.D_quadratic).all()
+    assert any("on abs(u) u" in each for each in found.left_out)
 
 
 @pytest.mark.parametrize("suffix", [".sdf", ".toml", ".urdf"])

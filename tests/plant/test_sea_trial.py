@@ -1,5 +1,6 @@
 """The first sea trial of a vehicle: its formulas against motions, and the errors that it shows."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -164,6 +165,31 @@ def test_shipped_vehicles_are_not_unusual_and_their_numbers_are_json(name):
     found = trial(Mjcf.find(name).vehicle)
     assert not any(each.unusual for each in found.compared)
     json.dumps(as_numbers(found), allow_nan=False)
+
+
+def test_other_vehicles_are_scaled_to_the_size_by_dimensional_analysis():
+    """A vehicle that is k times as long, with the same density, form and Froude number: the shipped vehicles beside it
+    grow by the same powers of k as its own numbers, so that nothing becomes unusual."""
+    k = 2.0
+    small = Mjcf.find("bluerov2_heavy").vehicle
+    H = np.array([1.0] * 3 + [k] * 3)
+    large = dataclasses.replace(
+        small,
+        M_RB=k**3 * H[:, None] * small.M_RB * H,
+        M_A=k**3 * H[:, None] * small.M_A * H,
+        D_linear=k**2 * H[:, None] * small.D_linear * H,
+        D_quadratic=k**2 * H[:, None] * small.D_quadratic * H**2,
+        displaced_mass=k**3 * small.displaced_mass,
+        r_b=k * small.r_b,
+    )
+    powers = {"kg": 3, "kg m^2": 5, "N": 2, "N m": 3, "m": 1, "1": 0}
+    for here, there in zip(trial(small).compared, trial(large).compared, strict=True):
+        grown = k ** powers[here.unit]
+        assert there.unit == here.unit
+        np.testing.assert_allclose(
+            [there.value, there.low, there.high], grown * np.array([here.value, here.low, here.high]), rtol=1e-9
+        )
+        assert not there.unusual
 
 
 def test_the_command_prints_tables_and_writes_a_page(here, tmp_path):

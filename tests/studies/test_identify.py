@@ -17,6 +17,7 @@ from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.plant.changed_coefficients import changed, names, places, twin_of, value_of
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.renumbered import renumbered
+from uvms_mj.plant.water import MOST_ROWS
 from uvms_mj.studies.identify.data import Channel, Data, Inputs
 from uvms_mj.studies.identify.file import Experiment, File, Free, Prior, Start, read
 from uvms_mj.studies.identify.fit import Z_95, Weighted, correlation_time, fit
@@ -183,6 +184,54 @@ def test_a_published_towing_sweep_gives_its_published_coefficients(tmp_path):
     assert -quadratic.value == pytest.approx(36.24888, abs=2e-4)
     assert linear.half_width == pytest.approx(Z_95 * 0.028095, rel=1e-2)
     assert quadratic.half_width == pytest.approx(Z_95 * 0.033295, rel=1e-2)
+
+
+def with_products(folder: Path, text: str = "Yuv -30 Nuv 0") -> Path:
+    """The file of a Heavy with products of velocities."""
+    path = folder / "turning.xml"
+    heavy = (Path(__file__).parents[2] / "models" / f"{HEAVY}.xml").read_text()
+    path.write_text(heavy.replace("</custom>", f'<text name="products" data="{text}"/></custom>'))
+    return path
+
+
+def test_a_product_of_velocities_is_found_again_and_written(tmp_path):
+    """A push while it drifts tells Nuv; under its other name it is the same coefficient."""
+    path = with_products(tmp_path)
+    mjcf = Mjcf.find(str(path))
+    problem = problem_of(["Yuv", "Nuv"], motion(["nu.v", "nu.r"], inputs=pushed()), mjcf=mjcf)
+    assert [(each.start, each.unit) for each in problem.coefficients] == [(-30.0, "N s^2/m^2"), (0.0, "N s^2/m")]
+    true = truth(problem, Yuv=-55.0, Nuv=7.0)
+    problem = measured(problem, true, 0.003, 0)
+    result = judge(problem, fit(problem))
+    for each, value in zip(result.coefficients, true, strict=False):
+        assert each.given
+        assert abs(each.value - value) < 2.0 * each.half_width
+    values = {"Yvu": -55.0, "Nuv": 7.0, "X_u": -9.0}
+    written = Mjcf("mine.xml", renumbered("turning", path, "mine", values, {"trust": "mine"})).vehicle
+    assert [(each.name, each.coefficient) for each in written.products] == [("Yuv", -55.0), ("Nuv", 7.0)]
+    assert changed(mjcf.vehicle, values).products == written.products
+    for name, value in values.items():
+        assert value_of(written, name) == value
+
+
+def test_a_product_that_the_file_lacks_is_refused():
+    with pytest.raises(InputError, match=r"no such product of velocities; it has none\. Write it there, with 0"):
+        problem_of(["Yuv"], motion(["nu.v"]))
+
+
+@pytest.mark.parametrize("name", ["mass", "vehicle.mass", "inertia.xx", "Ixx", "I_z", "center_of_gravity.z"])
+def test_the_rigid_body_is_refused_by_name(name, tmp_path):
+    tables = {"name": "a", "vehicle": HEAVY, "free": [{"name": name}], "experiment": [{"data": "m.csv", "signals": {}}]}
+    with pytest.raises(InputError, match=r"free\[0\]\.name: .* is not fitted: motions show mass and inertia"):
+        read(tables, "f.toml")
+
+
+def test_a_wrench_of_more_rows_than_a_run_takes_is_refused_by_its_place():
+    n = MOST_ROWS + 1
+    inputs = Inputs("tau", 0.01 * np.arange(n), np.zeros((n, 6)), True)
+    problem = problem_of(["X_u"], motion(["nu.u"], span=0.01 * n, inputs=inputs))
+    with pytest.raises(InputError, match=rf"experiment 'm': inputs\.tau: {n} samples are {n} rows of a wrench"):
+        problem.predicted(0, problem.start)
 
 
 NOISE, SAMPLES, TABLES = 0.4, 25, 200

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..views.figures.style import Figure
 
 _HEADS = ("axis", "alone [N, N m]", "speed [m/s, rad/s]", "halved in [s]", "time constant [s]", "M_A over own")
+_COMPARED = ("number", "unit", "here", "shipped", "")
 
 
 def check(name: str, vehicle: "Vehicle", folder: Path | None) -> "Trial":
@@ -36,14 +37,20 @@ def tables(name: str, found: "Trial") -> list[Listing]:
         for each in found.axes
     ]
     compared = [
-        (each.name, f"{each.value:.4g}", f"{each.low:.4g} .. {each.high:.4g}", "look" if each.unusual else "")
+        (
+            each.name,
+            each.unit,
+            f"{each.value:.4g}",
+            f"{each.low:.4g} .. {each.high:.4g}",
+            "look" if each.unusual else "",
+        )
         for each in found.compared
     ]
     remarks = [(f"{i}", printable(each)) for i, each in enumerate(found.remarks, 1)] or [("", "nothing")]
     return [
         facts(printable(f"{name}: first sea trial, by formulas, thrusters off"), summary(found)),
         Listing("Each axis alone; halved: from 1 to 0.5 m/s or rad/s", _HEADS, rows, fixed=_HEADS[:1]),
-        Listing("Beside the shipped vehicles, without unit", ("number", "here", "shipped", ""), compared),
+        Listing("Beside the shipped vehicles, scaled to its displaced mass; L: of a cube of it", _COMPARED, compared),
         Listing("Worth a look", ("", "what"), remarks),
     ]
 

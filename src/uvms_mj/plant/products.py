@@ -6,6 +6,7 @@ right-hand side, as in SNAME (1950) and Fossen (2021), in the axes of B: forward
 to the water.
 """
 
+import dataclasses
 import math
 import re
 from collections.abc import Iterator
@@ -45,6 +46,16 @@ class Product:
         """The velocities that it multiplies, the same for Yuv and Yvu."""
         first, second = (self.first, self.second) if self.bars else sorted((self.first, self.second))
         return self.axis, first, second, self.bars
+
+
+def product(name: str) -> Product | None:
+    """The product of a name, with the coefficient 0; None if it is no name of a product."""
+    match = _TERM.fullmatch(name)
+    if match is None or min(map(len, match.groups()[1:])) > 1:
+        return None
+    first, second = sorted(match.groups()[1:], key=len)  # bars behind
+    i, j = (_VELOCITIES.index(each.strip("|")) for each in (first, second))
+    return Product(name, _WRENCHES.index(match[1]), i, j, len(second) > 1, 0.0)
 
 
 def read_products(
@@ -91,8 +102,7 @@ def _parsed(name: str, data: str, faults: list[Fault]) -> Iterator[Product]:
         faults.append(Fault(name, f"has {len(words)} words: a name and a number by turns are needed"))
         return
     for term, number in zip(words[::2], words[1::2], strict=True):
-        match = _TERM.fullmatch(term)
-        if match is None or min(map(len, match.groups()[1:])) > 1:
+        if (found := product(term)) is None:
             faults.append(Fault(f"{name} {term}", f"is no product of velocities: {_FORM}"))
             continue
         try:
@@ -102,6 +112,4 @@ def _parsed(name: str, data: str, faults: list[Fault]) -> Iterator[Product]:
         if not abs(coefficient) <= LARGEST:
             faults.append(Fault(f"{name} {term}", f"{number}: must be a finite number, at most {LARGEST:g}"))
             continue
-        first, second = sorted(match.groups()[1:], key=len)  # bars behind
-        i, j = (_VELOCITIES.index(each.strip("|")) for each in (first, second))
-        yield Product(term, _WRENCHES.index(match[1]), i, j, len(second) > 1, coefficient)
+        yield dataclasses.replace(found, coefficient=coefficient)

@@ -12,7 +12,9 @@ from .changed_coefficients import CENTRE, DISPLACED_MASS, changed, places, twin_
 from .coefficients import DERIVATIVES
 from .mjcf import Mjcf, parsed
 from .own_vehicle import copied
+from .products import NAME, product
 
+_FIXED = "its file gives coefficients in a way that this copy can't change"
 _EXACT = 1e-12
 """Largest difference, relative to the largest entry, between the copy as it is read and the wanted numbers."""
 
@@ -50,6 +52,8 @@ def renumbered(
             for twin in {each, twin_of(each)}:
                 if twin == each or twin in numerics:
                     _set(custom, numerics, twin, [value])
+        elif product(each) is not None:
+            texts = {**texts, NAME: " ".join(f"{p.name} {p.coefficient:.17g}" for p in wanted.products)}
         elif each == DISPLACED_MASS:
             _set(custom, numerics, each, [value])
         else:
@@ -68,7 +72,9 @@ def renumbered(
     for each in (*DERIVATIVES, "r_b", "M_RB"):
         ours, theirs = getattr(wanted, each), getattr(read, each)
         if np.abs(ours - theirs).max() > _EXACT * max(np.abs(ours).max(), 1e-3):
-            raise InputError([Fault(each, "its file gives coefficients in a way that this copy can't change")], origin)
+            raise InputError([Fault(each, _FIXED)], origin)
+    if read.products != wanted.products:
+        raise InputError([Fault(NAME, _FIXED)], origin)
     return files
 
 

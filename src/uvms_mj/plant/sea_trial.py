@@ -64,9 +64,10 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A number without unit, and the least and greatest of the shipped vehicles'."""
+    """A number in its unit, and the least and greatest of the shipped vehicles', scaled to the size of this one."""
 
     name: str
+    unit: str
     value: float
     low: float
     high: float
@@ -92,7 +93,7 @@ class Trial:
         axes: the six axes.
         growth: by the forward speed [m/s], the greatest real part of an eigenvalue [1/s]; positive is unstable.
         energy: sentences on damping that feeds energy in.
-        compared: numbers without unit beside other vehicles'.
+        compared: numbers beside other vehicles' at this size.
         remarks: findings that are worth a look: a sentence each.
     """
 
@@ -133,11 +134,10 @@ def trial(vehicle: Vehicle) -> Trial:
     up = d / level if level > 0.0 else np.array([0.0, 0.0, 1.0])
     axes = tuple(_axis(vehicle, whole, i) for i in range(6))
     growth = {u: _growth(whole, up, u) for u in SPEEDS}
-    numbers = _numbers(whole)
     others = _shipped_numbers()
     compared = tuple(
-        Compared(name, value, min(each[name] for each in others), max(each[name] for each in others))
-        for name, value in numbers.items()
+        Compared(name, unit, scale * value, *(scale * end([each[name][0] for each in others]) for end in (min, max)))
+        for name, (value, scale, unit) in _numbers(whole).items()
     )
     found = Trial(
         mass=whole.mass,
@@ -259,30 +259,30 @@ def _growth(whole: _Whole, up: np.ndarray, speed: float) -> float:
     return float(np.linalg.eigvals(A[np.ix_(keep, keep)]).real.max())
 
 
-def _numbers(whole: _Whole) -> dict[str, float]:
-    """Numbers without unit, by the displaced mass m_d and the length L of a cube of this water."""
-    length = (whole.displaced_mass / DENSITY) ** (1.0 / 3.0)
-    found: dict[str, float] = {}
+def _numbers(whole: _Whole) -> dict[str, tuple[float, float, str]]:
+    """Numbers without unit, with their scales and the units of these, by the displaced mass m_d and the length L of a
+    cube of this water. Rotations are at 1 m/s in the distance L, 1/L rad/s."""
+    m_d, m = whole.displaced_mass, whole.mass
+    L = (m_d / DENSITY) ** (1.0 / 3.0)
+    found: dict[str, tuple[float, float, str]] = {}
     for i, name in enumerate(AXES):
-        lever = 1.0 if i < 3 else length**2
-        found[f"added mass in {name} / (m_d{'' if i < 3 else ' L^2'})"] = whole.M_A[i, i] / (
-            whole.displaced_mass * lever
-        )
+        scale, unit = (m_d, "kg") if i < 3 else (m_d * L**2, "kg m^2")
+        found[f"added mass in {name}"] = float(whole.M_A[i, i]) / scale, scale, unit
     for i, name in enumerate(AXES):
-        area = 0.5 * DENSITY * length ** (2 if i < 3 else 5)
-        v = 1.0 if i < 3 else 1.0 / length  # linear damping counts as at 1 m/s
-        total = whole.D_quadratic[i, i] + whole.D_linear[i, i] / v
-        found[f"drag in {name} at 1 m/s / (rho L^{2 if i < 3 else 5} / 2)"] = total / area
-    for i, name in enumerate(AXES[3:]):
-        inertia = float(np.sqrt(max(whole.M_RB[3 + i, 3 + i], 0.0) / whole.mass))
-        found[f"radius of gyration in {name} / L"] = inertia / length
-    found["righting arm / L"] = float(np.linalg.norm(whole.d)) / whole.mass / length
-    found["displaced mass / mass"] = whole.displaced_mass / whole.mass
+        lever, unit = (1.0, "N") if i < 3 else (L, "N m")
+        v, scale = 1.0 / lever, 0.5 * DENSITY * L**2 * lever
+        drag = float(whole.D_linear[i, i] * v + whole.D_quadratic[i, i] * v**2)
+        found[f"drag in {name} at 1 m/s{'' if i < 3 else ' in L'}"] = drag / scale, scale, unit
+    for i, name in enumerate(AXES[3:], 3):
+        radius = math.sqrt(max(whole.M_RB[i, i], 0.0) / m)
+        found[f"radius of gyration in {name}"] = radius / L, L, "m"
+    found["righting arm"] = float(np.linalg.norm(whole.d)) / m / L, L, "m"
+    found["displaced mass over mass"] = m_d / m, 1.0, "1"
     return found
 
 
 @functools.cache
-def _shipped_numbers() -> tuple[dict[str, float], ...]:
+def _shipped_numbers() -> tuple[dict[str, tuple[float, float, str]], ...]:
     return tuple(_numbers(_whole(Mjcf.find(name).vehicle)) for name in shipped("models"))
 
 
@@ -326,7 +326,8 @@ def _remarks(found: Trial, whole: _Whole) -> list[str]:
         )
     said += found.energy
     said += [
-        f"{each.name} is {each.value:.3g}; the shipped vehicles have {each.low:.3g} to {each.high:.3g}"
+        f"{each.name} is {each.value:.3g} {each.unit}; the shipped vehicles, scaled to its displaced mass, have "
+        f"{each.low:.3g} to {each.high:.3g}"
         for each in found.compared
         if each.unusual
     ]

@@ -101,6 +101,7 @@ def imported(
 def _read(source: Source) -> VehicleRecord:
     from . import programs, sdf, table, urdf, xacro_files
     from .bodies import assembled
+    from .elements import refuse_twice
 
     suffix = source.path.suffix.lower()
     if suffix in _NOT_READ:
@@ -117,6 +118,7 @@ def _read(source: Source) -> VehicleRecord:
         root = xacro_files.expanded(source, text)
     else:
         root = source.xml(text)
+    refuse_twice(source, root)
     if root.tag == "robot":
         return assembled(urdf.described(source, root))
     if root.tag == "sdf":

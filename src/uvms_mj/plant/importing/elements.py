@@ -6,8 +6,38 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from .moving import Pose
-from .reading import Source, positive
+from .reading import Source, place_of, positive
 from .shapes import Solid, mesh, primitive
+
+_WHOLE = re.compile(
+    r"inertial|inertia|fluid_added_mass|axis|limit|dynamics|geometry|box|sphere|cylinder|capsule|ellipsoid"
+)
+"""Elements of which all are read once."""
+_ONCE = {
+    "model": ("pose",),
+    "link": ("inertial", "pose"),
+    "joint": ("axis", "pose", "parent", "child", "origin", "limit", "dynamics"),
+    "collision": ("geometry", "pose", "origin"),
+    "visual": ("geometry", "pose", "origin"),
+}
+
+
+def refuse_twice(source: Source, root: Element) -> None:
+    """Raise InputError for a second element where one is read, whose number would be left out in silence."""
+    walk = [(root, "")]
+    while walk:
+        element, before = walk.pop()
+        place = f"{before} {place_of(element)}".strip()
+        whole = _WHOLE.fullmatch(element.tag) or (
+            element.tag == "plugin"
+            and re.search(r"gz.*hydrodynamics|hydrodynamics-system|thruster-system", kind_of(element))
+        )
+        seen = set[str]()
+        for each in element:
+            if each.tag in seen and (whole or each.tag in _ONCE.get(element.tag, ())):
+                raise source.fault(f"{place} <{each.tag}>", "is given twice: keep one")
+            seen.add(each.tag)
+            walk.append((each, place if element.tag in ("link", "joint", "inertial") else ""))
 
 
 def plugins_of(element: Element) -> list[Element]:

@@ -316,6 +316,8 @@ def _expression(tokens: Sequence[tuple[str, str]]) -> ast.expr | None:
         return None
 
 
+_RESTORING = re.compile(r"(self\.)?(G|G_?[1-6][1-6])")
+"""Names of the matrix of restoring forces, and of its entries."""
 _MISSING = {
     "mass": "the mass (m, mass, or W with g)",
     "displaced_mass": "the buoyancy (W and B, or volume or nabla with rho)",
@@ -446,7 +448,13 @@ def _say(source: Source, numbers: _Numbers) -> None:
     )
     source.say("forces that the program computes are not read: fins, propellers, cross-flow, time constants of damping")
     for name, value in numbers.found.items():
-        if value is None:
+        if _RESTORING.fullmatch(name):
+            source.say(
+                "the restoring G of a surface vessel is left out: here all of the vehicle is under water, where weight "
+                "and buoyancy alone restore it",
+                name,
+            )
+        elif value is None:
             source.say("not read: no plain number or matrix", name)
         elif name not in numbers.used:
             source.say("a number for which there is no place here", name)

@@ -19,6 +19,7 @@ from ..mjcf import DEEPEST
 LARGEST_FILE = 10 * 2**20
 """Bound on each file [bytes]."""
 _DECLARED = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
+_NAMESPACE = re.compile(r"""\sxmlns\s*=\s*(?:"[^"]*"|'[^']*')""")
 _PREFIX = re.compile(r"[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=>/])")
 _ROOT = re.compile(r"<([A-Za-z_][\w.:-]*)")
 
@@ -108,6 +109,7 @@ class Source:
         """The root of an XML text. Raises InputError if it declares entities, or is not well-formed."""
         self.refuse_entities(text, place)
         text = re.sub(r"^\s*<\?xml.*?\?>", "", text, count=1, flags=re.DOTALL)
+        text = _NAMESPACE.sub("", text)  # of elements without a prefix: neither format looks at it
         undeclared = sorted({*_PREFIX.findall(text)} - {*re.findall(r"xmlns:([\w.-]+)", text), "xmlns", "xml"})
         if undeclared:  # SDF's own readers don't look at prefixes
             names = "".join(f' xmlns:{each}="{each}"' for each in undeclared)

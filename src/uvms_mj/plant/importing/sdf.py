@@ -15,7 +15,7 @@ import numpy as np
 from ..coefficients import DENSITY
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water, right_signs
-from .elements import inertia_of, kind_of, mesh_of, plugins_of, say_unread, shape_of
+from .elements import inertia_of, kind_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
 from .fins import lift_drag
 from .moving import HERE, Pose
 from .reading import Source, one_of, place_of, positive
@@ -24,6 +24,8 @@ from .uuv import uuv_fin, uuv_thruster, uuv_water
 
 _ENTRIES = "xyzpqr"
 _TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
+_OF_GZ_SIM = re.compile(r"hydrodynamics-system|systems::hydrodynamics")
+_LRAUV = re.compile(r"tethys::hydrodynamicsplugin")
 _NO_TERMS = ("link_name", "namespace", "water_density", "waterDensity", "disable_added_mass", "default_current")
 """Elements of the Hydrodynamics plugin that are read, or mean nothing here, beside its coefficients."""
 _SIGNS = "derivatives of gz-sim are negative for added mass and damping"
@@ -79,6 +81,7 @@ def _included(source: Source, include: Element) -> Element:
     folder = source.within(folder, place)
     path = folder / "model.sdf" if folder.is_dir() else folder
     root = source.xml(source.text(path, place), place)
+    refuse_twice(source, root)
     model = root.find("model")
     if model is None:
         raise source.fault(place, f"{path.name} has no <model>")
@@ -238,6 +241,12 @@ class _Model:
         source, M_A, D, D_D = self.source, np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
         terms: dict[tuple[int, int, int, bool], float] = {}
         given: set[str] = set()
+        lrauv = bool(_LRAUV.search(kind_of(plugin)))
+        if lrauv:
+            source.say("the plugin of the LRAUV has xUU on abs(u) u: it is damping in both directions")
+        elif not _OF_GZ_SIM.search(kind_of(plugin)):
+            known = "gz::sim::systems::Hydrodynamics and tethys::HydrodynamicsPlugin"
+            raise source.fault(place, f"is a plugin whose conventions are not known; known are {known}")
         for each in plugin:
             match = _TERM.fullmatch(each.tag)
             if match is None:
@@ -253,7 +262,7 @@ class _Model:
                 M_A[i, j] -= value
             elif match[5] is None:
                 D[i, j] -= value
-            elif match[4] and match[5] == match[3]:
+            elif (match[4] or lrauv) and match[5] == match[3]:
                 D_D[i, j] -= value
             elif value:
                 k = "UVWPQR".index(match[5])

@@ -23,7 +23,7 @@ def described(source: Source, root: Element) -> Description:
     models = [each for each in plugins_of(root) if "underwater_object" in kind_of(each)]
     if not models:
         hydro = [each for each in plugins_of(root) if "hydrodynamics" in kind_of(each)]
-        names = sorted({each.get("filename") or each.get("name") or "" for each in plugins_of(root)})
+        names = sorted({each.get("filename") or each.get("name") or "one without a name" for each in plugins_of(root)})
         said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
         if hydro:
             said = "gz-sim's Hydrodynamics is read from SDF: `gz sdf -p FILE` writes one"

@@ -14,12 +14,12 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from ...engine.simulation import Simulation
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...physics.frames import rotation_matrix
 from ...physics.statics import Statics
 from ...plant.mjcf import Mjcf
 from ...plant.vehicle import Vehicle
-from ...plant.water import Current, Disturbance
+from ...plant.water import MOST_ROWS, Current, Disturbance
 from ...scenario import Scenario
 from .data import Data, Inputs
 
@@ -50,6 +50,12 @@ class Plant:
         if inputs is not None and inputs.name == "pwm":
             overrides["actuation.name"] = "pwm"
             overrides |= {f"thrusters.{key}": value for key, value in (thrusters or {"name": "t200"}).items()}
+        if inputs is not None and inputs.name == "tau":
+            n = len(self._table(inputs, data.experiment.delay))
+            if n > MOST_ROWS:
+                way = "cut the log with between, or give fewer samples with hold = 'linear'"
+                wrong = f"{len(inputs.t)} samples are {n} rows of a wrench, and a run takes {MOST_ROWS}; {way}"
+                raise InputError([Fault("inputs.tau", wrong)])
         scenario = Scenario.load("push_wall", overrides)
         self._simulation = Simulation(scenario, engine="free_body", mjcf=mjcf, looks=False)
         self._setup, self.steps = self._simulation.setup, scenario.steps
@@ -82,7 +88,7 @@ class Plant:
             "current": Current(speed=speed, direction_deg=heading, vertical=float(current[2])),
         }
         if inputs is not None and inputs.name == "tau":
-            changed["disturbance"] = Disturbance(table=self._table(inputs, delay))
+            changed["disturbance"] = Disturbance(table=tuple(map(tuple, self._table(inputs, delay).tolist())))
         scenario = dataclasses.replace(base, **changed)
         plant = dataclasses.replace(self._setup.plant, vehicle=vehicle)
         simulation.begin(dataclasses.replace(self._setup, scenario=scenario, plant=plant))
@@ -103,9 +109,9 @@ class Plant:
         rows = np.concatenate(blocks)
         return {name: rows[:, self._places[name]] for name in ("t", "p_WB", "quat_WB", "nu")}
 
-    def _table(self, inputs: Inputs, delay: float) -> tuple[tuple[float, ...], ...]:
-        """Rows of a wrench over time, linear between them. A held input changes during one step, so that each step has
-        the mean of the wrench over it, and the fit sees no jump when the delay changes."""
+    def _table(self, inputs: Inputs, delay: float) -> np.ndarray:
+        """Rows (n, 7) of a time and a wrench, linear between them. A held input changes during one step, so that each
+        step has the mean of the wrench over it, and the fit sees no jump when the delay changes."""
         t = inputs.t + delay
         if inputs.linear:
             times, values = t, inputs.values
@@ -120,7 +126,7 @@ class Plant:
             times, values = np.concatenate([[0.0], times[first:]]), np.concatenate([[now], values[first:]])
         else:
             times, values = np.concatenate([[0.0], times]), np.concatenate([values[:1], values])
-        return tuple(map(tuple, np.column_stack([times, values]).tolist()))
+        return np.column_stack([times, values])
 
     def _held(self, inputs: Inputs | None, delay: float) -> list[tuple[int, np.ndarray | None]]:
         """Numbers of steps, each with the thrusts or pulses that are held during them. A step in which they change has
