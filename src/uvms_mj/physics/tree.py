@@ -227,7 +227,7 @@ def hand_down(link, parent):
 @kernel
 def along_joint(S, F) -> float:
     """The force or torque S^T F along a joint with the motion S (6,), of a wrench F (6,) about B's origin."""
-    return (S[0] * F[0] + S[1] * F[1]) + (S[2] * F[2] + S[3] * F[3]) + (S[4] * F[4] + S[5] * F[5])
+    return S[:3] @ F[:3] + S[3:] @ F[3:]
 
 
 @fused
@@ -275,11 +275,11 @@ def own_inertia(link, frame):
     """
     M, R, p, J = link.M, frame.R_BL, frame.p_BL, link.composite
     if link.M_diagonal != 0:
-        turn_diagonal(M, R, p, J)
-        return
-    turn_blocks(M, R, J)
-    for i in range(3):
-        J[6 + i] -= np.cross(J[3:6, i], p)
+        turn_diagonal(M, R, J)
+    else:
+        turn_blocks(M, R, J)
+        for i in range(3):
+            J[6 + i] -= np.cross(J[3:6, i], p)
     for i in range(3):
         J[3 + i] -= np.cross(J[i], p)
     for j in range(3):
@@ -287,30 +287,10 @@ def own_inertia(link, frame):
 
 
 @kernel
-def turn_diagonal(M, R, p, J):
-    """Set J (9, 3) as :func:`own_inertia` does, for a diagonal inertia M (6, 6), whose block B is zero."""
-    x, y, z = p[0], p[1], p[2]
-    a, b, c, d, e, f, g, h, k = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2], R[2, 0], R[2, 1], R[2, 2]
-    m_0, m_1, m_2, m_3, m_4, m_5 = M[0, 0], M[1, 1], M[2, 2], M[3, 3], M[4, 4], M[5, 5]
-    u, v, w = m_0 * a, m_1 * b, m_2 * c
-    A_xx, A_xy, A_xz = u * a + v * b + w * c, u * d + v * e + w * f, u * g + v * h + w * k
-    u, v, w = m_0 * d, m_1 * e, m_2 * f
-    A_yy, A_yz, A_zz = u * d + v * e + w * f, u * g + v * h + w * k, m_0 * g * g + m_1 * h * h + m_2 * k * k
-    u, v, w = m_3 * a, m_4 * b, m_5 * c
-    D_xx, D_xy, D_xz = u * a + v * b + w * c, u * d + v * e + w * f, u * g + v * h + w * k
-    u, v, w = m_3 * d, m_4 * e, m_5 * f
-    D_yy, D_yz, D_zz = u * d + v * e + w * f, u * g + v * h + w * k, m_3 * g * g + m_4 * h * h + m_5 * k * k
-    G_xx, G_xy, G_xz = A_xz * y - A_xy * z, A_xx * z - A_xz * x, A_xy * x - A_xx * y
-    G_yx, G_yy, G_yz = A_yz * y - A_yy * z, A_xy * z - A_yz * x, A_yy * x - A_xy * y
-    G_zx, G_zy, G_zz = A_zz * y - A_yz * z, A_xz * z - A_zz * x, A_yz * x - A_xz * y
-    D_xx, D_xy, D_xz = D_xx + (y * G_zx - z * G_yx), D_xy + (y * G_zy - z * G_yy), D_xz + (y * G_zz - z * G_yz)
-    D_yy, D_yz = D_yy + (z * G_xy - x * G_zy), D_yz + (z * G_xz - x * G_zz)
-    D_zz = D_zz + (x * G_yz - y * G_xz)
-    J[0, 0], J[0, 1], J[0, 2], J[1, 0], J[1, 1], J[1, 2] = A_xx, A_xy, A_xz, A_xy, A_yy, A_yz
-    J[2, 0], J[2, 1], J[2, 2], J[3, 0], J[3, 1], J[3, 2] = A_xz, A_yz, A_zz, G_xx, G_xy, G_xz
-    J[4, 0], J[4, 1], J[4, 2], J[5, 0], J[5, 1], J[5, 2] = G_yx, G_yy, G_yz, G_zx, G_zy, G_zz
-    J[6, 0], J[6, 1], J[6, 2], J[7, 0], J[7, 1], J[7, 2] = D_xx, D_xy, D_xz, D_xy, D_yy, D_yz
-    J[8, 0], J[8, 1], J[8, 2] = D_xz, D_yz, D_zz
+def turn_diagonal(M, R, out):
+    """Set out (9, 3) as :func:`turn_blocks` does, for a diagonal inertia M (6, 6), whose block B is zero."""
+    m, inertia = np.diag(M)[:3], np.diag(M)[3:]
+    out[:3], out[3:6], out[6:] = (R * m) @ R.T, 0.0, (R * inertia) @ R.T
 
 
 @kernel
