@@ -23,6 +23,7 @@ _NAMES = {
     "navigation": "Encoder Navigation Observer Wrist",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
+    "plant.obstacle": "Obstacle",
     "plant.sea": "Sea",
     "plant.water": "Current Disturbance Drag Fin Pad Tether",
     "records.header": "Status",
@@ -74,6 +75,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Wrist as Wrist
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
+    from .plant.obstacle import Obstacle as Obstacle
     from .plant.sea import Sea as Sea
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance

@@ -27,6 +27,7 @@ from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.effect import Effect
+from .plant.obstacle import Obstacle
 from .plant.sea import Sea
 from .plant.settings import (
     OF_VEHICLE,
@@ -77,6 +78,7 @@ class Scenario:
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
+    obstacle: Obstacle = Obstacle()
     sea: Sea = Sea()
     tether: Tether = Tether()
     pads: tuple[Pad, ...] = ()

@@ -15,6 +15,7 @@ from uvms_mj.setup.checks import checked
 USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
 IN_WATER = {
     **{"sea.height": 0.4, "sea.spectrum": "jonswap", "sea.reflecting": True, "sea.surface": 3.0, "sea.components": 3},
+    **{"obstacle.half_width": 1.5, "current.direction_deg": 30.0},
     "pads": [{"radius": 0.1, "position": [0.2, 0.0, 0.0]}],
     "fins": [{"area": 0.02, "position": [-0.2, 0.0, 0.0], "mixing_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}],
     "drag": [{"forward": [1.0, 2.0, 3.0]}],

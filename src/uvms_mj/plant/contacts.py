@@ -189,8 +189,7 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
     """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
     base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
-    keys = (*(("wall",) if scenario.wall.present else ()), *(f"walls[{i}]" for i in range(len(scenario.walls))))
-    walls = tuple(zip(keys, surfaces_of(scenario, probe.radius), strict=True))
+    walls = tuple(walls_of(scenario, probe.radius).items())
     solved, carriers = is_papers(scenario), [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
     if walls and not named:
@@ -237,6 +236,12 @@ def face_of(scenario: ScenarioLike, radius: float) -> float:
 def surfaces_of(scenario: ScenarioLike, radius: float) -> tuple[Surface, ...]:
     """All walls, of which ``[wall]``, if it is there, is the first; the probe has a radius [m]."""
     return *((as_surface(scenario.wall, radius),) if scenario.wall.present else ()), *scenario.walls
+
+
+def walls_of(scenario: ScenarioLike, radius: float) -> dict[str, Surface]:
+    """The walls of :func:`surfaces_of` by their keys, "wall" and "walls[0]"."""
+    keys = (*(("wall",) if scenario.wall.present else ()), *(f"walls[{i}]" for i in range(len(scenario.walls))))
+    return dict(zip(keys, surfaces_of(scenario, radius), strict=True))
 
 
 def as_surface(wall: Any, radius: float) -> Surface:

@@ -5,7 +5,8 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -36,7 +37,8 @@ from ..stages.setup import ScenarioLike
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
-    time step [s], the number of the vehicle's joints, and its z at the start [m], NaN where it is not known."""
+    time step [s], the number of the vehicle's joints, its z at the start [m], NaN where it is not known, and the walls
+    by their keys, a :class:`Surface` each."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -44,6 +46,7 @@ class World(NamedTuple):
     timestep: float = 1e-3
     joints: int = 0
     start_z: float = math.nan
+    walls: Mapping[str, Any] = MappingProxyType({})
 
 
 Rows = tuple[tuple[float, ...], ...] | None

@@ -1,6 +1,6 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), a tether, fins, drag and pads.
 
-:mod:`.sea` has the waves. The list of all effects is at the end.
+:mod:`.sea` has the waves, and :mod:`.obstacle` what the current meets. The list of all effects is at the end.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
 
@@ -363,6 +364,7 @@ class Pad(EffectTable):
 EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "current": Current,
     "disturbance": Disturbance,
+    "obstacle": Obstacle,
     "sea": Sea,
     "pads": Pad,
     "tether": Tether,

@@ -31,9 +31,10 @@ from ..physics.effects import WRENCHES, counted
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.build import check_fit, task_inertias
-from ..plant.contacts import contacts_of, impossible
+from ..plant.contacts import contacts_of, impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
 from ..plant.mjcf import Mjcf
+from ..plant.obstacle import lost
 from ..plant.sea import sea_notes
 from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
@@ -483,6 +484,25 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
     return effect_faults(effect_tables(setup.scenario), world_of(setup.scenario, setup.plant))
 
 
+def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for a current that is no potential flow far from an obstacle, and for a start or a reference where
+    potential flow does not hold."""
+    scenario = setup.scenario
+    obstacle, current = scenario.obstacle, scenario.current
+    wall = walls_of(scenario, setup.plant.probe.radius).get(obstacle.key or "")
+    if wall is None or any(_water_faults(setup)):
+        return
+    if current.shear is not None:
+        yield Fault("obstacle.wall", "the flow of a sheared current about it is not computed; leave current.shear out")
+    places = {"initial.position": ("the vehicle begins", scenario.initial.position)}
+    if setup.rest_pose[0] is not None:
+        places["reference"] = ("the reference ends", setup.rest_pose[0])
+    flow_W, reach = np.array(current.velocity_W), setup.plant.probe.radius
+    for key, (what, place) in places.items():
+        if where := lost(obstacle, wall, flow_W, np.array(place), reach):
+            yield Fault(key, f"{what} {where}, which is not computed for an [obstacle]")
+
+
 def _inertia_notes(setup: Setup) -> Iterator[str]:
     if names := setup.scenario.with_inertia:
         yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
@@ -506,7 +526,7 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
 
 
 CHECKS: tuple[Callable[[Setup], Iterable[Fault]], ...] = (
-    *(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),
+    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, posture_faults),
 )
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (

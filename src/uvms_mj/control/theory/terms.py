@@ -377,7 +377,8 @@ class Balance:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         body, nu_r = self.body, np.zeros(6) if nu is None else nu.copy()
         nu_r[:3] -= x.R_WB.T @ self.setup.mean_water.flow(x.position)
-        body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
+        body["R_WB"], body["nu_r"] = x.R_WB, nu_r
+        body["d"] = self.tau_dist + self.setup.mean_water.pull(x.position, x.R_WB)
         if self.own_effects is not None:
             body["d"] += self._own(x, nu_r)
         if self._in_water is None:
