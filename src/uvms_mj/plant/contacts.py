@@ -156,18 +156,20 @@ class Contacts:
             row["ends_C"], row["capsule"] = pair.ends_C, first != second
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
-            row["solved"] = pair.solved
+            row["solved"], row["power"], row["dissipation"] = pair.solved, wall.power, wall.dissipation
+            if not wall.linear:
+                contact["stiffness"] = wall.stiffness_on(pair.radius)
             if pair.bumper[0]:
                 row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs
 
     def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
         """The contacts of bodies on the probe's frame C at a pose of it: all that are in one wall together, or the one
-        that is nearest to it."""
+        that is nearest to it. Contacts that are not linear are left out."""
         surfaces, records = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, ContactAtRest]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
-            if pair.carrier != 0:
+            if pair.carrier != 0 or not pair.wall.linear:
                 continue
             surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
             c, end = position + pair.ends_C @ R_WC.T
@@ -265,8 +267,16 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
     for k, body in enumerate(bodies):
         if body.body is not None and body.body not in names:
             yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
+    soft = {"bumper.stiffness": scenario.bumper.stiffness}
+    soft |= {f"vehicle.contact_bodies[{k}].stiffness": body.stiffness for k, body in enumerate(bodies)}
     for i, wall in enumerate(scenario.walls):
+        for key, stiffness in soft.items():
+            if not wall.linear and stiffness is not None:
+                yield Fault(key, f"a bumper in series with the {wall.contact} contact of walls[{i}] is not computed")
         for k, body in enumerate(bodies):
+            if body.end is not None and wall.contact == "hertz":
+                wrong = f"Hertz's contact of a capsule with walls[{i}] is not computed; give spheres along the capsule"
+                yield Fault(f"vehicle.contact_bodies[{k}].end", wrong)
             if body.end is not None and not SHAPES[wall.shape].takes_capsules:
                 yield Fault(
                     f"vehicle.contact_bodies[{k}].end",
