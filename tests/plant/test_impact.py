@@ -1,7 +1,5 @@
 """Contacts with restitution and friction with breakaway: impacts by theory, energy, rests, and both engines."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -205,7 +203,6 @@ def test_bumpers_capsules_and_steep_impacts_are_refused_by_name():
     rod = [{"position": [0.0, 0.0, 0.0], "end": [0.2, 0.0, 0.0], "radius": 0.1}]
     with pytest.raises(InputError, match="Hertz's contact of a capsule with"):
         simulate(Scenario.load("push_wall", base | {"vehicle.contact_bodies": rod}))
+    hard = {"walls": [walls[0] | {"modulus": 1e13}], "simulation.timestep": 1e-3}
     with pytest.raises(InputError, match=r"walls\[0\]\.contact: a time step of 0\.001 s does not resolve impacts"):
-        hard = [walls[0] | {"modulus": 1e13}]
-        simulate(Scenario.load("push_wall", base | {"walls": hard, "simulation.timestep": 1e-3}))
-    assert math.isfinite(set_up(Scenario.load("push_wall", base)).mass_along_normal())
+        simulate(Scenario.load("push_wall", base | hard))
