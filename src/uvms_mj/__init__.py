@@ -25,7 +25,7 @@ _NAMES = {
     "plant.mjcf": "Mjcf",
     "plant.obstacle": "Obstacle",
     "plant.sea": "Sea",
-    "plant.water": "Current Disturbance Drag Fin Pad Tether",
+    "plant.water": "Current Disturbance Drag Fin NearWall Pad Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -81,6 +81,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
+    from .plant.water import NearWall as NearWall
     from .plant.water import Pad as Pad
     from .plant.water import Tether as Tether
     from .records.header import Status as Status

@@ -78,7 +78,7 @@ import numpy as np
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
-from .near_wall import PAD, add_pad_inertia, add_pad_wrench
+from .near_wall import HULL, PAD, add_hull_inertia, add_hull_wrench, add_pad_inertia, add_pad_wrench
 from .obstacle import OBSTACLE, turn_aside
 from .varying import add_sines, add_table_and_noise, varying
 from .waves import WAVE, add_wave
@@ -142,6 +142,7 @@ EFFECTS = {
     "obstacle": OBSTACLE,
     "sea": WAVE,
     "pads": PAD,
+    "near_wall": HULL,
     "tether": TETHER,
     "fins": FIN,
     "drag": DRAG,
@@ -149,7 +150,7 @@ EFFECTS = {
 }
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
-FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads",)
+FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall")
 """The effects that move the water, those that push the vehicle as time goes, and those that change its inertia."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS))
 """All others, which add a wrench by the velocity in the water."""
@@ -228,6 +229,9 @@ def add_inertias(effects, p_WB, R_WB, M):
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
             add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
+    for k in range(effects.near_wall.shape[0]):
+        if effects.near_wall[k].radius > 0.0:
+            add_hull_inertia(effects.near_wall[k], p_WB, R_WB, M)
 
 
 @kernel
@@ -236,6 +240,9 @@ def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:
             add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
+    for k in range(effects.near_wall.shape[0]):
+        if effects.near_wall[k].radius > 0.0:
+            add_hull_wrench(effects.near_wall[k], p_WB, R_WB, nu, tau)
 
 
 @kernel

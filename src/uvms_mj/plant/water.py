@@ -349,16 +349,47 @@ class Pad(EffectTable):
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
-        length = math.hypot(*self.normal)
-        point, normal = self.point, tuple(x / length for x in self.normal)
-        if point is None:
-            point, normal = (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
         numbers = self.density, self.viscosity, self.least_gap
-        return [(self.radius, self.position, point, normal, *numbers)]
+        return [(self.radius, self.position, *_face(self, world), *numbers)]
 
     def faults(self, world: World) -> Iterator[Fault]:
-        if self.point is None and world.face is None:
-            yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
+        return _without_face(self, world)
+
+
+@dataclass(frozen=True, config=STRICT)
+class NearWall(EffectTable):
+    """One table of ``[[near_wall]]``: a sphere in the place of the vehicle's hull, before a plane wall."""
+
+    radius: Annotated[Number, within(1e-3, 100.0, "m")]
+    position: Position = doc("centre in B [m]", (0.0, 0.0, 0.0))
+    point: Position | None = doc("a point of the wall's face in W; null: the face of [wall] [m]", None)
+    normal: Position = doc("vector out of that wall in W [1]", (-1.0, 0.0, 0.0))
+    density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
+    least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
+
+    def __post_init__(self) -> None:
+        if not any(self.normal):
+            raise ValueError("normal must not be zero")
+
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.near_wall.HULL`."""
+        return [(self.radius, self.position, *_face(self, world), self.density, self.least_gap)]
+
+    def faults(self, world: World) -> Iterator[Fault]:
+        return _without_face(self, world)
+
+
+def _face(table: Pad | NearWall, world: World) -> tuple[Any, tuple[float, ...]]:
+    """A point of the face that a table is in front of, in W [m], and the unit vector out of it."""
+    if table.point is None:
+        return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
+    length = math.hypot(*table.normal)
+    return table.point, tuple(x / length for x in table.normal)
+
+
+def _without_face(table: Pad | NearWall, world: World) -> Iterator[Fault]:
+    if table.point is None and world.face is None:
+        yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
 
 
 EFFECT_TABLES: dict[str, type[EffectTable]] = {
@@ -367,6 +398,7 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "obstacle": Obstacle,
     "sea": Sea,
     "pads": Pad,
+    "near_wall": NearWall,
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,
