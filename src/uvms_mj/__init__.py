@@ -23,8 +23,9 @@ _NAMES = {
     "navigation": "Encoder Navigation Observer Wrist",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
+    "plant.obstacle": "Obstacle",
     "plant.sea": "Sea",
-    "plant.water": "Current Disturbance Drag Fin Pad Tether",
+    "plant.water": "Current Disturbance Drag Fin NearWall Pad Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -74,11 +75,13 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Wrist as Wrist
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
+    from .plant.obstacle import Obstacle as Obstacle
     from .plant.sea import Sea as Sea
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
+    from .plant.water import NearWall as NearWall
     from .plant.water import Pad as Pad
     from .plant.water import Tether as Tether
     from .records.header import Status as Status

@@ -27,6 +27,7 @@ from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.effect import Effect
+from .plant.obstacle import Obstacle
 from .plant.sea import Sea
 from .plant.settings import (
     OF_VEHICLE,
@@ -38,7 +39,7 @@ from .plant.settings import (
     Wall,
     overridden_in_vain,
 )
-from .plant.water import Current, Disturbance, Drag, Fin, Pad, Tether
+from .plant.water import Current, Disturbance, Drag, Fin, NearWall, Pad, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -77,9 +78,11 @@ class Scenario:
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
+    obstacle: Obstacle = Obstacle()
     sea: Sea = Sea()
     tether: Tether = Tether()
     pads: tuple[Pad, ...] = ()
+    near_wall: tuple[NearWall, ...] = ()
     fins: tuple[Fin, ...] = ()
     drag: tuple[Drag, ...] = ()
     effects: tuple[Effect, ...] = ()
@@ -346,7 +349,14 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-LISTS: dict[str, Any] = {"walls": Surface, "pads": Pad, "fins": Fin, "drag": Drag, "effects": Effect}
+LISTS: dict[str, Any] = {
+    "walls": Surface,
+    "pads": Pad,
+    "near_wall": NearWall,
+    "fins": Fin,
+    "drag": Drag,
+    "effects": Effect,
+}
 """The tables of each list of tables."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}

@@ -15,7 +15,9 @@ from uvms_mj.setup.checks import checked
 USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
 IN_WATER = {
     **{"sea.height": 0.4, "sea.spectrum": "jonswap", "sea.reflecting": True, "sea.surface": 3.0, "sea.components": 3},
+    **{"obstacle.half_width": 1.5, "current.direction_deg": 30.0},
     "pads": [{"radius": 0.1, "position": [0.2, 0.0, 0.0]}],
+    "near_wall": [{"radius": 0.2}],
     "fins": [{"area": 0.02, "position": [-0.2, 0.0, 0.0], "mixing_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}],
     "drag": [{"forward": [1.0, 2.0, 3.0]}],
     "walls": [{"shape": "plane", "position": [0.0, 0.0, -1.0], "motion": [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1]]}],
@@ -42,6 +44,7 @@ GIVEN = {
     "walls[0].damping": 3.0,
     "walls[0].motion": [[0.0, 0.0, 0.0, 0.0], [1.0, 0.1, 0.0, 0.1], [2.0, 0.0, 0.0, 0.1]],
     "pads[0].radius": 0.2,
+    "near_wall[0].radius": 0.15,
     "fins[0].area": 0.03,
     "drag": [],
     "estimates.links": [{"name": "rod", "inertia": 1.5}],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters
-from uvms_mj import InputError, Pad, Scenario, attach, simulate
+from uvms_mj import InputError, NearWall, Pad, Scenario, attach, simulate
 from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.effects import (
     FLOWS,
@@ -23,7 +23,8 @@ from uvms_mj.physics.effects import (
     add_inertias,
     add_pushes,
 )
-from uvms_mj.physics.near_wall import FAR, disc_mass
+from uvms_mj.physics.kernels import record_of
+from uvms_mj.physics.near_wall import FAR, HULL, add_hull_wrench, disc_mass, sphere_mass
 from vehicles import load
 
 PORTS = (add_flows, add_pushes, add_inertias, add_inertia_wrenches, add_effects)
@@ -127,3 +128,91 @@ def test_a_pad_without_a_wall_is_refused_and_a_reset_adds_none():
         Scenario.load("push_wall", {"pads": [*pad, pad[0] | {"normal": [0.0, 0.0, 0.0]}]})
     with Simulation(Scenario.load("push_wall"), engine="free_body") as sim, pytest.raises(InputError, match="pads"):
         sim.reset({"pads": pad})
+
+
+SPHERE = {  # h/a: along the normal and along the wall; design numbers of the project, exact by multipoles
+    1.01: (0.774866, 0.614376),
+    1.05: (0.717706, 0.595880),
+    1.1: (0.675597, 0.579920),
+    1.2: (0.624824, 0.558751),
+    1.586: (0.549109, 0.524068),
+    2.0: (0.523891, 0.511838),
+    3.0: (0.506980, 0.503481),
+}
+HULL_AT = NearWall(radius=0.15, position=(0.05, 0.02, -0.03), point=(0.4, 0.0, 0.0), least_gap=1e-3)
+
+
+def test_added_masses_of_a_sphere_are_those_of_its_multipoles():
+    for h, (normal, along) in SPHERE.items():
+        np.testing.assert_allclose(sphere_mass(h - 1.0)[:2], (normal - 0.5, along - 0.5), rtol=0, atol=1e-6)
+    low, high = sphere_mass(19.999), sphere_mass(20.001)
+    np.testing.assert_allclose(low, high, rtol=1e-3)
+
+
+@pytest.mark.parametrize("x", [0.0015, 0.01, 0.3, 4.0, 18.0, 40.0])
+def test_the_slopes_of_a_sphere_are_the_derivatives(x):
+    h = 1e-5 * x
+    before, after = sphere_mass(x - h), sphere_mass(x + h)
+    np.testing.assert_allclose(sphere_mass(x)[2:], np.subtract(after[:2], before[:2]) / (2.0 * h), rtol=1e-6)
+
+
+def test_the_force_on_a_sphere_at_constant_speed_is_that_of_its_kinetic_energy():
+    """-m_n' v^2/2 along the normal, which drives a sphere to the wall that moves along it, and away if it comes."""
+    record = record_of(np.array([(0.2, (0, 0, 0), (1, 0, 0), (-1, 0, 0), 1000.0, 1e-4)], HULL))
+    scale, x, h = 4.0 / 3.0 * math.pi * 1000.0 * 0.2**3, 0.1 / 0.2, 1e-6
+    for axis, entry in ((0, 0), (1, 1)):
+        nu, tau = np.zeros(6), np.zeros(6)
+        nu[axis] = 0.4
+        add_hull_wrench(record, np.array([0.7, 0.0, 0.0]), np.eye(3), nu, tau)
+        slope = scale * (sphere_mass(x + h)[entry] - sphere_mass(x - h)[entry]) / (2.0 * h) / 0.2
+        sign = 1.0 if axis == 0 else -1.0  # the gap is 1 - x - a
+        assert tau[0] == pytest.approx(sign * 0.5 * slope * 0.16, rel=1e-3)
+        assert (tau[0] < 0.0) == (axis == 0)
+
+
+def test_the_water_about_a_hull_keeps_the_energy_of_a_tumbling_body():
+    """Without the term of the gradient a body that comes to the wall would gain what the water has to give."""
+
+    def energies(h, seconds=1.0):
+        vehicle, model, data = body(h)
+        data.qvel[:] = [0.25, 0.15, -0.1, 0.3, -0.3, 0.15]
+        r = np.array(HULL_AT.position)
+
+        def energy():
+            R = data.xmat[1].reshape(3, 3)
+            nu = np.concatenate([R.T @ data.qvel[:3], data.qvel[3:]])
+            v = R @ (nu[:3] + np.cross(nu[3:], r))
+            g = 0.4 - (data.qpos[:3] + R @ r)[0] - HULL_AT.radius
+            normal, along = sphere_mass(g / HULL_AT.radius)[:2]
+            scale = 4.0 / 3.0 * math.pi * HULL_AT.density * HULL_AT.radius**3
+            S = np.array([[0, 0.02, 0], [-0.02, 0, -0.01], [0, 0.01, 0]])  # S(r_g)
+            M_RB = np.block([[vehicle.mass * np.eye(3), -vehicle.mass * S], [vehicle.mass * S, vehicle.inertia]])
+            water = scale * (normal * v[0] ** 2 + along * (v[1] ** 2 + v[2] ** 2))
+            return 0.5 * nu @ (M_RB + vehicle.M_A) @ nu + 0.5 * water, g
+
+        with attach(model, data, near_wall=HULL_AT):
+            mujoco.mj_forward(model, data)
+            before, _ = energy()
+            least = math.inf
+            for _ in range(round(seconds / h)):
+                mujoco.mj_step(model, data)
+                least = min(least, energy()[1])
+            mujoco.mj_forward(model, data)
+            return before, energy()[0], least
+
+    errors = []
+    for h in (4e-3, 2e-3, 1e-3):
+        before, after, least = energies(h, 0.64)
+        assert 0.005 < least < 0.1
+        errors.append(abs(after / before - 1.0))
+    assert errors[2] < 1e-8
+    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+
+
+def test_engines_agree_on_a_landing_with_a_hull_and_the_rest_is_that_without_it():
+    over = {"near_wall": [{"radius": 0.2, "position": [0.02, 0.0, 0.01]}], "simulation.duration": 4.0}
+    first, second = (simulate(Scenario.load("push_wall", over), engine=each) for each in ("free_body", "mujoco"))
+    np.testing.assert_allclose(first.p_WB, second.p_WB, atol=2e-7)
+    without = simulate(Scenario.load("push_wall", {"simulation.duration": 4.0}), engine="free_body")
+    assert first.analytic.force == without.analytic.force
+    assert np.abs(first.p_WB - without.p_WB).max() > 1e-8  # which the law takes

@@ -10,7 +10,7 @@ from twin import TwinParameters
 from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach
 from uvms_mj.physics.effects import EFFECTS, FLOWS, PUSHES, TABLES, counted
 from uvms_mj.plant.effects import each_table, effect_records, effect_tables
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Surface, World
 from uvms_mj.plant.water import EFFECT_TABLES
 from uvms_mj.setup.base import set_up
 from vehicles import load
@@ -18,13 +18,17 @@ from vehicles import load
 SOME = {
     "current": ("current.speed", 0.4),
     "disturbance": ("disturbance.bias", [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    "obstacle": ("obstacle.half_width", 1.0),
     "sea": ("sea.height", 0.3),
     "pads": ("pads", [{"radius": 0.1, "position": [0.05, 0.0, 0.0]}]),
+    "near_wall": ("near_wall", [{"radius": 0.2}]),
     "tether": ("tether.length", 3.0),
     "fins": ("fins", [{"area": 0.01, "position": [0.0, 0.0, 0.0]}]),
     "drag": ("drag", [{"forward": [1.0, 1.0, 1.0]}]),
 }
 """A key and a value with which each effect is in use."""
+TO_THE_WALL = {"current.direction_deg": 30.0}
+"""In the lee of a wall the current is not computed."""
 ALWAYS = {"current", "disturbance"}
 """The effects of which each vehicle has one, so that a reset may set them."""
 
@@ -33,11 +37,11 @@ def test_each_effect_has_records_a_table_and_a_field():
     assert set(EFFECT_TABLES) == set(EFFECTS) - {"products"} == set(SOME)
     fields = {field.name for field in dataclasses.fields(Scenario)}
     assert set(EFFECT_TABLES) <= fields
-    scenario = Scenario.load("push_wall", dict(SOME.values()))
+    scenario = Scenario.load("push_wall", TO_THE_WALL | dict(SOME.values()))
     for name, _, table in each_table(effect_tables(scenario)):
         assert isinstance(table, EFFECT_TABLES[name])
         assert set(table.tables) == set(TABLES.get(name, ()))
-        records = effect_records({name: table}, World(face=0.5))
+        records = effect_records({name: table}, World(face=0.5, walls={"wall": Surface("plane", (1.0, 0.0, 0.0))}))
         assert dict(counted(records)) == {name: 1}
     assert all(hasattr(EFFECT_TABLES[name], "velocity_W") for name in FLOWS)
     assert all(hasattr(EFFECT_TABLES[name], "rate") for name in PUSHES)
@@ -46,7 +50,7 @@ def test_each_effect_has_records_a_table_and_a_field():
 @pytest.mark.parametrize("name", SOME)
 def test_each_effect_acts(name):
     """An effect of the table without its line in a kernel would do nothing."""
-    moving = {"initial.position": [0.9, 0.0, 0.0], "initial.velocity": [0.2, 0.1, 0.0, 0.0, 0.1, 0.0]}
+    moving = TO_THE_WALL | {"initial.position": [0.9, 0.0, 0.0], "initial.velocity": [0.2, 0.1, 0.0, 0.0, 0.1, 0.0]}
     key, value = SOME[name]
     with_it, without = (Scenario.load("push_wall", moving | more) for more in ({key: value}, {}))
     with Simulation(with_it, engine="free_body") as sim, Simulation(without, engine="free_body") as same:
@@ -57,7 +61,7 @@ def test_each_effect_acts(name):
 
 @pytest.mark.parametrize("engine", ["free_body", "mujoco"])
 def test_a_reset_changes_the_effects_there_are_and_adds_none(engine):
-    scenario = Scenario.load("push_wall")
+    scenario = Scenario.load("push_wall", TO_THE_WALL)
     with Simulation(scenario, engine=engine) as sim, Simulation(scenario, engine=engine) as same:
         for name, (key, value) in SOME.items():
             if name in ALWAYS:
@@ -76,9 +80,9 @@ def test_a_reset_changes_the_effects_there_are_and_adds_none(engine):
 
 
 def test_a_reset_may_take_each_effect_away_and_back():
-    scenario = Scenario.load("push_wall", dict(SOME.values()))
-    without = {key: [] if key in ("pads", "fins", "drag") else 0.0 for key, _ in SOME.values()}
-    without["disturbance.bias"] = [0.0] * 6
+    scenario = Scenario.load("push_wall", TO_THE_WALL | dict(SOME.values()))
+    without = {key: [] if key in ("pads", "near_wall", "fins", "drag") else 0.0 for key, _ in SOME.values()}
+    without |= {"disturbance.bias": [0.0] * 6, "obstacle.half_width": None}
     with Simulation(scenario, engine="free_body") as sim, Simulation(scenario, engine="free_body") as fresh:
         sim.reset(without)
         sim.step(50)

@@ -11,6 +11,8 @@ wall, which may move. The wall yields by w, and the bumper of the contact body, 
     \delta = w + x, \qquad F_n = \max(0, F_c(w) + b_c \dot w) = \max(0, k_b x + b_b \dot x), \qquad
     F_c(w) = \begin{cases} k_c w & w \le w_1 \\ k_c w_1 + k_1 (w - w_1) & w > w_1 \end{cases}
 
+In place of spring and damper a wall without a bumper may have Hunt and Crossley's contact,
+:math:`F_n = \max(0, k\, \delta^n (1 + a\, \dot\delta))`, with n = 1, or 3/2 of Hertz.
 A wall of one layer has :math:`w_1 = \infty`. A body without a bumper has x = 0. Otherwise x is a state. It follows from
 the balance of both forces by one step of implicit Euler, which is stable for any step, exact without dampers and for a
 motion of constant speed:
@@ -30,7 +32,8 @@ limit, so the stretch is reduced while the contact slips:
     \xi \leftarrow \xi \min\left(1, \frac{\mu F_n}{k_t |\xi|}\right), \qquad
     F_t = -(k_t \xi + b_t v_t) \min\left(1, \frac{\mu F_n}{|k_t \xi + b_t v_t|}\right)
 
-While the contact slips, F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
+A contact that sticks begins to slip at its coefficient of breakaway, mu unless it is given. While the contact slips,
+F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
 not creep. Spring, damper and slider together never return more energy than they were given.
 
 **Contacts of a run.** They are the sphere about the origin of the task's frame in front of ``[wall]``, and every
@@ -56,9 +59,11 @@ CONTACT = np.dtype(
         ("stiffness", "f8"),  # k_c [N/m]
         ("damping", "f8"),  # b_c [N s/m]
         ("friction", "f8"),  # mu [1]
+        ("breakaway", "f8"),  # by how much more it sticks than it slips [1]
         ("tangential_stiffness", "f8"),  # k_t [N/m]
         ("tangential_damping", "f8"),  # b_t [N s/m]
         ("touching", "i8"),  # whether the point is in the wall
+        ("slipping", "i8"),  # whether it slips along the wall
         ("normal_W", "f8", (3,)),  # out of the wall
         ("arm_W", "f8", (3,)),  # from B's origin to the contact point [m]
         ("stretch_W", "f8", (3,)),  # of the tangential spring [m]
@@ -80,6 +85,8 @@ PAIR = np.dtype(
         ("solved", "i8"),  # whether the engine's contact solver applies the normal force
         ("ends_C", "f8", (2, 3)),  # of the segment, or the centre, in C [m]
         ("radius", "f8"),  # [m]
+        ("power", "f8"),  # n of a contact with restitution, 1 or 3/2; 0 of a spring and a damper
+        ("dissipation", "f8"),  # a [s/m]
         ("layer_depth", "f8"),  # w_1 [m]
         ("layer_stiffness", "f8"),  # k_1 [N/m]
         ("bumper_stiffness", "f8"),  # k_b [N/m], or 0 without a bumper
@@ -176,6 +183,10 @@ def series_force(pair, depth, rate, timestep) -> float:
     """The normal force [N] of wall and bumper at a depth [m] that grows with a rate [m/s]; advances the bumper."""
     k, b, f_0 = pair.contact.stiffness, pair.contact.damping, 0.0
     k_b, b_b, x_0 = pair.bumper_stiffness, pair.bumper_damping, pair.compression
+    if pair.power > 0.0:
+        if pair.power > 1.0:
+            k *= math.sqrt(depth)
+        return max(0.0, k * depth * (1.0 + pair.dissipation * rate))
     if k_b == 0.0:
         if depth > pair.layer_depth:
             f_0 = (k - pair.layer_stiffness) * pair.layer_depth
@@ -199,7 +210,7 @@ def series_force(pair, depth, rate, timestep) -> float:
 def release(contact):
     """Set the force of a contact point that is not in the wall."""
     if contact.touching != 0:
-        contact.touching = 0
+        contact.touching, contact.slipping = 0, 0
         contact.stretch_W[:], contact.f_tangential_W[:] = 0.0, 0.0
         contact.f_W[:], contact.tau_B[:] = 0.0, 0.0
 
@@ -236,11 +247,15 @@ def friction(contact, f_n, v_t, timestep):
     """Set stretch_W and f_tangential_W from the normal force [N] and the slip velocity (3,) in W [m/s]."""
     xi, f, n = contact.stretch_W, contact.f_tangential_W, contact.normal_W
     limit = contact.friction * f_n
+    if contact.slipping == 0:
+        limit = (contact.friction + contact.breakaway) * f_n
     if contact.touching != 0:
         xi += timestep * v_t
         xi -= (n @ xi) * n  # the face may have turned
     held = contact.tangential_stiffness * math.sqrt(xi @ xi)
+    contact.slipping = 1 if held > limit else 0
     if held > limit:
+        limit = contact.friction * f_n
         xi *= limit / held
     f[:] = -contact.tangential_stiffness * xi - contact.tangential_damping * v_t
     size = math.sqrt(f @ f)

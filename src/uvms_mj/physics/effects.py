@@ -1,6 +1,7 @@
 r"""Effects of the water beside added mass, damping and buoyancy. Each has a record and a kernel, called at a port:
 
-- flow (:func:`add_flows`): the motion of the water at a place, with its gradients: :mod:`.current`, :mod:`.waves`;
+- flow (:func:`add_flows`): the motion of the water at a place, with its gradients: :mod:`.current`, which what is in
+  its way turns aside (:mod:`.obstacle`), and :mod:`.waves`;
 - push (:func:`add_pushes`): a wrench (6,) about B's origin in B of the time alone, added to tau: the disturbance of
   eq. (10), a vector that varies (:mod:`.varying`);
 - inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
@@ -77,7 +78,8 @@ import numpy as np
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
-from .near_wall import PAD, add_pad_inertia, add_pad_wrench
+from .near_wall import HULL, PAD, add_hull_inertia, add_hull_wrench, add_pad_inertia, add_pad_wrench
+from .obstacle import OBSTACLE, turn_aside
 from .varying import add_sines, add_table_and_noise, varying
 from .waves import WAVE, add_wave
 
@@ -137,8 +139,10 @@ DISTURBANCE = varying(6)
 EFFECTS = {
     "current": CURRENT,
     "disturbance": DISTURBANCE,
+    "obstacle": OBSTACLE,
     "sea": WAVE,
     "pads": PAD,
+    "near_wall": HULL,
     "tether": TETHER,
     "fins": FIN,
     "drag": DRAG,
@@ -146,7 +150,7 @@ EFFECTS = {
 }
 """The records of the effects, by the names of their tables; products are of a vehicle's file."""
 
-FLOWS, PUSHES, INERTIAS = ("current", "sea"), ("disturbance",), ("pads",)
+FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS))
 """All others, which add a wrench by the velocity in the water."""
@@ -200,8 +204,17 @@ def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     ``numbers`` has the tables."""
     for k in range(effects.current.shape[0]):
         add_current(effects.current[k], numbers, t, p_W, v, v_dot, gradient)
+    for k in range(effects.obstacle.shape[0]):
+        if in_the_way(effects.obstacle[k]):
+            turn_aside(effects.obstacle[k], p_W, v, v_dot, gradient)
     for k in range(effects.sea.shape[0]):
         add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def in_the_way(obstacle) -> bool:
+    """Whether there is an obstacle: a reset leaves an empty record of one that it takes away."""
+    return obstacle.half_width + obstacle.radius > 0.0
 
 
 @kernel
@@ -220,6 +233,9 @@ def add_inertias(effects, p_WB, R_WB, M):
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
             add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
+    for k in range(effects.near_wall.shape[0]):
+        if effects.near_wall[k].radius > 0.0:
+            add_hull_inertia(effects.near_wall[k], p_WB, R_WB, M)
 
 
 @kernel
@@ -228,6 +244,9 @@ def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:
             add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
+    for k in range(effects.near_wall.shape[0]):
+        if effects.near_wall[k].radius > 0.0:
+            add_hull_wrench(effects.near_wall[k], p_WB, R_WB, nu, tau)
 
 
 @kernel

@@ -156,18 +156,20 @@ class Contacts:
             row["ends_C"], row["capsule"] = pair.ends_C, first != second
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
-            row["solved"] = pair.solved
+            row["solved"], row["power"], row["dissipation"] = pair.solved, wall.power, wall.dissipation
+            if not wall.linear:
+                contact["stiffness"] = wall.stiffness_on(pair.radius)
             if pair.bumper[0]:
                 row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs
 
     def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
         """The contacts of bodies on the probe's frame C at a pose of it: all that are in one wall together, or the one
-        that is nearest to it."""
+        that is nearest to it. Contacts that are not linear are left out."""
         surfaces, records = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, ContactAtRest]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
-            if pair.carrier != 0:
+            if pair.carrier != 0 or not pair.wall.linear:
                 continue
             surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
             c, end = position + pair.ends_C @ R_WC.T
@@ -189,8 +191,7 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
     """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
     base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
-    keys = (*(("wall",) if scenario.wall.present else ()), *(f"walls[{i}]" for i in range(len(scenario.walls))))
-    walls = tuple(zip(keys, surfaces_of(scenario, probe.radius), strict=True))
+    walls = tuple(walls_of(scenario, probe.radius).items())
     solved, carriers = is_papers(scenario), [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
     if walls and not named:
@@ -239,6 +240,12 @@ def surfaces_of(scenario: ScenarioLike, radius: float) -> tuple[Surface, ...]:
     return *((as_surface(scenario.wall, radius),) if scenario.wall.present else ()), *scenario.walls
 
 
+def walls_of(scenario: ScenarioLike, radius: float) -> dict[str, Surface]:
+    """The walls of :func:`surfaces_of` by their keys, "wall" and "walls[0]"."""
+    keys = (*(("wall",) if scenario.wall.present else ()), *(f"walls[{i}]" for i in range(len(scenario.walls))))
+    return dict(zip(keys, surfaces_of(scenario, radius), strict=True))
+
+
 def as_surface(wall: Any, radius: float) -> Surface:
     """``[wall]`` as one of ``[[walls]]``: a probe of a radius [m] touches it at x_c."""
     names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
@@ -260,11 +267,19 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
     for k, body in enumerate(bodies):
         if body.body is not None and body.body not in names:
             yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
+    soft = {"bumper.stiffness": scenario.bumper.stiffness}
+    soft |= {f"vehicle.contact_bodies[{k}].stiffness": body.stiffness for k, body in enumerate(bodies)}
     for i, wall in enumerate(scenario.walls):
         if not is_computed(wall.shape):
             yield Fault(f"walls[{i}].shape", f"the distance from a {wall.shape} is not computed")
             continue
+        for key, stiffness in soft.items():
+            if not wall.linear and stiffness is not None:
+                yield Fault(key, f"a bumper in series with the {wall.contact} contact of walls[{i}] is not computed")
         for k, body in enumerate(bodies):
+            if body.end is not None and wall.contact == "hertz":
+                wrong = f"Hertz's contact of a capsule with walls[{i}] is not computed; give spheres along the capsule"
+                yield Fault(f"vehicle.contact_bodies[{k}].end", wrong)
             if body.end is not None and not is_computed(wall.shape, capsule=True):
                 yield Fault(
                     f"vehicle.contact_bodies[{k}].end",

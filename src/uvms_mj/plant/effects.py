@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault
-from ..physics.effects import FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
+from ..physics.effects import FLOWS, PUSHES, add_pushes, counted, effects_dtype
+from ..physics.flow import flow_along
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.hydrodynamics import WATER
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
-from .settings import EffectTable, World
+from .contacts import walls_of
+from .settings import EffectTable, Surface, World
 from .water import EFFECT_TABLES
 
 Tables = Mapping[str, EffectTable | Sequence[EffectTable]]
@@ -46,6 +49,10 @@ class _World:
     @property
     def joints(self) -> int:
         return len(self._plant.vehicle.arm.links)
+
+    @property
+    def walls(self) -> Mapping[str, Surface]:
+        return walls_of(self._scenario, self._plant.probe.radius)
 
     @property
     def start_p(self) -> tuple[float, float, float]:
@@ -146,14 +153,26 @@ class MeanWater:
         if rows or any(tables[name] is not table for name, table in given.items()):
             records = effect_records(tables, world_of(scenario, plant))
             set_places(records, rows, put)
-        self._effects, self._numbers = record_of(records), np.concatenate(numbers)
+        self.effects, self._numbers = record_of(records), np.concatenate(numbers)
         self._constant, self.push = scenario.mean_flow_W if scenario.constant_flow else None, np.zeros(6)
-        add_pushes(self._effects, self._numbers, 0.0, self.push)
+        self.water, self._vehicle = record_of(np.zeros(1, WATER)), plant.vehicle
+        self._accelerates = "obstacle" in dict(counted(records))
+        add_pushes(self.effects, self._numbers, 0.0, self.push)
 
     def flow(self, p_W: np.ndarray) -> np.ndarray:
         """The velocity (3,) of the water at a place (3,) in W [m, m/s]."""
         if self._constant is not None:
             return self._constant.copy()
-        v = np.zeros(3)
-        add_flows(self._effects, self._numbers, 0.0, p_W, v, np.zeros(3), np.zeros((3, 3)))
-        return v
+        flow_along(self, self._numbers, 0.0, p_W, np.eye(3), np.zeros(6))
+        return self.water.v_c_W.copy()
+
+    def pull(self, p_W: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
+        """The wrench (6,) of the acceleration of the water at an obstacle on a rigid vehicle at rest at a place (3,) in
+        W [m] with an attitude (3, 3): in B, on the added mass and as the Froude-Krylov force [N, N m]."""
+        tau = np.zeros(6)
+        if self._accelerates:
+            self.flow(p_W)
+            vehicle, f = self._vehicle, self._vehicle.displaced_mass * (R_WB.T @ self.water.a_c_W)
+            tau[:3], tau[3:] = f, np.cross(vehicle.r_b, f)
+            tau += vehicle.M_A[:, :3] @ (R_WB.T @ self.water.v_c_dot_W)
+        return tau

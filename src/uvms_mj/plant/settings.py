@@ -5,7 +5,8 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -32,12 +33,13 @@ from ..quantities import (
     within,
 )
 from ..stages.setup import ScenarioLike
+from .impact import UP_TO, deepest, dissipation_of, stiffness_of_hertz
 
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
     time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN where it is not known,
-    and its attitude (3, 3) there."""
+    its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -46,6 +48,7 @@ class World(NamedTuple):
     joints: int = 0
     start_p: tuple[float, float, float] = (math.nan,) * 3
     start_R: np.ndarray = np.eye(3)
+    walls: Mapping[str, Any] = MappingProxyType({})
 
 
 Rows = tuple[tuple[float, ...], ...] | None
@@ -114,7 +117,18 @@ class Surface:
     damping: WallDamping = doc("b_c [N s/m]", 0.0)
     layer_depth: Length | None = doc("depth beyond which the wall has layer_stiffness; default: one layer [m]", None)
     layer_stiffness: WallStiffness | None = doc("stiffness beyond layer_depth [N/m]", None)
+    contact: Annotated[Literal["linear", "hunt_crossley", "hertz"], Lowercase] = doc(
+        "normal force over the depth: a spring and a damper, or with restitution", "linear"
+    )
+    restitution: Annotated[Number, within(0.01, 1.0, "")] | None = doc(
+        "of a hunt_crossley or hertz contact at restitution_speed; default: 1 [1]", None
+    )
+    restitution_speed: Annotated[Number, within(1e-4, 1e3, "m/s")] = doc("of the impact with it [m/s]", 0.1)
+    modulus: Annotated[Number, within(1.0, 1e13, "Pa")] | None = doc(
+        "E* of wall and body together, of a hertz contact in the place of stiffness [Pa]", None
+    )
     friction: Friction = doc("Coulomb coefficient mu [1]", 0.0)
+    breakaway_friction: Friction | None = doc("coefficient up to which a contact sticks; default: friction [1]", None)
     tangential_stiffness: WallStiffness | None = doc("k_t of sticking friction [N/m]; default: stiffness", None)
     tangential_damping: WallDamping | None = doc("b_t of sticking friction [N s/m]; default: critical", None)
     motion: tuple[Displacement, ...] = doc("[[time, x, y, z], ...]: displacement in W, linear between [s, m]", ())
@@ -129,6 +143,7 @@ class Surface:
         wrong += [f"a {self.shape} has no {key}" for key in sorted(others) if getattr(self, key) is not None]
         if (self.layer_depth is None) != (self.layer_stiffness is None):
             wrong.append("layer_depth and layer_stiffness belong together")
+        wrong += self._wrong_contact()
         times = [row[0] for row in self.motion]
         wrong += [
             f"motion[{i + 1}]: time {late:g} s must be later than {early:g} s"
@@ -141,6 +156,53 @@ class Surface:
             wrong.append("amplitude needs frequency_hz")
         if wrong:
             raise ValueError("; ".join(wrong))
+
+    def _wrong_contact(self) -> Iterator[str]:
+        """The errors of its contact and its friction."""
+        kind, hertz = self.contact, self.contact == "hertz"
+        if kind == "linear" and self.restitution is not None:
+            yield (
+                "restitution belongs to contact = 'hunt_crossley' or 'hertz': with a spring and a damper it depends on "
+                "the mass that hits"
+            )
+        if kind != "linear" and self.damping:
+            yield f"a {kind} contact has restitution in the place of damping"
+        if kind != "linear" and self.layer_depth is not None:
+            yield f"a {kind} contact has one layer"
+        if hertz and self.shape not in ("plane", "sphere"):
+            yield f"Hertz's contact with a {self.shape} is not computed; take a plane or a sphere"
+        if hertz != (self.modulus is not None):
+            yield "a hertz contact needs modulus" if hertz else f"a {kind} contact has no modulus"
+        if hertz and self.friction > 0.0 and self.tangential_stiffness is None:
+            yield "friction of a hertz contact needs tangential_stiffness"
+        if self.breakaway_friction is not None and not self.breakaway_friction >= self.friction > 0.0:
+            yield "breakaway_friction must be at least friction, which must be above zero"
+
+    @property
+    def linear(self) -> bool:
+        """Whether its normal force is a spring and a damper."""
+        return self.contact == "linear"
+
+    @property
+    def power(self) -> float:
+        """n of a contact that is not linear, for :mod:`.impact`, or 0."""
+        return {"linear": 0.0, "hunt_crossley": 1.0, "hertz": 1.5}[self.contact]
+
+    @property
+    def dissipation(self) -> float:
+        """a of a contact that is not linear [s/m]."""
+        return 0.0 if self.restitution is None else dissipation_of(self.restitution, self.restitution_speed)
+
+    def stiffness_on(self, radius: float) -> float:
+        """k of the contact of a sphere of a radius [m], N/m, or of Hertz's N/m^1.5."""
+        return self.stiffness if self.modulus is None else stiffness_of_hertz(self.modulus, radius, self.radius)
+
+    def stiffest(self, radius: float, mass: float) -> tuple[float, float]:
+        """Greatest stiffness [N/m] and damping [N s/m] of its contact with a sphere of a radius [m], in an impact of a
+        mass [kg] at :data:`.impact.UP_TO`."""
+        k, n, a = self.stiffness_on(radius), self.power, self.dissipation
+        depth = deepest(k, n, a, mass)
+        return n * k * depth ** (n - 1.0) * (1.0 + a * UP_TO), a * k * depth**n
 
     @property
     def moves(self) -> bool:
@@ -362,4 +424,5 @@ def contact_settings(wall: Surface, mass_along_face: Callable[[], float]) -> dic
     if b_t is None:
         b_t = 2.0 * math.sqrt(k_t * mass_along_face()) if wall.friction > 0.0 else 0.0
     given = {name: getattr(wall, name) for name in ("stiffness", "damping", "friction")}
-    return given | {"tangential_stiffness": k_t, "tangential_damping": b_t}
+    breakaway = 0.0 if wall.breakaway_friction is None else wall.breakaway_friction - wall.friction
+    return given | {"tangential_stiffness": k_t, "tangential_damping": b_t, "breakaway": breakaway}

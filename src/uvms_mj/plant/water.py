@@ -1,6 +1,6 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), a tether, fins, drag and pads.
 
-:mod:`.sea` has the waves. The list of all effects is at the end.
+:mod:`.sea` has the waves, and :mod:`.obstacle` what the current meets. The list of all effects is at the end.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
 
@@ -346,35 +347,66 @@ class Pad(EffectTable):
         if not any(self.normal):
             raise ValueError("normal must not be zero")
 
-    def facing(self, world: World) -> tuple[Any, Any]:
-        """A point (3,) of the face in W [m], and its unit normal (3,) out of the wall."""
-        if self.point is None:
-            return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
-        length = math.hypot(*self.normal)
-        return self.point, tuple(x / length for x in self.normal)
-
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
         numbers = self.density, self.viscosity, self.least_gap
-        return [(self.radius, self.position, *self.facing(world), *numbers)]
+        return [(self.radius, self.position, *_face(self, world), *numbers)]
 
     def faults(self, world: World) -> Iterator[Fault]:
-        if self.point is None and world.face is None:
-            yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
-            return
-        point, normal = self.facing(world)
-        if self.point is None and tuple(self.normal) != normal:
-            yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
-        gap = float(np.dot(normal, np.add(world.start_p, world.start_R @ self.position) - np.array(point)))
-        if gap < -self.radius:
-            yield Fault("position", f"is at the start {-gap:.3g} m behind the face of the wall that it faces")
+        yield from _behind(self, world, self.radius)
+
+
+@dataclass(frozen=True, config=STRICT)
+class NearWall(EffectTable):
+    """One table of ``[[near_wall]]``: a sphere in the place of the vehicle's hull, before a plane wall."""
+
+    radius: Annotated[Number, within(1e-3, 100.0, "m")]
+    position: Position = doc("centre in B [m]", (0.0, 0.0, 0.0))
+    point: Position | None = doc("a point of the wall's face in W; null: the face of [wall] [m]", None)
+    normal: Position = doc("vector out of that wall in W [1]", (-1.0, 0.0, 0.0))
+    density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
+    least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
+
+    def __post_init__(self) -> None:
+        if not any(self.normal):
+            raise ValueError("normal must not be zero")
+
+    def records(self, world: World) -> list[tuple]:
+        """The numbers of :data:`uvms_mj.physics.near_wall.HULL`."""
+        return [(self.radius, self.position, *_face(self, world), self.density, self.least_gap)]
+
+    def faults(self, world: World) -> Iterator[Fault]:
+        yield from _behind(self, world, self.radius)
+
+
+def _face(table: Pad | NearWall, world: World) -> tuple[Any, tuple[float, ...]]:
+    """A point of the face that a table is in front of, in W [m], and the unit vector out of it."""
+    if table.point is None:
+        return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
+    length = math.hypot(*table.normal)
+    return table.point, tuple(x / length for x in table.normal)
+
+
+def _behind(table: Pad | NearWall, world: World, most: float) -> Iterator[Fault]:
+    """Faults of a table without a face, and of one that begins more than a length [m] behind it."""
+    if table.point is None and world.face is None:
+        yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
+        return
+    point, normal = _face(table, world)
+    if table.point is None and tuple(table.normal) != normal:
+        yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
+    gap = float(np.dot(normal, np.add(world.start_p, world.start_R @ table.position) - np.array(point)))
+    if gap < -most:
+        yield Fault("position", f"is at the start {-gap:.3g} m behind the face of the wall that it faces")
 
 
 EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "current": Current,
     "disturbance": Disturbance,
+    "obstacle": Obstacle,
     "sea": Sea,
     "pads": Pad,
+    "near_wall": NearWall,
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,

@@ -30,9 +30,11 @@ from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
-from ..plant.contacts import impossible
+from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
+from ..plant.impact import UP_TO
 from ..plant.mjcf import Mjcf
+from ..plant.obstacle import lost
 from ..plant.sea import sea_notes
 from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
@@ -74,7 +76,15 @@ def wall_faults(setup: Setup) -> Iterator[Fault]:
     h = setup.scenario.simulation.timestep
     for each in directions(setup):
         k, b, m = each.k, each.b, each.m
-        if h * h * k / m >= 4.0:
+        if each.prefix == "" and not each.wall.linear:
+            if h * h * k / m + 2.0 * h * b / m >= 4.0:
+                shortest = (math.sqrt(b * b + 4.0 * k * m) - b) / k
+                yield Fault(
+                    f"{each.table}.contact",
+                    f"a time step of {h:g} s does not resolve impacts of {UP_TO:g} m/s of {m:.4g} kg on it: choose a "
+                    f"time step below {shortest:.4g} s, or a softer wall",
+                )
+        elif h * h * k / m >= 4.0:
             stiffest = 4.0 * m / (h * h)
             yield Fault(
                 f"{each.table}.{each.prefix}stiffness",
@@ -136,9 +146,12 @@ def directions(setup: Setup) -> Iterator[Direction]:
     for index, (table, each) in enumerate(setup.contacts.walls):
         pairs = [pair for pair in setup.contacts.pairs if pair.surface == index]
         stiffest = max(each.stiffness, each.layer_stiffness or 0.0)
-        fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
         solved = pairs[0].solved
         m, n = (setup.mass_along_normal(), 0) if solved else (min(map(setup.lightest, pairs)), len(pairs))
+        if each.linear:
+            fast = [in_series_fast(stiffest, each.damping, *pair.bumper) for pair in pairs]
+        else:
+            fast = [each.stiffest(pair.radius, m) for pair in pairs]
         yield Direction(table, each, "", sum(k for k, _ in fast), sum(b for _, b in fast), m, n)
         if each.friction > 0.0:
             along = [contact_settings(each, functools.partial(setup.lightest, pair)) for pair in pairs]
@@ -399,6 +412,31 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
     return effect_faults(effect_tables(setup.scenario), world_of(setup.scenario, setup.plant))
 
 
+def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for a current that is no potential flow far from an obstacle, and for a start or a reference where
+    potential flow does not hold."""
+    scenario = setup.scenario
+    obstacle, current = scenario.obstacle, scenario.current
+    wall = walls_of(scenario, setup.plant.probe.radius).get(obstacle.key or "")
+    if wall is None or any(_water_faults(setup)):
+        return
+    if current.shear is not None:
+        yield Fault("obstacle.wall", "the flow of a sheared current about it is not computed; leave current.shear out")
+    places = {"initial.position": ("the vehicle begins", scenario.initial.position)}
+    if setup.rest_pose[0] is not None:
+        places["reference"] = ("the reference ends", setup.rest_pose[0])
+    flow_W, reach = np.array(current.velocity_W), setup.plant.probe.radius
+    for key, (what, place) in places.items():
+        if where := lost(obstacle, wall, flow_W, np.array(place), reach):
+            yield Fault(key, f"{what} {where}, which is not computed for an [obstacle]")
+
+
+def _contact_notes(setup: Setup) -> Iterator[str]:
+    for table, wall in setup.contacts.walls:
+        if not wall.linear:
+            yield f"notes on chatter, vibration and bounces do not know the {wall.contact} contact of {table}"
+
+
 def _inertia_notes(setup: Setup) -> Iterator[str]:
     if names := setup.scenario.with_inertia:
         yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
@@ -422,12 +460,14 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
 
 
 Check = Callable[[Setup], Iterable[Fault]]
-CHECKS: tuple[Check, ...] = (*(_timing_faults, task_faults, wall_faults, _water_faults, posture_faults),)
+CHECKS: tuple[Check, ...] = (
+    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, posture_faults),
+)
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
-    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _inertia_notes),
+    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _inertia_notes, _contact_notes),
     deployment_notes,
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )

@@ -95,7 +95,7 @@ class RestingVehicle:
         to_body(R_WB, v_c_W, nu_c)
         nu_c_dot[:3] = -np.cross(nu[3:], nu_c[:3])
         nu_r = nu - nu_c
-        force = tau + self.contact(x) + self.water.push
+        force = tau + self.contact(x) + self.water.push + self.water.pull(position, R_WB)
         for coriolis, M in ((coriolis_rigid_body, vehicle.M_RB), (coriolis_added_mass, vehicle.M_A)):
             coriolis(M, nu_r, term)
             force -= term

@@ -224,7 +224,10 @@ IN_TASK_FRAME = (
 
 UNSTEADY = (
     _SET["v_c_W"],
-    Signal("v_c_dot_W", (3,), "m/s^2", "W", "time derivative of v_c_W along the vehicle's path"),
+    Signal(
+        *("v_c_dot_W", (3,), "m/s^2", "W"),
+        "rate of v_c_W that acts on the added mass: along the vehicle's path, and with [obstacle] a_c_W",
+    ),
     Signal("a_c_W", (3,), "m/s^2", "W", "acceleration of the water at the vehicle"),
 )
 """Recorded unless the current is constant."""

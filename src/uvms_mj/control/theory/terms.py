@@ -48,6 +48,7 @@ class ContactSprings:
         carriers: (n,) index of the frame that the body of each contact is fixed to.
         friction: (n,) whether each contact has friction.
         damping: (n,) of the walls, zero behind a bumper [N s/m].
+        dissipation: (n,) damping over the normal force of a contact with restitution [s/m].
         convex: whether all walls are planes in front of the origin of C: then the poses without contact are a convex
             set, and the turn of C does not matter.
         size: least radius or half edge of a wall, infinite for planes [m].
@@ -59,6 +60,7 @@ class ContactSprings:
         contact, shapes = pairs["contact"], list(SHAPES.values())
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
         self.damping = np.where(pairs["bumper_stiffness"] > 0.0, 0.0, contact["damping"])
+        self.dissipation = pairs["dissipation"].copy()
         contact["friction"] = 0.0
         sizes = [(shapes[each["kind"]].size, each["extent"]) for each in surfaces]
         self.size = min((float(size(extent)) for size, extent in sizes if size is not None), default=math.inf)
@@ -259,9 +261,9 @@ class Balance:
         """The damping (6, 6) of the contacts that press at a pose, by nu in B. Bumpers have none."""
         wrench, push, _ = self.springs.wrenches(x.position[None], x.R_WB[None])
         damping = np.zeros((6, 6))
-        for w, force, b in zip(wrench, push, self.springs.damping, strict=True):
+        for w, force, b, a in zip(wrench, push, self.springs.damping, self.springs.dissipation, strict=True):
             if force > 0.0:
-                damping += b * np.outer(w, w) / force**2
+                damping += (b + a * force) * np.outer(w, w) / force**2
         return damping
 
     def known(self, x: Pose) -> np.ndarray:
@@ -392,7 +394,8 @@ class Balance:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         body, nu_r = self.body, np.zeros(6) if nu is None else nu.copy()
         nu_r[:3] -= self.flow(x)
-        body["R_WB"], body["nu_r"], body["d"] = x.R_WB, nu_r, self.tau_dist
+        body["R_WB"], body["nu_r"] = x.R_WB, nu_r
+        body["d"] = self.tau_dist + self.setup.mean_water.pull(x.position, x.R_WB)
         if self.own_effects is not None:
             body["d"] += self._own(x, nu_r)
         if self._in_water is None:

@@ -85,10 +85,10 @@ def write_wrist(record: np.ndarray, setup: Setup) -> None:
     record["weighs"], record["dynamic"] = wrist.compensation != "none", wrist.compensation == "dynamic"
 
 
-_OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
+_OF_CONTACT = ("stiffness", "damping", "friction", "breakaway", "tangential_stiffness", "tangential_damping")
 _OF_PAIR = (
     *("surface", "capsule", "carrier", "solved", "ends_C", "radius", "layer_depth", "layer_stiffness"),
-    *("bumper_stiffness", "bumper_damping"),
+    *("bumper_stiffness", "bumper_damping", "power", "dissipation"),
 )
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
 
