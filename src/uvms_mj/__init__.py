@@ -24,7 +24,8 @@ _NAMES = {
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.sea": "Sea",
-    "plant.water": "Current Disturbance Drag Fin Pad Tether",
+    "plant.tether": "Tether",
+    "plant.water": "Current Disturbance Drag Fin Pad",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -75,12 +76,12 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.sea import Sea as Sea
+    from .plant.tether import Tether as Tether
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
     from .plant.water import Pad as Pad
-    from .plant.water import Tether as Tether
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace

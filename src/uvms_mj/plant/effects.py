@@ -10,8 +10,10 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_flows, add_pushes, effects_dtype
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
+from .contacts import contacts_of
 from .settings import EffectTable, World
 from .water import EFFECT_TABLES
 
@@ -50,6 +52,23 @@ class _World:
     def start_z(self) -> float:
         return self._scenario.initial.position[2]
 
+    @property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        initial = self._scenario.initial
+        return np.array(initial.position), rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
+
+    @property
+    def mean_flow_W(self) -> np.ndarray:
+        return self._scenario.mean_flow_W
+
+    @property
+    def inertia(self) -> np.ndarray:
+        return self._plant.vehicle.M_RB + self._plant.vehicle.M_A
+
+    @property
+    def walls(self) -> Sequence[tuple[str, Any]]:
+        return contacts_of(self._scenario, self._plant.probe, self._plant.vehicle).walls
+
 
 def world_of(scenario: ScenarioLike, plant: Any) -> Any:
     """The :class:`.settings.World` of a scenario with a plant."""
@@ -74,7 +93,8 @@ def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -
     """The records (1,) of effects in a world, and of the products of velocities of a vehicle."""
     found: dict[str, list[tuple]] = {"products": [product.record for product in products]}
     for name, _, table in each_table(tables):
-        found.setdefault(name, []).extend(table.records(world))
+        for kind, rows in table.kinds(name, world).items():
+            found.setdefault(kind, []).extend(rows)
     records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
     for name, rows in found.items():
         if rows:

@@ -4,8 +4,8 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -36,7 +36,10 @@ from ..stages.setup import ScenarioLike
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
-    time step [s], the number of the vehicle's joints, and its z at the start [m], NaN where it is not known."""
+    time step [s], the number of the vehicle's joints, and its z at the start [m], NaN where it is not known.
+
+    What an effect that a run alone has asks for: position (3,) and attitude (3, 3) at the start [m], the mean velocity
+    (3,) of the water in W [m/s], the inertia (6, 6) with added mass, and the walls with their keys."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -44,6 +47,10 @@ class World(NamedTuple):
     timestep: float = 1e-3
     joints: int = 0
     start_z: float = math.nan
+    start: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.eye(3))
+    mean_flow_W: np.ndarray = np.zeros(3)
+    inertia: np.ndarray = np.eye(6)
+    walls: Sequence[tuple[str, Any]] = ()
 
 
 Rows = tuple[tuple[float, ...], ...] | None
@@ -83,6 +90,10 @@ class EffectTable:
         """The numbers of its records (:data:`uvms_mj.physics.effects.EFFECTS`), of a table without faults; none if it
         has no effect."""
         raise NotImplementedError
+
+    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+        """The numbers of all its records by the names of their effects; ``name`` is its own."""
+        return {name: self.records(world)}
 
     def faults(self, world: World) -> Iterator[Fault]:
         """Its errors in a world, each with its key in this table."""

@@ -17,7 +17,7 @@ import numpy as np
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
-from ...physics.effects import EFFECTS, INERTIAS, TABLES, WRENCHES, effects_dtype
+from ...physics.effects import EFFECTS, INERTIAS, STATES, TABLES, WRENCHES, effects_dtype
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.surfaces import SURFACE
@@ -160,6 +160,7 @@ def plant_dtype(
                 "i8",
                 (int(any(name in WRENCHES for name, _ in effects)),),
             ),  # empty without one of the velocity
+            ("advancing", "i8", (int(any(name in STATES for name, _ in effects)),)),  # empty without one with states
             ("inert", "i8", (sum(n for name, n in effects if name in INERTIAS),)),  # empty without one that has inertia
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
