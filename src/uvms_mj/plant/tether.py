@@ -85,9 +85,10 @@ class Tether(EffectTable):
         p, R = world.start
         inertia = apparent_mass(world.inertia, self.position)
         starts = _rest(self, (p + R @ self.position).tobytes(), world.mean_flow_W.tobytes(), world.gravity)
-        return {name: [], "cable": [self._numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
+        return {name: [], "cable": [self.cable_numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
 
-    def _numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
+    def cable_numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
+        """The numbers of :data:`uvms_mj.physics.cable.CABLE` for a time step [s] and an inertia (3, 3) at its end [kg]."""
         length = self.length / self.elements
         displaced = RHO * 0.25 * math.pi * self.diameter**2 * length
         drag = 0.5 * RHO * self.diameter * length
@@ -147,7 +148,7 @@ def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float) -> np.ndarray
     end_W, flow_W, anchor, n = np.frombuffer(end), np.frombuffer(flow), np.array(tether.anchor), tether.elements + 1
     cable, state = np.zeros(1, CABLE), np.zeros(1, cable_state(n))
     nodes = np.zeros(1, np.dtype([("nodes", NODE, (n,))]))
-    cable[0] = tether._numbers(_STEP, 1e9 * np.eye(3))  # held
+    cable[0] = tether.cable_numbers(_STEP, 1e9 * np.eye(3))  # held
     cable["r"], cable["velocity"], cable["amplitude"] = 0.0, 0.0, 0.0
     weight = np.array([0.0, 0.0, -gravity])
     load = (cable["mass"][0] - cable["displaced"][0]) * weight
