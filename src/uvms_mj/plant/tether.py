@@ -88,7 +88,7 @@ class Tether(EffectTable):
         return {name: [], "cable": [self.cable_numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
 
     def cable_numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
-        """The numbers of :data:`uvms_mj.physics.cable.CABLE` for a time step [s] and an inertia (3, 3) at its end [kg]."""
+        """The numbers of :data:`uvms_mj.physics.cable.CABLE`: a time step [s], an inertia (3, 3) at its end [kg]."""
         length = self.length / self.elements
         displaced = RHO * 0.25 * math.pi * self.diameter**2 * length
         drag = 0.5 * RHO * self.diameter * length
