@@ -53,6 +53,7 @@ SHOWN = {
         "test_engines_agree_on_a_landing_and_the_rest_is_that_without_a_pad",
     ),
     "force of the water on the base": (IN_SRC, "test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table"),
+    "force of the water with states of its own": ("physics/test_cable.py", "test_both_engines_move_the_same_cable"),
     "number about a run": (HERE, NUMBER),
     "metric: a number that a study keeps, or that `run` prints": (HERE, NUMBER),
     "fonts of figures": (HERE, "test_fonts_are_an_entry_of_the_figures_and_of_the_command"),

@@ -25,7 +25,8 @@ _NAMES = {
     "plant.mjcf": "Mjcf",
     "plant.obstacle": "Obstacle",
     "plant.sea": "Sea",
-    "plant.water": "Current Disturbance Drag Fin NearWall Pad Tether",
+    "plant.tether": "Tether",
+    "plant.water": "Current Disturbance Drag Fin NearWall Pad",
     "records.header": "Status",
     "records.mcap": "McapLog",
     "records.trace": "Trace",
@@ -77,13 +78,13 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.obstacle import Obstacle as Obstacle
     from .plant.sea import Sea as Sea
+    from .plant.tether import Tether as Tether
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Drag as Drag
     from .plant.water import Fin as Fin
     from .plant.water import NearWall as NearWall
     from .plant.water import Pad as Pad
-    from .plant.water import Tether as Tether
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace

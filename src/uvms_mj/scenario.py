@@ -39,7 +39,8 @@ from .plant.settings import (
     Wall,
     overridden_in_vain,
 )
-from .plant.water import Current, Disturbance, Drag, Fin, NearWall, Pad, Tether
+from .plant.tether import Tether
+from .plant.water import Current, Disturbance, Drag, Fin, NearWall, Pad
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted

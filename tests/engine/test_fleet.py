@@ -87,6 +87,10 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"current.speed": [0.1, 0.4], "tether.length": [4.0, 6.0]},
     ),
+    "a tether that moves": (
+        {"tether.length": 4.0, "tether.elements": 4, "tether.anchor": [-2.0, 0.0, 0.0]},
+        {"tether.length": [4.0, 4.5], "tether.mass": [0.04, 0.06]},
+    ),
     "a linear mixer, late and slow pulses, outputs that freeze": (
         {
             "vehicle.model": "bluerov2_heavy",

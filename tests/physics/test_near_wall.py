@@ -15,19 +15,22 @@ from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.effects import (
     FLOWS,
     INERTIAS,
+    PULLS,
     PUSHES,
     WRENCHES,
     add_effects,
     add_flows,
     add_inertia_wrenches,
     add_inertias,
+    add_pulls,
     add_pushes,
+    find_pulls,
 )
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.physics.near_wall import FAR, HULL, add_hull_wrench, disc_mass, sphere_mass
 from vehicles import load
 
-PORTS = (add_flows, add_pushes, add_inertias, add_inertia_wrenches, add_effects)
+PORTS = (add_flows, add_pushes, add_inertias, add_inertia_wrenches, add_effects, find_pulls, add_pulls)
 TABLE = {0.01: 42.45261, 0.02: 22.53328, 0.05: 10.42952, 0.1: 6.31752, 0.2: 4.24077, 0.5: 3.05495, 1.0: 2.75895}
 SLOPES = {0.02: 1001.2, 0.05: 163.26, 0.1: 41.47, 0.2: 10.326}
 PAD = Pad(radius=0.1, position=(0.3, 0.02, -0.05), point=(0.5, 0.0, 0.0), least_gap=1e-3, viscosity=0.0)
@@ -115,6 +118,7 @@ def test_each_effect_is_called_at_the_port_that_its_list_says():
     assert called[add_inertias] == called[add_inertia_wrenches] == set(INERTIAS)
     assert called[add_pushes] == set(PUSHES)
     assert called[add_effects] == set(WRENCHES)
+    assert called[add_pulls] == called[find_pulls] == set(PULLS) - {"nodes"}  # which belong to the cable
 
 
 def test_a_pad_without_a_wall_is_refused_and_a_reset_adds_none():

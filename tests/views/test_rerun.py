@@ -288,6 +288,14 @@ def test_runs_stand_side_by_side_in_one_recording(trace, other, tmp_path):
     assert len(colours) == 2
 
 
+def test_a_tether_that_moves_is_drawn_along_its_nodes(tmp_path):
+    keys = {"tether.elements": 4, "tether.length": 3.0, "tether.anchor": [-2.0, 0.0, 1.0], "simulation.duration": 0.5}
+    trace = simulate(Scenario.load("push_wall", keys), engine="free_body")
+    rerun_view.save({"run": trace}, tmp_path / "tether.rrd")
+    strips = columns(tmp_path / "tether.rrd")["/world/tether"]["LineStrips3D:strips"]
+    np.testing.assert_array_equal(np.array(strips[0][0]), trace.tether_nodes[0].astype("f4"))
+
+
 def test_a_recording_is_written_whole_or_not_at_all(trace, tmp_path):
     code = """if True:
         import resource

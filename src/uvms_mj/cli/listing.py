@@ -249,15 +249,16 @@ def stage_signals(table: str) -> tuple[Listing, Listing]:
 
 
 def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
-    """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints, contacts or
-    fins."""
-    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, deflection_signal, joints_given
+    """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints, contacts, fins,
+    or nodes or elements of a tether."""
+    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, deflection_signal, joints_given, tether_signals
 
     counted = dict.fromkeys((signal.name for signal in contact_signals(0)), "contacts")
     counted |= dict.fromkeys(
         [*(signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))), *BAND["tau_q"]], "joints"
     )
     counted[deflection_signal(0).name] = "fins"
+    counted |= zip((signal.name for signal in tether_signals(0)), ("nodes", "elements"), strict=True)
     rows = []
     for signal in listed:
         shape = " x ".join(str(length or counted.get(signal.name, "thrusters")) for length in signal.shape)
@@ -281,6 +282,7 @@ def recorded_signals() -> list[Listing]:
         contact_signals,
         deflection_signal,
         pulse_signal,
+        tether_signals,
         thruster_signal,
     )
 
@@ -294,6 +296,7 @@ def recorded_signals() -> list[Listing]:
         *of_thrusters,
         *JOINT_SIGNALS,
         deflection_signal(0),
+        *tether_signals(0),
     )
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [

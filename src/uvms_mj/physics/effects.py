@@ -7,6 +7,8 @@ r"""Effects of the water beside added mass, damping and buoyancy. Each has a rec
 - inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
 - wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
   base relative to the water in B. Closed forms call it, too;
+- pull (:func:`find_pulls`, :func:`add_pulls`): a force that is found once a time step, from pose, velocity and states:
+  a cable that moves, :mod:`.cable`;
 - state (:func:`advance_effects`): numbers that advance once a time step, and that a reset returns.
 
 A vehicle has an array of records of each effect; of an empty array no machine code is left, so that an absent effect
@@ -20,8 +22,8 @@ relative to the vehicle at the point :math:`r_t`, the force of a cable of the le
     f = \tfrac12 \rho\, C_d\, d\, L\, |w|\, w, \qquad w = -(v_r + \omega \times r_t),
 
 the cross-flow drag of a cylinder (Fossen 2021, sec. 6.4.3, Morison's equation without inertia). The cable's own motion,
-weight, tension and inertia are neglected. L is the length whose drag the vehicle bears: half of a straight cable across
-the current that is held at its other end. Its power in the water is never positive.
+weight, tension and inertia are neglected; :mod:`.cable` has them. L is the length whose drag the vehicle bears: half of
+a straight cable across the current that is held at its other end. Its power in the water is never positive.
 
 **Fins.** A fin is a thin plate of the area A with the frame F at its centre of pressure r: x along its chord, z along
 its span, y its normal. A deflection turns chord and normal about the span. With the fin's velocity v in the water,
@@ -71,10 +73,12 @@ hydrodynamic derivatives do that a vehicle's file has (SNAME 1950).
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
@@ -144,21 +148,26 @@ EFFECTS = {
     "pads": PAD,
     "near_wall": HULL,
     "tether": TETHER,
+    "cable": CABLE,
+    "nodes": NODE,
     "fins": FIN,
     "drag": DRAG,
     "products": PRODUCT,
 }
-"""The records of the effects, by the names of their tables; products are of a vehicle's file."""
+"""The records of the effects, by the names of their tables; products are of a vehicle's file, and a
+cable with its nodes is of the table of the tether."""
 
 FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
-WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS))
+PULLS = ("cable", "nodes")
+"""The effects that pull at the vehicle with states of their own."""
+WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS, *PULLS))
 """All others, which add a wrench by the velocity in the water."""
 TABLES = {"current": {"table": 4, "shear": 2}, "disturbance": {"table": 7}}
 """The tables of an effect, each the name of the field with its place, and the width of its rows."""
-STATES: dict[str, tuple[int, ...]] = {"fins": ()}
-"""The shape of the states of each record of an effect that has states: of a fin its delta [rad]. They begin at zero,
-advance once a time step by :func:`advance_effects`, and a reset returns them."""
+STATES: dict[str, Callable[[int], Any]] = {"fins": lambda nodes: "f8", "cable": cable_state}
+"""The states of each record of an effect that has states, with so many nodes of a cable: of a fin its delta [rad]. They
+begin at zero, advance once a time step by :func:`advance_effects`, and a reset returns them."""
 
 
 @functools.cache
@@ -166,7 +175,8 @@ def effects_dtype(counts: tuple[tuple[str, int], ...]) -> np.dtype:
     """Arrays of records, by how many there are of each effect, and of the states of the records."""
     there = dict(counts)
     fields: list[Any] = [(name, kind, (there.get(name, 0),)) for name, kind in EFFECTS.items()]
-    fields += [(state_of(name), "f8", (there.get(name, 0), *shape)) for name, shape in STATES.items()]
+    nodes = there.get("nodes", 0)
+    fields += [(state_of(name), kind(nodes), (there.get(name, 0),)) for name, kind in STATES.items()]
     return np.dtype(fields, align=True)
 
 
@@ -264,11 +274,40 @@ def add_effects(effects, nu_r, tau):
 
 
 @kernel
+def find_pulls(plant, numbers, t, p_WB, R_WB, nu):
+    """Find the forces of all effects that pull, in the step that begins at the time t [s] in the water of a plant."""
+    effects, water = plant.effects, plant.water
+    if effects.cable.shape[0] != 0:
+        cable, state = effects.cable[0], effects.cable_state[0]
+        if cable.timestep == 0.0:  # a reset leaves an empty record of a cable that it takes away
+            return
+        place_ends(cable, effects.nodes, state, t, p_WB, R_WB, nu)
+        flows, gradient = np.zeros((state.p.shape[0], 6)), np.zeros((3, 3))
+        for i in range(state.p.shape[0]):
+            if water.unsteady != 0:
+                gradient[:] = 0.0
+                add_flows(effects, numbers, t, state.p[i], flows[i, :3], flows[i, 3:], gradient)
+                flows[i, 3:] += gradient @ flows[i, :3]
+            else:
+                flows[i, :3] = water.v_c_W
+        swing(cable, state, R_WB, plant.gravity_W, flows)
+
+
+@kernel
+def add_pulls(effects, R_WB, tau):
+    """Add the forces of :func:`find_pulls` to tau (6,) [N, N m, B]."""
+    if effects.cable.shape[0] != 0 and effects.cable[0].timestep > 0.0:
+        add_pull(effects.cable[0], effects.cable_state[0], R_WB, tau)
+
+
+@kernel
 def advance_effects(effects, tau_cmd, h):
     """Advance the states of all effects by a time step h [s], in which tau_cmd (6,) is commanded [N, N m, B]."""
     for k in range(effects.fins.shape[0]):
         if effects.fins[k].limit > 0.0:
             effects.fins_state[k] = deflected(effects.fins[k], effects.fins_state[k], tau_cmd, h)
+    if effects.cable.shape[0] != 0 and effects.cable[0].timestep > 0.0:
+        advance_cable(effects.cable[0], effects.cable_state[0])
 
 
 @kernel

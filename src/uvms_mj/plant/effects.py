@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault
-from ..physics.effects import FLOWS, PUSHES, add_pushes, counted, effects_dtype
+from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_pushes, counted, effects_dtype
 from ..physics.flow import flow_along
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.hydrodynamics import WATER
@@ -62,6 +62,14 @@ class _World:
     def start_R(self) -> np.ndarray:
         return rotation_matrix(quat_from_euler_deg(*self._scenario.initial.attitude_deg))
 
+    @property
+    def mean_flow_W(self) -> np.ndarray:
+        return self._scenario.mean_flow_W
+
+    @property
+    def inertia(self) -> np.ndarray:
+        return self._plant.vehicle.M_RB + self._plant.vehicle.M_A
+
 
 def world_of(scenario: ScenarioLike, plant: Any) -> Any:
     """The :class:`.settings.World` of a scenario with a plant."""
@@ -86,8 +94,9 @@ def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -
     """The records (1,) of effects in a world, and of the products of velocities of a vehicle."""
     found: dict[str, list[tuple]] = {"products": [product.record for product in products]}
     for name, _, table in each_table(tables):
-        found.setdefault(name, []).extend(table.records(world))
-    records = np.zeros(1, effects_dtype(tuple((name, len(rows)) for name, rows in found.items())))
+        for kind, rows in table.kinds(name, world).items():
+            found.setdefault(kind, []).extend(rows)
+    records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
     for name, rows in found.items():
         if rows:
             records[name][0] = rows

@@ -39,7 +39,10 @@ from .impact import UP_TO, deepest, dissipation_of, stiffness_of_hertz
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
     time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN where it is not known,
-    its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each."""
+    its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
+
+    An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s] and the inertia (6, 6) with
+    added mass, too."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -48,6 +51,8 @@ class World(NamedTuple):
     joints: int = 0
     start_p: tuple[float, float, float] = (math.nan,) * 3
     start_R: np.ndarray = np.eye(3)
+    mean_flow_W: np.ndarray = np.zeros(3)
+    inertia: np.ndarray = np.eye(6)
     walls: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -88,6 +93,10 @@ class EffectTable:
         """The numbers of its records (:data:`uvms_mj.physics.effects.EFFECTS`), of a table without faults; none if it
         has no effect."""
         raise NotImplementedError
+
+    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+        """The numbers of all its records by the names of their effects; ``name`` is its own."""
+        return {name: self.records(world)}
 
     def faults(self, world: World) -> Iterator[Fault]:
         """Its errors in a world, each with its key in this table."""

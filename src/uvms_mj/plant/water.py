@@ -1,6 +1,7 @@
-"""Settings of the water: the ocean current, the disturbance of eq. (10), a tether, fins, drag and pads.
+"""Settings of the water: the ocean current, the disturbance of eq. (10), fins, drag and pads.
 
-:mod:`.sea` has the waves, and :mod:`.obstacle` what the current meets. The list of all effects is at the end.
+:mod:`.sea` has the waves, :mod:`.obstacle` what the current meets, and :mod:`.tether` the tether. The list of all
+effects is at the end.
 """
 
 import dataclasses
@@ -22,6 +23,7 @@ from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, T
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
+from .tether import Tether
 
 MOST_ROWS = 100_000
 """Largest number of rows of a table."""
@@ -234,22 +236,6 @@ def _series_faults(series: Current | Disturbance, h: float) -> Iterator[Fault]:
     if any(series.deviation) and series.spacing < h * (1.0 - 1e-9):
         wrong = f"{series.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
         yield Fault("correlation_time", wrong)
-
-
-@dataclass(frozen=True, config=STRICT)
-class Tether(EffectTable):
-    """A cable whose drag acts on the vehicle. It has the diameter of Blue Robotics' Fathom tether and the drag
-    coefficient of a smooth cylinder across the flow (Hoerner, 1965): assumptions for any other cable."""
-
-    length: Annotated[Number, within(0.0, 1e5, "m")] = doc("length whose drag the vehicle bears; 0: no tether [m]", 0.0)
-    diameter: Annotated[Number, within(1e-4, 1.0, "m")] = doc("diameter of the tether [m]", 7.6e-3)
-    drag_coefficient: Annotated[Number, within(0.0, 10.0, "")] = doc("C_d of the tether across the flow [1]", 1.2)
-    position: Position = doc("point of attachment in B [m]", (0.0, 0.0, 0.0))
-
-    def records(self, world: World) -> list[tuple]:
-        """The numbers of :data:`uvms_mj.physics.effects.TETHER`."""
-        factor = 0.5 * RHO * self.drag_coefficient * self.diameter * self.length
-        return [(factor, self.position)] if self.length > 0.0 else []
 
 
 _Area = Annotated[Number, within(1e-6, 1e4, "m^2")]

@@ -129,9 +129,12 @@ _PARTS: dict[str, Callable[[Setup], Any]] = {
 
 
 def _refuse_more_effects(base: Setup, setup: Setup, place: str) -> None:
-    there = dict(counted(base.effects))
+    there, now = dict(counted(base.effects)), dict(counted(setup.effects))
     wrong = f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation"
-    if faults := [Fault(name, wrong) for name, n in counted(setup.effects) if n > there.get(name, 0)]:
+    faults = [Fault(name, wrong) for name, n in now.items() if n > there.get(name, 0)]
+    if now.get("nodes", 0) not in (0, there.get("nodes", 0)):
+        faults = [Fault("tether.elements", f"{place} can't change the number of elements; make a new Simulation")]
+    if faults:
         raise InputError(faults)
 
 

@@ -50,6 +50,7 @@ _RECORDED = (
     *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
     *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
     signals.deflection_signal(1),
+    *signals.tether_signals(1),
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""

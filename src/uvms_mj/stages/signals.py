@@ -271,6 +271,16 @@ def deflection_signal(n: int) -> Signal:
     return Signal("fin_deflections", (n,), "rad", "-", "deflection of each fin by its actuator, beyond deflection_deg")
 
 
+def tether_signals(n: int) -> tuple[Signal, Signal]:
+    """Recorded if a tether has n nodes, which move."""
+    return (
+        Signal("tether_nodes", (n, 3), "m", "W", "nodes of the tether, from its anchor to the vehicle"),
+        Signal(
+            "tether_tension", (max(n - 1, 0),), "N", "-", "tension of each element of the tether, from its anchor on"
+        ),
+    )
+
+
 def contact_signals(n: int) -> tuple[Signal, ...]:
     """Recorded if there are n contacts beside the probe's with [wall]."""
     return (

@@ -204,7 +204,7 @@ def _unknown(setup: SetupLike, K: float, own: bool) -> str:
     if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):
         return reason
     if moved := setup.advancing:
-        return f"closed forms do not know where an actuator moves {moved[0]}"
+        return f"closed forms do not know where {moved[0]} moves"
     if own and (reason := not_constant(setup)):
         return reason
     if setup.not_rigid and own:

@@ -356,7 +356,7 @@ def tables_checked(vectors: Mapping[str, Any], effects: Mapping[str, Any], seed:
         raise InputError(faults, "attach")
     numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
     faults += [
-        Fault(key, "is moved by an actuator, which follows the tau_cmd of a run's law: leave mixing_deg out")
+        Fault(key, "moves from step to step of a run, which attach does not see: leave mixing_deg or elements out")
         for key in advancing(tables)
     ]
     faults += [

@@ -26,6 +26,7 @@ from ...stages.signals import (
     joint_saturation_signal,
     joint_signals,
     joint_torque_signal,
+    tether_signals,
     thruster_signal,
 )
 from .record import Image
@@ -123,8 +124,8 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
 
 def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, np.ndarray]]:
     """The recorded signals of the plant, each with its memory: the motion of the water unless it is constant, the
-    contacts beside the contact of the probe and ``[wall]``, the thrusts, the deflections of fins, the joints and the
-    tool."""
+    contacts beside the contact of the probe and ``[wall]``, the thrusts, the deflections of fins, a tether that moves,
+    the joints and the tool."""
     contacts, u, true = setup.contacts, run["u"], run["true"]
     if not setup.scenario.constant_flow:
         yield from ((signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY)
@@ -133,9 +134,13 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
         yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
     yield thruster_signal(u.size), u
-    if setup.advancing:
-        deltas = run["plant"]["effects"][state_of("fins")][0]
+    effects = run["plant"]["effects"]
+    if any(key.startswith("fins") for key in setup.advancing):
+        deltas = effects[state_of("fins")][0]
         yield deflection_signal(deltas.size), deltas
+    if effects["cable"].size:
+        cable = effects[state_of("cable")][0, :1]
+        yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)
     if n := len(setup.vehicle.arm.links):
         yield from zip(joint_signals(n), (run["encoder"]["q"], run["encoder"]["q_dot"]), strict=True)
         yield joint_torque_signal(n), run["tau_q"]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.effects import add_inertias
+from ...physics.effects import add_inertias, add_pulls
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
@@ -177,6 +177,7 @@ def flow_at_evaluation(plant, numbers):
     """Compute the motion of the water in an evaluation that is no step of a run."""
     plant.water.fresh = 0
     flow(plant, numbers, plant.time, plant.qpos, plant.R_WB, plant.nu)
+    add_pulls(plant.effects, plant.R_WB, plant.water.tau_dist)  # of the last step
 
 
 @kernel

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
-from ...physics.effects import add_inertias, advance_effects
+from ...physics.effects import add_inertias, add_pulls, advance_effects, find_pulls
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.free_body import free_acceleration, soft_contact, symplectic_step
@@ -107,8 +107,7 @@ def observe_anew(run):
     body_velocity(true.R_WB, plant.qvel, true.nu)
     if run.tau_q.shape[0] != 0:
         observe_joints(run)
-    flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
-    plant.water.fresh = 1
+    flow_of_step(run)
     true.v_c_W[:] = plant.water.v_c_W
     if run.carried.shape[0] != 0:
         place_carriers(run)
@@ -147,10 +146,18 @@ def check_state(run):
 @kernel
 def flow_again(run):
     """Compute the motion of the water at t_k again if its settings have changed since it was observed."""
+    if run.plant.water.fresh == 0:
+        flow_of_step(run)
+
+
+@kernel
+def flow_of_step(run):
+    """Compute the motion of the water at t_k, and what pulls from t_k on."""
     plant, true = run.plant, run.true
-    if plant.water.fresh == 0:
-        flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
-        plant.water.fresh = 1
+    flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
+    find_pulls(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
+    add_pulls(plant.effects, true.R_WB, plant.water.tau_dist)
+    plant.water.fresh = 1
 
 
 @kernel
@@ -308,7 +315,7 @@ def complete_step(run):
     run.row.effort += run.timestep * run.true.tau * run.true.tau
     if run.has_task != 0:
         run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)
-    if run.plant.affected.shape[0] != 0:
+    if run.plant.advancing.shape[0] != 0:
         advance_effects(run.plant.effects, run.allocation.tau_cmd, run.timestep)
     run.step += 1
     run.next = 0

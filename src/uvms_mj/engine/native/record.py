@@ -17,7 +17,7 @@ import numpy as np
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
 from ...physics.contacts import CARRIER, CONTACT, PAIR
-from ...physics.effects import EFFECTS, INERTIAS, NO_EFFECTS, TABLES, WRENCHES
+from ...physics.effects import EFFECTS, INERTIAS, NO_EFFECTS, STATES, TABLES, WRENCHES
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.surfaces import SURFACE
@@ -139,6 +139,7 @@ def room_for(n: int) -> int:
 def plant_dtype(n: int, effects: np.dtype = NO_EFFECTS, own_effects: int = 0, own_frames: int = 0) -> np.dtype:
     """The vehicle in the water, with n joints, these effects, so many of a user's own, and their frames."""
     affected = any(effects[name].shape[0] for name in WRENCHES)
+    advancing = any(effects[name].shape[0] for name in STATES)
     inert = sum(effects[name].shape[0] for name in INERTIAS)
     return np.dtype(
         [
@@ -156,6 +157,7 @@ def plant_dtype(n: int, effects: np.dtype = NO_EFFECTS, own_effects: int = 0, ow
             ("water", WATER),
             ("effects", effects),
             ("affected", "i8", (int(affected),)),  # empty without one of the velocity
+            ("advancing", "i8", (int(advancing),)),  # empty without one with states
             ("inert", "i8", (inert,)),  # empty without one that has inertia
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B

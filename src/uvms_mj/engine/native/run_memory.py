@@ -40,6 +40,7 @@ from ...stages.signals import (
     band_signals,
     contact_signals,
     deflection_signal,
+    tether_signals,
     thruster_signal,
 )
 from .bodies import (
@@ -95,7 +96,7 @@ def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> li
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0))
+    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
     recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}

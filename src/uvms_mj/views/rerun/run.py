@@ -302,6 +302,9 @@ class Run:
             self._send(("world", *parts), t, turned)
         for force in FORCES:
             self._force(force, t, values)
+        if "tether_nodes" in values:
+            strips = list(values["tether_nodes"].reshape(len(t), -1, 3))
+            self._send(("world", "tether"), t, rr.LineStrips3D.columns(strips=strips))
 
     def _force(self, force: Force, t: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         """Send the arrows of a force with its magnitude, for samples with a non-zero force."""
@@ -355,6 +358,8 @@ class Run:
             middle = np.mean([arrow.start, arrow.tip], axis=0)
             text = rr.Points3D([middle], radii=[0.0], colors=[legible(arrow.colour)], labels=[arrow.label])
             self._log(("world", arrow.name, "text"), text)
+        if self.header.scenario.tether.advances:
+            self._log(("world", "tether"), rr.LineStrips3D.from_fields(colors=[self.colour or YELLOW], radii=[0.01]))
         self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
         self._names(*bounds(shapes, self.header.geometry.reach))
 

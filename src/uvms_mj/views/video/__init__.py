@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 
 from ...errors import InputError, needs_extra
-from ...records.scene import FORCES, SKY
+from ...records.scene import FORCES, SKY, YELLOW
 from ...records.trace import Trace
 from ..progress import following
 from .encoding import CODERS, encoded
@@ -188,6 +188,10 @@ class _Frames:
             row = {name: trace[name][at_force : at_force + 1] for name in trace}
             start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
             _arrow(pen, self._renderer.place(start), self._renderer.place(tip), 9.0 * s, force.colour, _LEAST_PX * s)
+        if "tether_nodes" in trace.arrays:
+            way = _FINER * self._renderer.place(trace.tether_nodes[now].reshape(-1, 3)[::-1])
+            seen = np.cumprod(np.abs(way).max(axis=1) < 4.0 * max(big)).sum()  # up to the first one behind the camera
+            pen.line(way[:seen].ravel().tolist(), fill=(*YELLOW, 255), width=round(_FINER * 3.0 * s), joint="curve")
         current = trace.scenario.mean_flow_W
         speed = float(np.linalg.norm(current))
         if speed > 0.0:
