@@ -98,7 +98,7 @@ def test_a_reset_of_any_keys_writes_what_a_new_setup_gives(name):
     base = Scenario.load("push_wall", {"simulation.duration": 0.3, **keys})
     with Simulation(base, engine=engine) as sim:
         found, before, last = changes(base, random), {}, "current.table"
-        for key in random.permutation(list(found))[:70].tolist():
+        for key in random.permutation(list(found))[:90].tolist():
             overrides = {key: found[key]} | (before if random.random() < 0.3 else {})
             before = {key: found[key]}
             if random.random() < 0.2:
