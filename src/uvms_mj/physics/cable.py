@@ -26,7 +26,7 @@ tangent meets, and to nothing else. It slows the waves of a string by :math:`(h 
 stable at every step.
 
 **The vehicle's end.** There the vehicle's apparent mass :math:`\Lambda = (J M^{-1} J^\top)^{-1}` is in the same
-equations. All other forces on the vehicle are those of the step before, known from the point's acceleration a and the
+equations. All other forces on the vehicle belong to the step before, known from the point's acceleration a and the
 cable's force f of that step:
 
 .. math::

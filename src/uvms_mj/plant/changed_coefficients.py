@@ -44,7 +44,7 @@ def places() -> Mapping[str, tuple[str, int, int]]:
 
 
 def names() -> list[str]:
-    """All names but those of products."""
+    """All names without products."""
     return [DISPLACED_MASS, *_CENTRES, *places()]
 
 
