@@ -260,8 +260,6 @@ def _reached(
         rest = _followed(motion, start, limits=True)
         if isinstance(rest, str):
             return weak or rest
-        if setup.scenario.controller.states and not weak and motion.limited_s > _LIMITED_AMONG_S:
-            return f"the thrusters are at their limits for more than {_LIMITED_AMONG_S:g} s on the way"
     elif weak:
         return weak
     if kept is not None and (reason := kept(*motion.unmodelled())):
