@@ -13,7 +13,8 @@ inside, and its gradient is the normal out of the surface. For a point q in S:
 
 for a plane, a sphere, a cylinder of the radius r and a box of the half edges a. A capsule is all points within r of a
 segment of the half length b: the sphere about :math:`q_z` clipped to b. A surface moves without turning: by a
-table of displacements over time, linear between its rows, and by a sine.
+table of displacements over time, linear between its rows, by a sine, and by the swell of the sea, a sum of
+:math:`c \cos\omega t + s \sin\omega t`.
 """
 
 import functools
@@ -84,6 +85,8 @@ SURFACE = np.dtype(
         ("amplitude_W", "f8", (3,)),  # of the sine [m]
         ("frequency", "f8"),  # [Hz]
         ("phase", "f8"),  # [rad]
+        ("swell", "i8"),  # place in the numbers; rows (omega [rad/s], c (3,), s (3,) [m, W])
+        ("swell_rows", "i8"),
     ],
     align=True,
 )
@@ -95,12 +98,20 @@ def move(surface, numbers, t):
     """Set position and velocity of a surface at the time t [s]. Times must not decrease from call to call.
 
     Before its first row and after its last one, the surface keeps the displacement of this row. Its table is in
-    ``numbers``: rows of a time [s] and a displacement in W [m].
+    ``numbers``: rows of a time [s] and a displacement in W [m]. So are the rows of its swell.
     """
     angle = 2.0 * math.pi * surface.frequency * t + surface.phase
     sine, cosine = math.sin(angle), 2.0 * math.pi * surface.frequency * math.cos(angle)
     surface.p_WS[:] = surface.start_W + surface.amplitude_W * sine
     surface.v_W[:] = surface.amplitude_W * cosine
+    for k in range(surface.swell_rows):
+        wave = surface.swell + 7 * k
+        omega = numbers[wave]
+        cosine, sine = math.cos(omega * t), math.sin(omega * t)
+        for i in range(3):
+            c, s = numbers[wave + 1 + i], numbers[wave + 4 + i]
+            surface.p_WS[i] += c * cosine + s * sine
+            surface.v_W[i] += omega * (s * cosine - c * sine)
     if surface.rows == 0:
         return
     table = surface.table

@@ -40,6 +40,8 @@ SLENDER = 0.2
 STEPS = 20
 """Least number of time steps in the period of the shortest wave."""
 _LOW, _HIGH = 0.5, 4.0  # of the components, over the peak frequency
+MOST_WAVES = 200
+"""Largest number of components of a spectrum."""
 _FINE = 64  # parts of a bin in its integral
 
 
@@ -57,7 +59,7 @@ class Sea(EffectTable):
     spreading: Annotated[Number, within(0.0, 200.0, "")] | None = doc(
         "exponent n of the directions' cos^n of a spectrum; null: all waves run in one direction [1]", None
     )
-    components: Annotated[int, within(1, 200, "")] = doc("components of a spectrum [1]", 30)
+    components: Annotated[int, within(1, MOST_WAVES, "")] = doc("components of a spectrum [1]", 30)
     depth: Annotated[Number, within(0.1, 1e5, "m")] | None = doc("depth of the water; null: deep [m]", None)
     surface: Annotated[Number, within(-1e5, 1e5, "m")] = doc("z of the still surface in W [m]", 2.0)
     seed: Annotated[int, within(0, 2**62, "")] | None = doc(
@@ -113,8 +115,19 @@ class Sea(EffectTable):
         """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components."""
         if not self.moves:
             return []
-        seed = world.seed if self.seed is None else self.seed
-        return _records(self, seed, world.gravity, world.face if self.reflecting else None)
+        face, found = world.face if self.reflecting else None, []
+        for amplitude, omega, k, e_x, e_y, phase in self.waves(world):
+            bottom = 0.0 if self.depth is None else math.exp(-2.0 * k * self.depth)
+            rate = amplitude * omega / (1.0 - bottom)
+            found.append((rate, k, (e_x, e_y), omega, phase, self.surface, bottom))
+            if face is not None:  # the wave from the mirror image: no water crosses x = face
+                found.append((rate, k, (-e_x, e_y), omega, phase + 2.0 * k * e_x * face, self.surface, bottom))
+        return found
+
+    def waves(self, world: World) -> list[tuple[float, float, float, float, float, float]]:
+        """The components that run in, of waves that there are: amplitude [m], angular frequency [rad/s], wave number
+        [1/m], the two entries of e, and phase [rad]."""
+        return _waves(self, world.seed if self.seed is None else self.seed, world.gravity)
 
     def faults(self, world: World) -> Iterator[Fault]:
         if not self.moves:
@@ -203,7 +216,7 @@ def spectral_density(omega: np.ndarray, height: float, period: float, gamma: flo
 
 
 @functools.lru_cache(maxsize=64)
-def _records(sea: Sea, seed: int, gravity: float, face: float | None) -> list[tuple]:
+def _waves(sea: Sea, seed: int, gravity: float) -> list[tuple[float, float, float, float, float, float]]:
     heading = math.radians(sea.direction_deg)
     if sea.spectrum == "regular":
         waves = [(0.5 * sea.height, 2.0 * math.pi / sea.period, heading, 0.0)]
@@ -212,12 +225,7 @@ def _records(sea: Sea, seed: int, gravity: float, face: float | None) -> list[tu
     found = []
     for amplitude, omega, direction, phase in waves:
         k = wave_number(omega, gravity, sea.depth)
-        bottom = 0.0 if sea.depth is None else math.exp(-2.0 * k * sea.depth)
-        e_x, e_y = math.cos(direction), math.sin(direction)
-        rate = amplitude * omega / (1.0 - bottom)
-        found.append((rate, k, (e_x, e_y), omega, phase, sea.surface, bottom))
-        if face is not None:  # the wave from the mirror image: no water crosses x = face
-            found.append((rate, k, (-e_x, e_y), omega, phase + 2.0 * k * e_x * face, sea.surface, bottom))
+        found.append((amplitude, omega, k, math.cos(direction), math.sin(direction), phase))
     return found
 
 

@@ -108,6 +108,7 @@ WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
 Friction = Annotated[Number, within(0.0, 100.0, "")]
 Length = Annotated[Number, within(1e-6, 1e6, "m")]
 Displacement = tuple[Time, Coordinate, Coordinate, Coordinate]
+Response = tuple[Annotated[Number, within(0.0, 1e3, "rad/s")], Annotated[Number, within(0.0, 1e3, "m/m, deg/m")], Angle]
 _MOST_ROWS = 100_000
 
 
@@ -144,6 +145,13 @@ class Surface:
     amplitude: Vector3 = doc("of a sine of the displacement, in W [m]", (0.0,) * 3)
     frequency_hz: Annotated[Number, within(0.0, 1e3, "Hz")] = doc("of the sine [Hz]", 0.0)
     phase_deg: Angle = doc("of the sine at t = 0 [deg]", 0.0)
+    heave: tuple[Response, ...] = doc(
+        "[[omega, amplitude, phase_deg], ...]: response to the waves of [sea], linear between [rad/s, m/m, deg]", ()
+    )
+    roll: tuple[Response, ...] = doc("as heave, about the hull's axis forward [rad/s, deg/m, deg]", ())
+    pitch: tuple[Response, ...] = doc("as heave, about the hull's axis to the left [rad/s, deg/m, deg]", ())
+    pivot: Position | None = doc("place in W that the hull rolls and pitches about; default: position [m]", None)
+    heading_deg: Angle = doc("heading of the hull's axis forward in W [deg]", 0.0)
 
     def __post_init__(self) -> None:
         needed = SHAPES[self.shape].keys
@@ -163,6 +171,16 @@ class Surface:
             wrong.append(f"motion has {len(times)} rows; at most {_MOST_ROWS} are allowed")
         if any(self.amplitude) and self.frequency_hz == 0.0:
             wrong.append("amplitude needs frequency_hz")
+        for mode in ("heave", "roll", "pitch"):
+            omegas = [row[0] for row in getattr(self, mode)]
+            if any(late <= early for early, late in itertools.pairwise(omegas)):
+                wrong.append(f"{mode}: the frequencies of the rows must increase")
+        if (self.roll or self.pitch) and self.pivot is None:
+            wrong.append("roll and pitch need pivot, which the hull turns about")
+        if self.pivot is not None and not self.follows_sea:
+            wrong.append("pivot needs heave, roll or pitch")
+        if self.heading_deg and not (self.roll or self.pitch):
+            wrong.append("heading_deg needs roll or pitch")
         if wrong:
             raise ValueError("; ".join(wrong))
 
@@ -215,7 +233,12 @@ class Surface:
 
     @property
     def moves(self) -> bool:
-        return bool(self.motion) or any(self.amplitude)
+        return bool(self.motion) or any(self.amplitude) or self.follows_sea
+
+    @property
+    def follows_sea(self) -> bool:
+        """Whether it is a hull that answers the waves."""
+        return bool(self.heave or self.roll or self.pitch)
 
     @property
     def size(self) -> tuple[float, float, float]:

@@ -18,7 +18,8 @@ from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import ContactAtRest, Contacts, Pair
-from ..plant.effects import MeanWater, advancing, effect_rows, effect_tables, effects_of
+from ..plant.effects import MeanWater, advancing, effect_rows, effect_tables, effects_of, world_of
+from ..plant.hull import swell
 from ..plant.mjcf import Mjcf
 from ..plant.settings import EffectTable, Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
@@ -75,6 +76,12 @@ class Setup:
     def effect_rows(self) -> dict[str, np.ndarray]:
         """The tables of numbers (n, width) of these effects, by their keys."""
         return effect_rows(effect_tables(self.scenario))
+
+    @functools.cached_property
+    def swells(self) -> tuple[np.ndarray, ...]:
+        """Of each wall the rows (n, 7) of its motion with the sea."""
+        sea, world = self.scenario.sea, world_of(self.scenario, self.plant)
+        return tuple(swell(wall, sea, world) for _, wall in self.contacts.walls)
 
     @functools.cached_property
     def effect_slopes(self) -> np.ndarray:

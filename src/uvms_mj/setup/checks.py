@@ -32,6 +32,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
+from ..plant.hull import hull_faults, hull_notes
 from ..plant.impact import UP_TO
 from ..plant.mjcf import Mjcf
 from ..plant.obstacle import lost
@@ -72,7 +73,9 @@ class Direction(NamedTuple):
 def wall_faults(setup: Setup) -> Iterator[Fault]:
     """Errors for springs and dampers of the walls, normal or tangential, with which the time step is unstable, and for
     contacts that are not computed."""
-    yield from impossible(setup.scenario, setup.nominal)
+    scenario = setup.scenario
+    yield from impossible(scenario, setup.nominal)
+    yield from hull_faults(scenario.walls, scenario.sea, world_of(scenario, setup.plant))
     h = setup.scenario.simulation.timestep
     for each in directions(setup):
         k, b, m = each.k, each.b, each.m
@@ -117,6 +120,7 @@ def wall_notes(setup: Setup) -> Iterator[str]:
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
     yield from without_effect(setup.scenario)
+    yield from hull_notes(setup.scenario.walls, setup.scenario.sea)
     for table, one in setup.contacts.walls:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:

@@ -106,6 +106,11 @@ def motion_room(k: int) -> str:
     return f"motion of wall {k}"
 
 
+def swell_room(k: int) -> str:
+    """The room for the swell of a wall."""
+    return f"swell of wall {k}"
+
+
 def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
@@ -113,6 +118,8 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     for k, (record, (_, wall)) in enumerate(zip(surfaces, contacts.walls, strict=True)):
         if wall.motion:
             record["table"], record["rows"] = image.put(motion_room(k), np.array(wall.motion, float))
+        if wall.follows_sea:
+            record["swell"], record["swell_rows"] = image.put(swell_room(k), setup.swells[k])
     run["surfaces"][0][: len(surfaces)] = surfaces
     own = run["pairs"][0][: len(pairs)]
     for name in _OF_PAIR:

@@ -16,6 +16,8 @@ from ...errors import Fault, InputError
 from ...physics.effects import EFFECTS
 from ...physics.frames import BODY
 from ...physics.spanned_axes import pseudoinverse
+from ...plant.hull import WIDTH
+from ...plant.sea import MOST_WAVES
 from ...records.trace import Trace
 from ...setup.base import Setup
 from ...setup.changes import ANYTHING, Change
@@ -50,6 +52,7 @@ from .bodies import (
     motion_room,
     place_carriers,
     recorded_of_plant,
+    swell_room,
     write_contacts,
     write_wrist,
 )
@@ -162,7 +165,12 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     """The tables of a scenario that a run reads, by their rooms: their keys, and their rows (n, width)."""
     walls = [(motion_room(k), f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)]
     of_walls = {room: (key, np.array(table, float)) for room, key, table in walls if table}
-    return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls
+    swells = {
+        swell_room(k): (f"{key}.heave", setup.swells[k])
+        for k, (key, wall) in enumerate(setup.contacts.walls)
+        if wall.follows_sea
+    }
+    return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls | swells
 
 
 @functools.cache
@@ -194,6 +202,7 @@ class RunMemory:
         self._setup = setup
         self._tables, self._has_other_tables = tables_of(setup), False
         rooms = water_rooms() | {motion_room(k): MOST_ROWS * 4 for k in range(len(setup.contacts.walls))}
+        rooms |= {swell_room(k): MOST_WAVES * WIDTH for k in range(len(setup.contacts.walls))}
         rooms |= {room: max(rooms[room], table.size) for room, (_, table) in self._tables.items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
         self.image = Image({"run": run_dtype(self.shape), "stages": self.stages.layout}, rooms)

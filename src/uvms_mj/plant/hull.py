@@ -1,0 +1,88 @@
+r"""Walls that are hulls: they follow the sea by response amplitude operators in heave, roll and pitch.
+
+A wave of the amplitude a runs past the pivot of a hull at :math:`x_p`, along the horizontal unit vector e. The hull
+answers in heave, roll and pitch, each by its own complex operator :math:`R_j(\omega)` (Newman, "Marine Hydrodynamics",
+1977, sec. 6.16; Faltinsen, "Sea Loads", 1990, ch. 3):
+
+.. math::
+
+    \xi_j = \mathrm{Re}\, a R_j(\omega)\, e^{i(\omega t - k e^\top x_p - \varphi)}, \qquad
+    R_j = |R_j| e^{i \varepsilon_j},
+
+where :math:`\varepsilon_j` is the phase by which the motion leads the crest at the pivot. To first order in the angles
+the hull moves a wall at x by
+
+.. math::
+
+    \xi_3 z + (\xi_4 x_h + \xi_5 y_h) \times (x - x_p),
+
+with :math:`x_h` and :math:`y_h` forward and to the left of the hull. Between its rows an operator is linear in its real
+and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import Fault
+from .sea import Sea
+from .settings import Surface, World
+
+MODES = ("heave", "roll", "pitch")
+"""The operators of a wall: heave in m/m, the others in deg/m."""
+WIDTH = 7
+"""Numbers in a row of a swell."""
+
+
+def response(rows: tuple[tuple[float, float, float], ...], omega: np.ndarray) -> np.ndarray:
+    """The complex operator at angular frequencies (n,) [rad/s], from rows of a frequency [rad/s], an amplitude and a
+    phase [deg]; zero without rows."""
+    if not rows:
+        return np.zeros(len(omega), complex)
+    at, amplitude, phase = np.array(rows).T
+    value = amplitude * np.exp(1j * np.radians(phase))
+    return np.interp(omega, at, value.real) + 1j * np.interp(omega, at, value.imag)
+
+
+def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
+    """The displacement of a wall in the sea as rows (n, 7) of :func:`uvms_mj.physics.surfaces.move`; none of a wall
+    that does not follow the sea."""
+    if not wall.follows_sea or not sea.moves:
+        return np.zeros((0, WIDTH))
+    waves = sea.waves(world)
+    a, omega, k, e_x, e_y, phase = (np.array(part) for part in zip(*waves, strict=True))
+    pivot = np.array(wall.position if wall.pivot is None else wall.pivot)
+    crest = a * np.exp(-1j * (k * (e_x * pivot[0] + e_y * pivot[1]) + phase))
+    heave, roll, pitch = (response(getattr(wall, mode), omega) for mode in MODES)
+    heading, arm = math.radians(wall.heading_deg), np.array(wall.position) - pivot
+    forward = np.array([math.cos(heading), math.sin(heading), 0.0])
+    left = np.array([-forward[1], forward[0], 0.0])
+    turned = np.radians(1.0) * (roll[:, None] * np.cross(forward, arm) + pitch[:, None] * np.cross(left, arm))
+    Z = crest[:, None] * (heave[:, None] * np.array([0.0, 0.0, 1.0]) + turned)
+    return np.hstack([omega[:, None], Z.real, -Z.imag])
+
+
+def hull_faults(walls: tuple[Surface, ...], sea: Sea, world: World) -> Iterator[Fault]:
+    """Errors of walls that follow the sea."""
+    following = [(i, wall) for i, wall in enumerate(walls) if wall.follows_sea]
+    if not following or not sea.moves or world.gravity == 0.0:
+        return
+    if sea.reflecting:
+        wrong = "the response of a hull is that to waves that run, and [wall] throws them back"
+        yield Fault("sea.reflecting", f"{wrong}; take false, or no heave, roll and pitch of walls[{following[0][0]}]")
+        return
+    omega = [wave[1] for wave in sea.waves(world)]
+    low, high = min(omega), max(omega)
+    for i, wall in following:
+        for mode in MODES:
+            rows = getattr(wall, mode)
+            if rows and not rows[0][0] * (1.0 - 1e-9) <= low <= high <= rows[-1][0] * (1.0 + 1e-9):
+                wrong = f"the rows are from {rows[0][0]:g} to {rows[-1][0]:g} rad/s"
+                yield Fault(f"walls[{i}].{mode}", f"{wrong}, and [sea] has waves from {low:.4g} to {high:.4g} rad/s")
+
+
+def hull_notes(walls: tuple[Surface, ...], sea: Sea) -> Iterator[str]:
+    """A warning for walls that would follow a sea without waves."""
+    if not sea.moves and (still := [f"walls[{i}]" for i, wall in enumerate(walls) if wall.follows_sea]):
+        yield f"{', '.join(still)}: heave, roll and pitch have no effect: [sea] has no waves"
