@@ -62,15 +62,15 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     return () if distance is None else (lost.format(distance),)
 
 
-def noisy(scenario: "Scenario") -> bool:
-    """Whether a sensor has white noise."""
-    return any(any(channel.noise) for channel in scenario.navigation.white_channels.values())
+def fluctuates(scenario: "Scenario") -> bool:
+    """Whether a sensor has white noise, or there are waves."""
+    return scenario.sea.moves or any(any(channel.noise) for channel in scenario.navigation.white_channels.values())
 
 
 @functools.lru_cache(maxsize=1)
 def _deviations(header: "Header") -> Any:
-    """The closed form of the noise, the reason why there is none, or None without noise."""
-    if not noisy(header.scenario):
+    """The closed form of the deviations, the reason why there is none, or None without noise and waves."""
+    if not fluctuates(header.scenario):
         return None
     from ..setup.base import set_up
     from ..setup.linear_loop import deviations
@@ -79,8 +79,8 @@ def _deviations(header: "Header") -> Any:
 
 
 def _push_deviation(trace: "Trace") -> float | None:
-    """The push's standard deviation over the last half of the run [N]; None without noise."""
-    if not noisy(trace.scenario) or not len(trace):
+    """The push's standard deviation over the last half of the run [N]; None without noise and waves."""
+    if not fluctuates(trace.scenario) or not len(trace):
         return None
     return float(trace.push[trace.t >= 0.5 * trace.t[-1]].std())
 
@@ -263,13 +263,13 @@ NUMBERS: Mapping[str, Number] = {
     ),
     "noise.push_N": Number(
         _push_deviation,
-        "standard deviation of the push over the last half of the run, with white noise of a sensor",
+        "standard deviation of the push over the last half of the run, with white noise of a sensor or waves",
         of_whole_run=True,
     ),
     "noise.analytic_N": Number(
         lambda trace: getattr(_deviations(trace.header), "push", None), "the same in closed form"
     ),
-    "noise.none_because": Number(_no_noise_because, "text: why the noise has no closed form", kind=str),
+    "noise.none_because": Number(_no_noise_because, "text: why the deviation has no closed form", kind=str),
     "effort_N2s": Number(
         lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
         "integral of X^2 + Y^2 + Z^2 of the thrust over time",
@@ -345,7 +345,7 @@ COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough, of a
-    :func:`noisy` one also its last half."""
+    :func:`fluctuates` one also its last half."""
     printed = [place for place, each in NUMBERS.items() if each.printed]
     return _finite(_tree(numbers(trace, printed))) | {"files": files}
 

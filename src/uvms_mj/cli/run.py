@@ -197,7 +197,7 @@ def run_and_report(
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``. ``peer`` is
     that of :func:`uvms_mj.engine.run.simulate`."""
     from ..analysis.metrics import AROUND_THE_END_S
-    from ..analysis.summary import ending, noisy, summary
+    from ..analysis.summary import ending, fluctuates, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.mcap import McapLog
@@ -218,7 +218,7 @@ def run_and_report(
                 log_rate=log_rate,
                 progress=progress,
                 sinks=sinks,
-                keep_s=half if noisy(scenario) else AROUND_THE_END_S,  # for the push's deviation
+                keep_s=half if fluctuates(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
                 peer=peer,

@@ -1,5 +1,5 @@
-r"""White noise of the sensors in the closed loop at rest against the wall: standard deviations of push, pose and
-thrust.
+r"""White noise of the sensors, and waves, in the closed loop at rest against the wall: standard deviations of push,
+pose and thrust.
 
 Vehicle and law are linearised numerically about the rest, where the sampled loop is linear if the law is smooth there.
 Its state z has the vehicle (12,), the states of the law, the samples that the channels remember, and held commands.
@@ -13,11 +13,23 @@ where A_k and G_k repeat after N steps, the least common multiple of all periods
 solves the discrete Lyapunov equation :math:`P = \Phi P \Phi^\top + Q` with :math:`\Phi = A_{N-1} \cdots A_0` and the
 noise of N steps, Q. Variances are means over the N steps. A sample that is d steps late is one that its channel
 remembers. The noise is taken as Gaussian, and a channel as linear: nothing is lost, limited or quantised.
+
+The sea adds a wrench, B tau_k, to the same loop: of the vehicle held at its rest (:mod:`..control.theory.waves`), with
+the variance :math:`S(\omega)` at each frequency. A wrench :math:`e^{i \omega k h}` has the periodic answer
+:math:`z_k = \zeta_k e^{i \omega k h}`, where :math:`\zeta` repeats after N steps,
+
+.. math::
+
+    (e^{i \omega N h} - \Phi)\, z_0 = \sum_{k < N} A_{N-1} \cdots A_{k+1} B e^{i \omega k h},
+
+which is exact for the sampled loop, and :math:`z_k` adds the variance :math:`z_k S z_k^H`. The drag with \|u\| u is in
+S, and so the answer is linear in what the loop does with the wrench alone.
 """
 
+import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -32,6 +44,8 @@ from ..control.theory.loop import Line
 from ..control.theory.own_effects import OwnEffects
 from ..control.theory.predictions import steady_state
 from ..control.theory.terms import ContactSprings
+from ..control.theory.waves import sea_spectrum
+from ..navigation import Perfect
 from ..navigation.channel import Channel
 from ..physics.effects import add_effects
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
@@ -39,7 +53,7 @@ from ..physics.frames import quat_turned, rotation_matrix, to_body
 from ..physics.kernels import record_of
 from ..physics.spanned_axes import pseudoinverse
 from ..stages.signals import record_dtype
-from .base import Setup
+from .base import Setup, set_up
 
 SMALL = np.concatenate([np.full(12, 1e-6), np.full(6, 1e-4)])
 """Differences of the measurements (18,): position, attitude, velocity [SI]; force and moment [N, N m]."""
@@ -113,7 +127,8 @@ class RestingLaw:
     """The law about the rest, as plain Python.
 
     It gives tau_cmd (6,) and the rates of its states, from the states and from the measurements (18,): position in W,
-    rotation vector in B, nu and tau_c, as differences from the rest.
+    rotation vector in B, nu and tau_c, as differences from the rest. Where the law sets a state itself, its rate is the
+    mean one until the next instant.
     """
 
     def __init__(self, setup: Setup, rest: SteadyState, known: Any) -> None:
@@ -149,7 +164,7 @@ class RestingLaw:
         return states, bool(missing <= 1e-6 * max(1.0, np.abs(wanted).max()))
 
     def __call__(self, y: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """tau_cmd and the rates of the states (6 + n,); NaN if the law sets a state itself."""
+        """tau_cmd and the rates of the states (6 + n,); NaN if the law keeps other numbers."""
         signals, known = self.signals, self.known
         signals["p_WB"], signals["quat_WB"] = known.position + y[:3], quat_turned(known.quat, y[3:6])
         signals["R_WB"], signals["nu"] = rotation_matrix(signals.quat_WB), known.nu + y[6:12]
@@ -162,10 +177,11 @@ class RestingLaw:
         for stage, settings, size in zip(self.stages, self.settings, self.sizes, strict=True):
             state, state_dot = type(stage).state_record(), type(stage).state_record()
             state.view("f8")[:size] = states[first : first + size]
-            out = self.tau_cmd if stage is self.controller else signals
+            out, others = self.tau_cmd if stage is self.controller else signals, state.tobytes()[8 * size :]
             type(stage).function()(settings, record_of(state), signals, record_of(state_dot), out)
-            own = state.view("f8")[:size] == states[first : first + size]
-            rates.append(np.where(own, state_dot.view("f8")[:size], np.nan))
+            moved = (state.view("f8")[:size] - states[first : first + size]) / signals.period
+            kept = state.tobytes()[8 * size :] == others
+            rates.append(state_dot.view("f8")[:size] + moved if kept else np.full(size, np.nan))
             first += size
         return np.concatenate([self.tau_cmd, *rates])
 
@@ -188,8 +204,11 @@ class LinearLaw:
             return law(x[:18], x[18:])
 
         found, wider = jacobian(response, start, small), jacobian(response, start, 100.0 * small)
+        here = response(start)
+        kinks = np.array([(response(start + e) + response(start - e) - 2.0 * here) / e.max() for e in np.diag(small)]).T
         scale = np.abs(found).max(axis=1, keepdims=True)
-        if not np.isfinite(found).all() or (np.abs(found - wider) > 1e-2 * np.maximum(scale, 1e-6 * scale.max())).any():
+        most = 1e-2 * np.maximum(scale, 1e-6 * scale.max())
+        if not np.isfinite(found).all() or (np.abs(found - wider) > most).any() or (np.abs(kinks) > most).any():
             return None
         return cls(law, found[:, :18], found[:, 18:])
 
@@ -227,12 +246,14 @@ _ROUNDING = 1e-10
 """Rounding of an eigenvalue of the loop."""
 _CLEAR = 4.0
 """Standard deviations of the push from losing contact, or of the position from making it."""
+_CLEAR_OF_SINES = 2.0
+"""The same in a regular wave: its amplitude has 2^(1/2) of them, and the rest is for harmonics and drift."""
 
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Standard deviations by white noise: push [N], position (3,) in W [m], attitude (3,) as a rotation vector in B
-    [rad], nu (6,) and tau (6,) in B. ``slowest`` is the loop's longest time constant [s]."""
+    """Standard deviations by white noise and waves: push [N], position (3,) in W [m], attitude (3,) as a rotation
+    vector in B [rad], nu (6,) and tau (6,) in B. ``slowest`` is the loop's longest time constant [s]."""
 
     push: float
     position: np.ndarray
@@ -243,34 +264,47 @@ class Deviations:
 
 
 def deviations(setup: Setup) -> Deviations | str | None:
-    """The standard deviations of a run at its rest, the reason why there is no closed form, or None without noise."""
-    channels = setup.scenario.navigation.white_channels
-    if not any(any(channel.noise) for channel in channels.values()):
+    """The standard deviations of a run at its rest, the reason why there is no closed form, or None without noise and
+    waves."""
+    scenario = setup.scenario
+    perfect = type(scenario.navigation) is Perfect
+    channels = dict.fromkeys(_PLACES, Channel()) if perfect else scenario.navigation.white_channels
+    waves = scenario.sea.moves
+    if not waves and not any(any(channel.noise) for channel in channels.values()):
         return None
     if setup.not_rigid:
-        return f"the noise is known for a rigid vehicle at B, and {setup.not_rigid}"
-    if reason := _unknown(setup, channels) or OwnEffects(setup.scenario.effects, setup).unknown():
+        return f"the deviation is known for a rigid vehicle at B, and {setup.not_rigid}"
+    calm = set_up(dataclasses.replace(scenario, sea=scenario.sea.at_rest), setup.plant.mjcf) if waves else setup
+    if reason := _unknown(calm, channels) or OwnEffects(scenario.effects, setup).unknown():
         return reason
-    rest = steady_state(setup)
+    if waves and scenario.effects:
+        return f"the waves' way through the effect {scenario.effects[0].label()} is not known"
+    rest = steady_state(calm)
     if not isinstance(rest, SteadyState) or rest.tau is None:
         return getattr(rest, "reason", "the law's theory gives no whole state at rest")
-    vehicle, known = RestingVehicle(setup, rest), setup.scenario.navigation.rest_errors(setup)
+    vehicle, known = RestingVehicle(calm, rest), scenario.navigation.rest_errors(calm)
     assert not isinstance(known, str)  # the rest is known
     at_rest = known(vehicle.position, vehicle.quat, vehicle.contact(np.zeros(12)))
-    law, label = LinearLaw.of(RestingLaw(setup, rest, at_rest)), setup.scenario.controller.label()
+    law, label = LinearLaw.of(RestingLaw(calm, rest, at_rest)), scenario.controller.label()
     if law is None:
         return f"{label} is not smooth at its rest"
     if not law.law.known_rest:
         return f"the states of {label} at rest are not known"
-    loop = _Loop(setup, vehicle, law, channels)
+    loop = _Loop(calm, vehicle, law, channels)
     if loop.steps > MOST_STEPS or loop.size > MOST_STATES:
         return "the periods have too large a common multiple, or too many samples are on their way"
-    return loop.solve()
+    if not waves:
+        return loop.solve(None)
+    return loop.solve(
+        sea_spectrum(setup, vehicle.position, vehicle.R_WB, calm.mean_water.flow), scenario.sea.spectrum == "regular"
+    )
 
 
 def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     """What of a scenario the closed form does not know; empty if nothing."""
     scenario = setup.scenario
+    if not channels or not scenario.navigation.is_shipped:
+        return f"the way through {scenario.navigation.label()} is not known"
     others = [stage.label() for stage in scenario.stages if stage.runs and stage.room.table not in _KNOWN_STAGES]
     if others:
         return f"the noise's way through {others[0]} is not known"
@@ -297,8 +331,8 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
 class _Loop:
     """The linear sampled loop. The channels have their samples and the stages their periods as in a run.
 
-    A vector that is linear in the loop's state z and in the noise n of the step is a matrix [by state, by noise] with
-    ``size`` + 18 columns."""
+    A vector that is linear in the loop's state z, in the noise n of the step and in a wrench on the vehicle is a matrix
+    [by state, by noise, by wrench] with ``size`` + 18 + 6 columns."""
 
     def __init__(self, setup: Setup, vehicle: RestingVehicle, law: LinearLaw, channels: Mapping[str, Channel]) -> None:
         self.setup, self.vehicle, self.law, self.h = setup, vehicle, law, setup.scenario.simulation.timestep
@@ -333,10 +367,10 @@ class _Loop:
 
     def at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state after step k, the measurements (18,) and the thrust (6,) in it."""
-        z = np.eye(self.size, self.size + 18)
+        z = np.eye(self.size, self.size + 24)
         x, states, *registers, u = (z[place] for place in self.places)
         now = self.sensed @ x
-        now[:, self.size :] = self.sigmas
+        now[:, self.size : self.size + 18] = self.sigmas
         waiting = [[old[i : i + w] for i in range(0, len(old), w)] for old, w in zip(registers, _WIDTHS, strict=True)]
 
         def arrived(which: int, fresh: np.ndarray) -> np.ndarray:
@@ -354,14 +388,16 @@ class _Loop:
             states = states + self.h * self.control * response[6:]
         u = commanded if k % self.actuation == 0 else u
         nu = x[6:] + self.h * (self.vehicle.acceleration_by_state @ x + self.delivered @ u)
+        nu[:, -6:] += self.h * self.vehicle.acceleration_by_thrust
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
         return np.vstack([x[:6] + moved, nu, states, *kept, u]), y, u
 
-    def solve(self) -> Deviations | str:
-        """The covariance that repeats, and the deviations from it."""
-        found = [[np.hsplit(each, [self.size]) for each in self.at(k)] for k in range(self.steps)]
+    def solve(self, sea: tuple[np.ndarray, np.ndarray] | None, regular: bool = False) -> Deviations | str:
+        """The covariance that repeats, and the deviations from it, with the spectrum of a wrench of the sea, which may
+        be of a regular wave."""
+        found = [[np.hsplit(each, [self.size, self.size + 18]) for each in self.at(k)] for k in range(self.steps)]
         phi, Q = np.eye(self.size), np.zeros((self.size, self.size))
-        for (A, G), _, _ in found:
+        for (A, G, _), _, _ in found:
             phi = A @ phi
             Q = A @ Q @ A.T + G @ G.T
         largest = float(np.abs(np.linalg.eigvals(phi)).max())
@@ -369,30 +405,54 @@ class _Loop:
             return "with these sensors the loop is unstable about its rest"
         if largest > 1.0 - _ROUNDING:
             return "a state of the law neither decays nor grows about the rest"
-        P = solve_discrete_lyapunov(phi, Q)
+        noisy = bool(Q.any())
+        P = solve_discrete_lyapunov(phi, Q) if noisy else Q
         sums: dict[str, Any] = {"x": np.zeros((12, 12)), "y": 0.0, "u": 0.0, "states": 0.0}
-        for (A, G), y, u in found:
+
+        def add(P: np.ndarray, outputs: Any) -> None:
+            """Add the variances by the covariance P of the state."""
             sums["x"] += P[:12, :12]
             sums["states"] += np.diag(P)[self.places[1]]
-            for name, (by_state, by_noise) in (("y", y), ("u", u)):
-                sums[name] += np.diag(by_state @ P @ by_state.T + by_noise @ by_noise.T)
-            P = A @ P @ A.T + G @ G.T
-        return self._checked({name: each / self.steps for name, each in sums.items()}, largest)
+            for name, (by_state, _, _) in zip("yu", outputs, strict=True):
+                sums[name] += np.diag(by_state @ P @ by_state.T)
 
-    def _checked(self, means: Mapping[str, Any], largest: float) -> Deviations | str:
-        """The deviations, or the reason why the loop is not linear over them."""
+        for (A, G, _), *outputs in found:
+            add(P, outputs)
+            for name, (_, by_noise, _) in zip("yu", outputs, strict=True):
+                sums[name] += np.diag(by_noise @ by_noise.T)
+            P = A @ P @ A.T + G @ G.T
+        if sea is not None:
+            for P, (_, *outputs) in zip(self._answers(*sea, found, phi), found, strict=True):
+                add(P, outputs)
+        return self._checked({name: each / self.steps for name, each in sums.items()}, largest, regular and not noisy)
+
+    def _answers(self, omega: np.ndarray, spectrum: np.ndarray, found: Any, phi: np.ndarray) -> Iterator[np.ndarray]:
+        """The covariance of the state before each of the N steps, by wrenches on the vehicle that have the variance
+        (m, 6, 6) at the angular frequencies (m,)."""
+        z = np.zeros((len(omega), self.size, 6), complex)
+        turned = np.exp(1j * self.h * np.arange(self.steps + 1) * omega[:, None])[:, :, None, None]  # (m, N + 1, 1, 1)
+        for k, ((A, _, by_wrench), _, _) in enumerate(found):
+            z = A @ z + by_wrench * turned[:, k]
+        z = np.linalg.solve(turned[:, -1] * np.eye(self.size) - phi, z)
+        for k, ((A, _, by_wrench), _, _) in enumerate(found):
+            yield np.einsum("mai,mij,mbj->ab", z, spectrum, z.conj(), optimize=True).real
+            z = A @ z + by_wrench * turned[:, k]
+
+    def _checked(self, means: Mapping[str, Any], largest: float, sines: bool) -> Deviations | str:
+        """The deviations, or the reason why the loop is not linear over them. ``sines``: nothing but a regular wave
+        causes them."""
         by_state, pushes = self.vehicle.pushes_by_state, self.vehicle.pushes
         both = by_state.sum(axis=0)
         push, x = math.sqrt(max(0.0, both @ means["x"] @ both)), np.sqrt(np.maximum(np.diag(means["x"]), 0.0))
         spreads = np.sqrt(np.maximum(np.diag(by_state @ means["x"] @ by_state.T), 0.0))  # of each contact
         y, states, tau = (np.sqrt(np.maximum(means[name], 0.0)) for name in ("y", "states", "u"))
-        label = self.setup.scenario.controller.label()
+        label, clear = self.setup.scenario.controller.label(), _CLEAR_OF_SINES if sines else _CLEAR
         if not self.law.is_linear_over(_REACH * y, _REACH * states):
             return f"{label} is not linear over {_REACH:g} standard deviations of its measurements"
         for force, spread in zip(pushes, spreads, strict=True):
-            if 0.0 < force < _CLEAR * spread:
+            if 0.0 < force < clear * spread:
                 return f"the push of {force:.4g} N would lose contact at times: its deviation would be {spread:.3g} N"
-        if self.vehicle.touches_within(_CLEAR * x[:6]):
+        if self.vehicle.touches_within(clear * x[:6]):
             return "the vehicle would touch the wall at times"
         allocate = pseudoinverse(self.setup.nominal.B)
         u, spread = allocate @ self.vehicle.tau, np.abs(allocate) @ (_REACH * tau)

@@ -77,9 +77,19 @@ class Gsta(Controller):
         return state
 
     def notes(self: Any, setup: SetupLike) -> Iterator[str]:
-        """Warnings if the sampled law vibrates or bounces against the wall, or its chatter shifts the push."""
+        """Warnings if the sampled law vibrates or bounces against the wall, its chatter shifts the push, or waves are
+        faster than it follows."""
         from ..design import demanded_force
+        from ..theory.waves import sea_rate
 
+        rates = sea_rate(setup)
+        if (rate := float(rates.max())) >= self.k_2 / 2.0:
+            worst = int(rates.argmax())
+            yield (
+                f"the waves push the vehicle at rest with M_hat^-1 tau_sea, which changes by up to {rate:.3g} "
+                f"{'m/s^3' if worst < 3 else 'rad/s^3'} in {'XYZKMN'[worst]}, faster than k_2/2 = {self.k_2 / 2.0:g}: "
+                "s does not stay at zero there"
+            )
         yield from _stability(setup).notes(self.label())
         bias, force = _chatter_bias(self, setup), demanded_force(setup.scenario)
         if bias > _BIASED * max(1.0, force if math.isfinite(force) else 0.0):
