@@ -200,6 +200,12 @@ def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     ``numbers`` has the tables."""
     for k in range(effects.current.shape[0]):
         add_current(effects.current[k], numbers, t, p_W, v, v_dot, gradient)
+    add_sea(effects, t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def add_sea(effects, t, p_W, v, v_dot, gradient):
+    """As :func:`add_flows`, of the waves alone."""
     for k in range(effects.sea.shape[0]):
         add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
 

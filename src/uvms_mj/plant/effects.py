@@ -44,10 +44,6 @@ class _World:
         return self._scenario.simulation.timestep
 
     @property
-    def joints(self) -> int:
-        return len(self._plant.vehicle.arm.links)
-
-    @property
     def start_p(self) -> tuple[float, float, float]:
         return self._scenario.initial.position
 

@@ -36,14 +36,13 @@ from ..stages.setup import ScenarioLike
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
-    time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN where it is not known,
+    time step [s], the vehicle's position (3,) at the start [m], NaN where it is not known,
     and its attitude (3, 3) there."""
 
     seed: int = 0
     gravity: float = 9.81
     face: float | None = None
     timestep: float = 1e-3
-    joints: int = 0
     start_p: tuple[float, float, float] = (math.nan,) * 3
     start_R: np.ndarray = np.eye(3)
 
