@@ -80,6 +80,8 @@ class TwinTree:
     bodies: tuple[TwinBody, ...]
     v_c_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,), m/s
     gravity: float = 9.81  # m/s^2
+    # velocity (3,) of further water at a place (3,) and a time, also of complex ones; links have it at their r_b
+    waves: Callable[[Array, complex], Array] | None = None
     # tau_dist(t) = bias + amplitude sin(2 pi frequency t) on the base, in B
     disturbance_bias: Array = field(default_factory=lambda: np.zeros(6))  # (6,), N and N m
     disturbance_amplitude: Array = field(default_factory=lambda: np.zeros(6))
@@ -149,12 +151,27 @@ def inertia(tree: TwinTree, q: Array) -> Array:
     return M
 
 
-def _resistance_of(body: TwinBody, tree: TwinTree, R: Array, V: Array, a: Array) -> Array:
+def _water_at(tree: TwinTree, p: Array, v: Array, t: float) -> tuple[Array, Array, Array]:
+    """Velocity of the water at a place in W, its rate along a path with the velocity v, and the water's acceleration,
+    each (3,), by complex steps."""
+    if tree.waves is None:
+        return tree.v_c_W, np.zeros(3), np.zeros(3)
+    h, v_c = 1e-30, tree.v_c_W + tree.waves(p, t).real
+    along = [tree.waves(p + 1j * h * u, t + 1j * h).imag / h for u in (v, v_c)]
+    return v_c, along[0], along[1]
+
+
+def _resistance_of(
+    body: TwinBody, tree: TwinTree, pose: tuple[Array, Array], V: Array, a: Array, t: float, is_base: bool
+) -> Array:
     """Inertial forces of a body and the water around it less the forces of weight, buoyancy and drag, (6,)."""
     M_RB, M_A = body.spatial
-    v_c, up = R.T @ tree.v_c_W, R.T @ [0.0, 0.0, 1.0]
+    R, p = pose
+    r = np.zeros(3) if is_base else body.r_b
+    v_c_W, rate_W, a_c_W = _water_at(tree, p + R @ r, R @ (V[3:] + np.cross(V[:3], r)), t)
+    v_c, up = R.T @ v_c_W, R.T @ [0.0, 0.0, 1.0]
     V_r = V - np.r_[np.zeros(3), v_c]
-    a_r = a + np.r_[np.zeros(3), skew(V[:3]) @ v_c]  # the current is constant in W, so it turns in the link
+    a_r = a + np.r_[np.zeros(3), skew(V[:3]) @ v_c - R.T @ rate_W]  # what is constant in W turns in the link
     force = M_RB @ a - _cross_motion(V).T @ M_RB @ V
     force += M_A @ a_r - _cross_motion(V_r).T @ M_A @ V_r  # Kirchhoff's equations, Fossen (2021), sec. 6.3
     nu_r = V_r[_SWAP]
@@ -162,19 +179,24 @@ def _resistance_of(body: TwinBody, tree: TwinTree, R: Array, V: Array, a: Array)
     for r, upward in ((body.r_b, body.displaced_mass), *((part.r_g, -part.mass) for part in body.parts)):
         f = upward * tree.gravity * up
         force -= np.r_[skew(r) @ f, f]
-    return force
+    f = body.displaced_mass * (R.T @ a_c_W)  # of the pressure that accelerates the water
+    return force - np.r_[skew(body.r_b) @ f, f]
 
 
-def resistance(tree: TwinTree, R: Array, q: Array, zeta: Array) -> Array:
-    """b(R_WB, q, zeta), (6 + n,), of M zeta_dot + b = tau, without the disturbance: recursive Newton-Euler."""
-    attitudes = [R for R, _ in poses(tree, np.zeros(3), R, q)]
+def resistance(tree: TwinTree, R: Array, q: Array, zeta: Array, p: Array | None = None, t: float = 0.0) -> Array:
+    """b(R_WB, q, zeta), (6 + n,), of M zeta_dot + b = tau, without the disturbance: recursive Newton-Euler. Waves need
+    the place p of the base and the time t."""
+    places = poses(tree, np.zeros(3) if p is None else p, R, q)
     X, V, a = [np.eye(6)], [zeta[:6][_SWAP]], [np.zeros(6)]
     for body, x, rate in zip(tree.bodies[1:], q, zeta[6:], strict=True):
         joint = body.S * rate
         X.append(_from_parent(body, x))
         V.append(X[-1] @ V[body.parent] + joint)
         a.append(X[-1] @ a[body.parent] + _cross_motion(V[-1]) @ joint)  # Featherstone, eq. (5.8)
-    force = [_resistance_of(body, tree, *state) for body, *state in zip(tree.bodies, attitudes, V, a, strict=True)]
+    force = [
+        _resistance_of(body, tree, *state, t, is_base=body.parent < 0)
+        for body, *state in zip(tree.bodies, places, V, a, strict=True)
+    ]
     b = np.zeros(6 + tree.n)
     for k in range(tree.n, 0, -1):
         body = tree.bodies[k]
@@ -189,9 +211,11 @@ def disturbance(tree: TwinTree, t: float) -> Array:
     return tree.disturbance_bias + tree.disturbance_amplitude * np.sin(2.0 * np.pi * tree.disturbance_frequency_hz * t)
 
 
-def acceleration(tree: TwinTree, R: Array, q: Array, zeta: Array, tau: Array, t: float = 0.0) -> Array:
+def acceleration(
+    tree: TwinTree, R: Array, q: Array, zeta: Array, tau: Array, t: float = 0.0, p: Array | None = None
+) -> Array:
     """zeta_dot, (6 + n,), under tau = [wrench on the base in B; joint torques], (6 + n,)."""
-    load = tau - resistance(tree, R, q, zeta)
+    load = tau - resistance(tree, R, q, zeta, p, t)
     load[:6] += disturbance(tree, t)
     return np.linalg.solve(inertia(tree, q), load)
 

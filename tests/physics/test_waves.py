@@ -179,14 +179,12 @@ def test_a_run_has_the_motion_of_the_water_along_both_ways():
             assert plant["water"]["unsteady"] == 1
 
 
-def test_engines_agree_and_a_closed_form_and_joints_are_refused_by_name():
+def test_engines_agree_and_a_closed_form_is_refused_by_name():
     over = {"sea.height": 0.4, "sea.period": 3.0, "sea.spectrum": "jonswap", "simulation.duration": 3.0}
     first, second = (simulate(Scenario.load("push_wall", over), engine=each) for each in ("free_body", "mujoco"))
     assert "waves" in first.analytic.reason
     np.testing.assert_allclose(first.p_WB, second.p_WB, atol=3e-7)
     assert np.ptp(first.v_c_W, axis=0).max() > 0.1
-    with pytest.raises(InputError, match="without joints"):
-        simulate(Scenario.load("tool_push", {"sea.height": 0.4}))
 
 
 @pytest.mark.parametrize(

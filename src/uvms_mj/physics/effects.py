@@ -217,6 +217,12 @@ def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     for k in range(effects.obstacle.shape[0]):
         if in_the_way(effects.obstacle[k]):
             turn_aside(effects.obstacle[k], p_W, v, v_dot, gradient)
+    add_sea(effects, t, p_W, v, v_dot, gradient)
+
+
+@kernel
+def add_sea(effects, t, p_W, v, v_dot, gradient):
+    """As :func:`add_flows`, of the waves alone."""
     for k in range(effects.sea.shape[0]):
         add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
 

@@ -10,6 +10,7 @@ def flow(plant, numbers, t, p_WB, R_WB, nu):
     """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record: at time t [s], for a vehicle at p_WB (3,)
     [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
     water = plant.water
+    water.t = t
     if water.unsteady != 0:
         flow_along(plant, numbers, t, p_WB, R_WB, nu)
     water.tau_dist[:] = 0.0

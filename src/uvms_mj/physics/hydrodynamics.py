@@ -24,12 +24,23 @@ holds as it stands for a vehicle whose weight and buoyancy balance in size and p
 taken in the accelerated frame of the water (:func:`uvms_mj.control.model.reveal`). In uniform water that accelerates, a
 neutral vehicle therefore moves as in still water, seen from the water.
 
+**Waves at links.** In a sea each link has the flow at its own centre of buoyancy. The tree moves in the flow at B, and
+a link adds the difference: with d = v_c,L - v_c of the water's velocity, and omega of the link,
+
+.. math::
+
+    v_r \mathrel{-}= R_{WL}^\top d, \qquad
+    \dot v_r \mathrel{+}= \omega \times R_{WL}^\top d - R_{WL}^\top \dot d,
+
+with the rates along the paths of the two places, and the difference of the accelerations of the water in its buoyancy.
+A uniform flow has no difference.
+
 MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 """
 
 import numpy as np
 
-from .effects import add_inertia_wrenches
+from .effects import add_inertia_wrenches, add_sea
 from .frames import add_wrench_from
 from .kernels import fused, kernel
 from .tree import damping_wrench, gather_wrenches, momenta, move_links
@@ -38,6 +49,7 @@ WATER = np.dtype(
     [
         ("unsteady", "i8"),  # whether the water does not move the same at all times and places
         # at the vehicle, at one instant
+        ("t", "f8"),  # [s]
         ("fresh", "i8"),  # whether it is the instant in hand of a closed loop
         ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]
         ("v_c_dot_W", "f8", (3,)),  # its time derivative along the vehicle's path [m/s^2]; zero if it is constant
@@ -119,6 +131,9 @@ def water_wrench(plant, R_WB, nu, out):
     if water.unsteady != 0:
         a[:3] -= R_WB.T @ water.v_c_dot_W
     move_links(links, frames, plant.qvel, 6)
+    if plant.effects.sea.shape[0] != 0:
+        for k in range(1, links.shape[0]):
+            meet_waves(plant, links[k], frames[k], R_WB, nu)
     subtract_water(base, base.F)
     add_buoyancy(base, plant, R_WB, base.r_b)
     for k in range(1, links.shape[0]):
@@ -126,12 +141,37 @@ def water_wrench(plant, R_WB, nu, out):
         part[:], link.F[:] = 0.0, link.f_ext
         subtract_water(link, part)
         add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
-        add_buoyancy(link, plant, R_WB, frame.p_BL + frame.R_BL @ link.r_b)
+        centre = frame.p_BL + frame.R_BL @ link.r_b
+        add_buoyancy(link, plant, R_WB, centre)
+        if plant.effects.sea.shape[0] != 0:
+            f = link.displaced_mass * (R_WB.T @ link.a_c_W)
+            link.F[:3] += f
+            link.F[3:] += np.cross(centre, f)
     add_inertia_wrenches(plant.effects, plant.qpos[:3], R_WB, nu, base.F)
     for k in range(plant.effect_frames.shape[0]):
         at = plant.effect_frames[k]
         add_wrench_from(at.R_BC, at.p_BC, plant.tau_effects[k], links[at.link].F)
     gather_wrenches(links, frames, out)
+
+
+@kernel
+def meet_waves(plant, link, frame, R_WB, nu):
+    """Set nu and a of a link to its motion relative to the water at its centre of buoyancy, and its a_c_W, from the
+    motion relative to the water at B; nu (6,) is the velocity of the base."""
+    water, p_WB = plant.water, plant.qpos[:3]
+    R = R_WB @ frame.R_BL
+    v_B, v_dot_B, gradient_B = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    v_L, v_dot_L, gradient_L = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    add_sea(plant.effects, water.t, p_WB, v_B, v_dot_B, gradient_B)
+    p_WL = p_WB + R_WB @ (frame.p_BL + frame.R_BL @ link.r_b)
+    add_sea(plant.effects, water.t, p_WL, v_L, v_dot_L, gradient_L)
+    path = R @ (link.nu[:3] + np.cross(link.nu[3:], link.r_b)) + water.v_c_W  # of the centre of buoyancy
+    d = v_L - v_B
+    rate = (v_dot_L + gradient_L @ path) - (v_dot_B + gradient_B @ (R_WB @ nu[:3]))
+    link.a_c_W[:] = (v_dot_L + gradient_L @ (water.v_c_W + d)) - (v_dot_B + gradient_B @ water.v_c_W)
+    here = R.T @ d
+    link.a[:3] += np.cross(link.nu[3:], here) - R.T @ rate
+    link.nu[:3] -= here
 
 
 @kernel

@@ -95,6 +95,7 @@ LINK = np.dtype(
         ("A", "f8", (6,)),
         ("nu", "f8", (6,)),  # the same at the link's origin in its axes
         ("a", "f8", (6,)),
+        ("a_c_W", "f8", (3,)),  # in a sea: acceleration of the water at its centre of buoyancy less that at B [m/s^2]
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
         ("F_C", "f8", (6,)),  # of a law's model, the wrenches of C and D; F then has the wrench of g
         ("F_D", "f8", (6,)),

@@ -136,11 +136,6 @@ class Sea(EffectTable):
         if gravity == 0.0:
             yield Fault("height", "there are no waves in a world without gravity")
             return
-        if world.joints:
-            wrong = (
-                "the motion of the water is that at the vehicle's origin, which is not computed at the links of an arm"
-            )
-            yield Fault("height", f"{wrong}; take a vehicle without joints")
         if self.reflecting and world.face is None:
             yield Fault("reflecting", "there is no [wall] that throws the waves back")
         least = STEPS * world.timestep * (1.0 if self.spectrum == "regular" else _HIGH)

@@ -28,7 +28,7 @@ from ..errors import Fault, InputError
 from ..guidance.base import samples
 from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
 from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
@@ -441,6 +441,20 @@ def _contact_notes(setup: Setup) -> Iterator[str]:
             yield f"notes on chatter, vibration and bounces do not know the {wall.contact} contact of {table}"
 
 
+def _sea_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for what has the water at B in place of the water at a link, in waves."""
+    scenario = setup.scenario
+    if not (scenario.sea.moves and setup.vehicle.arm.links):
+        return
+    if scenario.wrist.runs:
+        wrong = "the true wrench of the wrist's sensor has the water at the vehicle's origin, not at the links"
+        yield Fault("sea.height", f"{wrong}; take no wrist")
+    for i, effect in enumerate(scenario.effects):
+        if effect.at != BODY:
+            wrong = f"the waves at {effect.at} are not computed for effects[{i}], which has the water at the origin"
+            yield Fault("sea.height", f"{wrong}; let it act at the body")
+
+
 def _inertia_notes(setup: Setup) -> Iterator[str]:
     if names := setup.scenario.with_inertia:
         yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
@@ -465,7 +479,7 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
 
 Check = Callable[[Setup], Iterable[Fault]]
 CHECKS: tuple[Check, ...] = (
-    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, posture_faults),
+    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, _sea_faults, posture_faults),
 )
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (

@@ -209,8 +209,7 @@ def attach(
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
     tables = tables_checked(vectors, effects, seed)
-    joints, g = len(vehicle.arm.links), float(np.linalg.norm(model.opt.gravity))
-    world = World(seed, g, timestep=model.opt.timestep, joints=joints)
+    world = World(seed, float(np.linalg.norm(model.opt.gravity)), timestep=model.opt.timestep)
     if faults := effect_faults(tables, world):
         raise InputError(faults, "attach")
     attachment = immerse(model, data, vehicle, tables=tables, world=world)
