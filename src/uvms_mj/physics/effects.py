@@ -79,7 +79,7 @@ from .frames import velocity_at
 from .kernels import kernel
 from .near_wall import PAD, add_pad_inertia, add_pad_wrench
 from .varying import add_sines, add_table_and_noise, varying
-from .waves import WAVE, add_wave
+from .waves import WAVE, add_waves
 
 RHO = 1000.0
 """Density of the water for these forces [kg/m^3]. Sea water has 2.5 % more, which is far less than their coefficients
@@ -200,8 +200,8 @@ def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
     ``numbers`` has the tables."""
     for k in range(effects.current.shape[0]):
         add_current(effects.current[k], numbers, t, p_W, v, v_dot, gradient)
-    for k in range(effects.sea.shape[0]):
-        add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
+    if effects.sea.shape[0] != 0:
+        add_waves(effects.sea, t, p_W, v, v_dot, gradient)
 
 
 @kernel
