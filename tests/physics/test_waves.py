@@ -9,7 +9,7 @@ import pytest
 from twin import TwinParameters
 from uvms_mj import InputError, Scenario, Sea, attach, simulate
 from uvms_mj.engine.simulation import Simulation
-from uvms_mj.physics.waves import WAVE, add_wave
+from uvms_mj.physics.waves import WAVE, add_waves, turned
 from uvms_mj.plant.sea import spectral_density, wave_number
 from uvms_mj.plant.settings import World
 from vehicles import load
@@ -28,8 +28,8 @@ OBLIQUE = Sea(height=0.4, period=2.5, depth=3.0, surface=0.7, direction_deg=35.0
 def motion(sea, t, p, face=None, gravity=G):
     """v (3,), v_dot (3,) and gradient (3, 3) of the water."""
     v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    for record in np.array(sea.records(World(0, gravity, face)), WAVE).view(np.recarray):
-        add_wave(record, t, np.asarray(p, float), v, v_dot, gradient)
+    records = np.array(sea.records(World(0, gravity, face)), WAVE).view(np.recarray)
+    add_waves(records, t, np.asarray(p, float), v, v_dot, gradient)
     return v, v_dot, gradient
 
 
@@ -76,6 +76,15 @@ def test_no_water_crosses_the_bottom_or_a_wall_that_throws_the_waves_back():
     assert heave[0] == pytest.approx(2.0 * heave[1], rel=1e-2)  # an antinode, by fifty instants
 
 
+def test_cosine_and_sine_of_a_phase_at_all_quarters_and_far_away():
+    random = np.random.default_rng(0)
+    for reach in (1e-3, 1.0, 7.0, 1e3, 1e5):
+        for theta in [*random.uniform(-reach, reach, 2000), *(0.25 * np.pi * np.arange(-9, 10))]:
+            cosine, sine = turned(float(theta))
+            assert abs(cosine - math.cos(theta)) < 1e-14 + 1e-16 * abs(theta)
+            assert abs(sine - math.sin(theta)) < 1e-14 + 1e-16 * abs(theta)
+
+
 @pytest.mark.parametrize(("gamma", "height", "ratio"), [(1.0, 2.0, 0.7107), (3.3, 2.0024, 0.7777), (5.0, None, 0.8055)])
 def test_moments_of_spectra(gamma, height, ratio):
     """Hs = 4 m_0^(1/2), and T_z/T_p = (m_0/m_2)^(1/2) omega_p/(2 pi)."""
@@ -120,7 +129,7 @@ def ridden(mass: float, h: float, seconds: float, height: float = 0.4) -> tuple[
 
     def water(t, p):
         v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-        add_wave(np.array(sea.records(World(0, g)), WAVE).view(np.recarray)[0], t, p, v, v_dot, gradient)
+        add_waves(np.array(sea.records(World(0, g)), WAVE).view(np.recarray), t, p, v, v_dot, gradient)
         return v
 
     p, k = data.qpos[:3].copy(), h

@@ -85,7 +85,7 @@ from .kernels import kernel
 from .near_wall import HULL, PAD, add_hull_inertia, add_hull_wrench, add_pad_inertia, add_pad_wrench
 from .obstacle import OBSTACLE, turn_aside
 from .varying import add_sines, add_table_and_noise, varying
-from .waves import WAVE, add_wave
+from .waves import WAVE, add_waves
 
 RHO = 1000.0
 """Density of the water for these forces [kg/m^3]. Sea water has 2.5 % more, which is far less than their coefficients
@@ -223,8 +223,8 @@ def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
 @kernel
 def add_sea(effects, t, p_W, v, v_dot, gradient):
     """As :func:`add_flows`, of the waves alone."""
-    for k in range(effects.sea.shape[0]):
-        add_wave(effects.sea[k], t, p_W, v, v_dot, gradient)
+    if effects.sea.shape[0] != 0:
+        add_waves(effects.sea, t, p_W, v, v_dot, gradient)
 
 
 @kernel

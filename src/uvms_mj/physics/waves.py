@@ -46,35 +46,70 @@ WAVE = np.dtype(
 """One component of the sea."""
 
 
+_TO_WHOLE = 6755399441055744.0
+"""1.5 2^52: added to a number of up to 2^51 and taken off again, it leaves the nearest integer."""
+_PER_TURN, _TURN, _TURN_LOW = 0.15915494309189535, 6.2831853069365025, 2.430840202602477e-10
+"""One over 2 pi, and 2 pi in two parts, of which the first has 32 bits."""
+
+
 @kernel
-def add_wave(wave, t, p_W, v, v_dot, gradient):
-    """Add the motion of the water at the place p_W (3,) [m, W] and the time t [s]: its velocity to v (3,) [m/s, W], the
-    time derivative at this place to v_dot (3,), and the derivatives of v_i by x_j to gradient (3, 3) [1/s]."""
-    k, omega, e_x, e_y, z = wave.k, wave.omega, wave.e[0], wave.e[1], min(p_W[2] - wave.surface, 0.0)
-    theta = k * (e_x * p_W[0] + e_y * p_W[1]) - omega * t + wave.phase
-    u = wave.rate * math.exp(k * z)
-    w = u
-    if wave.bottom != 0.0:
-        below = wave.bottom * wave.rate * wave.rate / u
-        u, w = u + below, w - below
-    cosine, sine = math.cos(theta), math.sin(theta)
-    along, up = u * cosine, w * sine
-    v[0] += along * e_x
-    v[1] += along * e_y
-    v[2] += up
-    along, up = u * sine, w * cosine
-    v_dot[0] += omega * along * e_x
-    v_dot[1] += omega * along * e_y
-    v_dot[2] -= omega * up
-    stretch, shear = k * along, k * up  # -du/de = dw/dz, du/dz = dw/de
-    s_x, s_y = stretch * e_x, stretch * e_y
-    gradient[0, 0] -= s_x * e_x
-    gradient[0, 1] -= s_x * e_y
-    gradient[1, 0] -= s_x * e_y
-    gradient[1, 1] -= s_y * e_y
-    gradient[2, 0] += shear * e_x
-    gradient[2, 1] += shear * e_y
-    if z < 0.0:
-        gradient[0, 2] += shear * e_x
-        gradient[1, 2] += shear * e_y
-        gradient[2, 2] += stretch
+def turned(theta):
+    """The cosine and the sine of an angle up to 1e6 rad, within 1e-14 and a rounding of the angle.
+
+    They are series up to pi / 4 of a quarter of what is left of whole turns, which is doubled twice. There is no branch
+    and no long chain of products that wait for each other, so that a processor computes several components at once:
+    with thirty of them a step takes four fifths of the time that it takes with the functions of ``math``.
+    """
+    turns = (theta * _PER_TURN + _TO_WHOLE) - _TO_WHOLE
+    r = 0.25 * ((theta - turns * _TURN) - turns * _TURN_LOW)
+    q = r * r
+    q2, q4 = q * q, (q * q) * (q * q)
+    s = ((1.0 - q * (1.0 / 6.0)) + q2 * (1.0 / 120.0 - q * (1.0 / 5040.0))) + q4 * (
+        (1.0 / 362880.0 - q * (1.0 / 39916800.0)) + q2 * (1.0 / 6227020800.0 - q * (1.0 / 1307674368000.0))
+    )
+    c = ((1.0 - q * 0.5) + q2 * (1.0 / 24.0 - q * (1.0 / 720.0))) + q4 * (
+        (1.0 / 40320.0 - q * (1.0 / 3628800.0)) + q2 * (1.0 / 479001600.0 - q * (1.0 / 87178291200.0))
+    )
+    s *= r
+    s, c = 2.0 * s * c, 1.0 - 2.0 * (s * s)
+    return 1.0 - 2.0 * (s * s), 2.0 * s * c
+
+
+@kernel
+def add_waves(waves, t, p_W, v, v_dot, gradient):
+    """Add the motion of the water by the components (n,) of a sea at the place p_W (3,) [m, W] and the time t [s]: its
+    velocity to v (3,) [m/s, W], the time derivative at this place to v_dot (3,), and the derivatives of v_i by x_j to
+    gradient (3, 3) [1/s]. All components of a sea have one surface."""
+    x, y, below = p_W[0], p_W[1], False
+    v_x, v_y, v_z, a_x, a_y, a_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    g_xx, g_xy, g_yy, g_xz, g_yz = 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(waves.shape[0]):
+        wave = waves[n]
+        k, omega, e_x, e_y, z = wave.k, wave.omega, wave.e[0], wave.e[1], min(p_W[2] - wave.surface, 0.0)
+        theta = k * (e_x * x + e_y * y) - omega * t + wave.phase
+        u = wave.rate * math.exp(k * z)
+        w = u
+        if wave.bottom != 0.0:
+            mirrored = wave.bottom * wave.rate * wave.rate / u
+            u, w = u + mirrored, w - mirrored
+        cosine, sine = turned(theta)
+        along, up = u * cosine, w * sine
+        v_x, v_y, v_z = v_x + along * e_x, v_y + along * e_y, v_z + up
+        along, up = u * sine, w * cosine
+        a_x, a_y, a_z = a_x + omega * (along * e_x), a_y + omega * (along * e_y), a_z - omega * up
+        s_x, s_y, shear = k * along * e_x, k * along * e_y, k * up  # of -du/de = dw/dz, and du/dz = dw/de
+        g_xx, g_xy, g_yy = g_xx - s_x * e_x, g_xy - s_x * e_y, g_yy - s_y * e_y
+        g_xz, g_yz = g_xz + shear * e_x, g_yz + shear * e_y
+        below = z < 0.0
+    v[0], v[1], v[2] = v[0] + v_x, v[1] + v_y, v[2] + v_z
+    v_dot[0], v_dot[1], v_dot[2] = v_dot[0] + a_x, v_dot[1] + a_y, v_dot[2] + a_z
+    gradient[0, 0] += g_xx
+    gradient[0, 1] += g_xy
+    gradient[1, 0] += g_xy
+    gradient[1, 1] += g_yy
+    gradient[2, 0] += g_xz
+    gradient[2, 1] += g_yz
+    if below:
+        gradient[0, 2] += g_xz
+        gradient[1, 2] += g_yz
+        gradient[2, 2] -= g_xx + g_yy

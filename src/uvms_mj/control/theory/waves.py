@@ -23,7 +23,7 @@ import numpy as np
 from ...physics.fossen import IN_WATER, water_at_rest
 from ...physics.frames import rotation_matrix
 from ...physics.kernels import called_on
-from ...physics.waves import add_wave
+from ...physics.waves import add_waves
 from ...stages.setup import SetupLike
 
 _SAMPLES = 32
@@ -77,13 +77,14 @@ def sea_wrenches(
     """tau_sea (n, 6) at times (n,) [s], in B [N, N m]."""
     vehicle, records = setup.vehicle, setup.effects["sea"][0]
     moved = np.zeros((len(t), 15))  # v, v_dot and the gradient
-    for record in records.view(np.recarray):
+    for k in range(len(records)):
+        record = records.view(np.recarray)[k : k + 1]
         by_part = []
-        for instant in (0.0, 0.5 * math.pi / record.omega):
+        for instant in (0.0, 0.5 * math.pi / record.omega[0]):
             v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-            add_wave(record, instant, position, v, v_dot, gradient)
+            add_waves(record, instant, position, v, v_dot, gradient)
             by_part.append(np.concatenate([v, v_dot, gradient.ravel()]))
-        angle = record.omega * t
+        angle = record.omega[0] * t
         moved += np.outer(np.cos(angle), by_part[0]) + np.outer(np.sin(angle), by_part[1])
     small = 1e-6
     shear = np.array([(mean(position + e) - mean(position - e)) / (2.0 * small) for e in small * np.eye(3)]).T
