@@ -12,7 +12,7 @@ import pytest
 
 from everything import EVERYTHING, everything
 from recorded import same
-from traces import turns_into_a_frame_are_plain_sums
+from traces import products_are_plain_sums
 from tree_run import AT_TOOL, MOVING, OF_JOINTS
 from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.engine.native import pipeline
@@ -229,7 +229,7 @@ def test_plain_python_computes_what_machine_code_does(name, original, monkeypatc
     assert plain.touches[-1] > 0 or "sensors" in name or name in ("filter", "joints", "a tool")
     for signal in set(plain) - {"final_impulse", "final_high", "final_low"}:
         few = original[signal][: len(plain)]
-        rounding = 0.0 if name == "users' stages" and turns_into_a_frame_are_plain_sums() else 1e-9
+        rounding = 0.0 if name == "users' stages" and products_are_plain_sums() else 1e-9
         np.testing.assert_allclose(plain[signal], few, rtol=rounding, atol=1e-2 * rounding, err_msg=signal)
 
 

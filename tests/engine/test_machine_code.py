@@ -12,6 +12,7 @@ import pytest
 
 from forked import done as forked
 from law_files import law_file, one_liner
+from traces import assert_rounded_alike
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native import compilation
@@ -57,7 +58,12 @@ def test_everything_runs_as_plain_python_on_demand(capsys):
     assert done.returncode == 0, done.stderr
     assert done.stderr.strip() == "False"
     exec(code, {})
-    assert capsys.readouterr().out == done.stdout
+    compiled, plain = (
+        [[float.fromhex(each) for each in re.findall(r"-?0x[^']+", line)] for line in text.splitlines()]
+        for text in (capsys.readouterr().out, done.stdout)
+    )
+    assert len(plain) == 2
+    assert_rounded_alike(compiled, plain)
 
 
 @pytest.mark.slow

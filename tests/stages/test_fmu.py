@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fmus import build, description
-from traces import turns_into_a_frame_are_plain_sums
+from traces import products_are_plain_sums
 from uvms_mj import InputError, McapLog, Scenario, Simulation, StageFault, Trace, simulate
 from uvms_mj.reproduce.bench import bench
 from uvms_mj.studies.study import Study
@@ -112,7 +112,7 @@ def test_plain_python_gives_the_same(pd, monkeypatch):
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.02, "controller.name": pd})
     compiled = simulate(scenario, engine="free_body")
     monkeypatch.setenv("UVMS_MJ_PLAIN", "1")
-    assert_same(compiled, simulate(scenario, engine="free_body"), 0.0 if turns_into_a_frame_are_plain_sums() else 1e-9)
+    assert_same(compiled, simulate(scenario, engine="free_body"), 0.0 if products_are_plain_sums() else 1e-9)
 
 
 def test_a_reset_begins_the_fmu_anew_and_runs_beside_each_other_do_not_meet(gsta):
