@@ -162,13 +162,13 @@ def _water_at(tree: TwinTree, p: Array, v: Array, t: float) -> tuple[Array, Arra
 
 
 def _resistance_of(
-    body: TwinBody, tree: TwinTree, pose: tuple[Array, Array], V: Array, a: Array, t: float, is_base: bool
+    body: TwinBody, tree: TwinTree, R: Array, V: Array, a: Array, p: Array | None = None, t: float = 0.0
 ) -> Array:
     """Inertial forces of a body and the water around it less the forces of weight, buoyancy and drag, (6,)."""
     M_RB, M_A = body.spatial
-    R, p = pose
-    r = np.zeros(3) if is_base else body.r_b
-    v_c_W, rate_W, a_c_W = _water_at(tree, p + R @ r, R @ (V[3:] + np.cross(V[:3], r)), t)
+    r = np.zeros(3) if body.parent < 0 else body.r_b
+    p_W = R @ r + (np.zeros(3) if p is None else p)
+    v_c_W, rate_W, a_c_W = _water_at(tree, p_W, R @ (V[3:] + np.cross(V[:3], r)), t)
     v_c, up = R.T @ v_c_W, R.T @ [0.0, 0.0, 1.0]
     V_r = V - np.r_[np.zeros(3), v_c]
     a_r = a + np.r_[np.zeros(3), skew(V[:3]) @ v_c - R.T @ rate_W]  # what is constant in W turns in the link
@@ -194,8 +194,8 @@ def resistance(tree: TwinTree, R: Array, q: Array, zeta: Array, p: Array | None 
         V.append(X[-1] @ V[body.parent] + joint)
         a.append(X[-1] @ a[body.parent] + _cross_motion(V[-1]) @ joint)  # Featherstone, eq. (5.8)
     force = [
-        _resistance_of(body, tree, *state, t, is_base=body.parent < 0)
-        for body, *state in zip(tree.bodies, places, V, a, strict=True)
+        _resistance_of(body, tree, R_L, V_L, a_L, p_L, t)
+        for body, (R_L, p_L), V_L, a_L in zip(tree.bodies, places, V, a, strict=True)
     ]
     b = np.zeros(6 + tree.n)
     for k in range(tree.n, 0, -1):

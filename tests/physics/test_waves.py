@@ -10,7 +10,7 @@ from twin import TwinParameters
 from uvms_mj import InputError, Scenario, Sea, attach, simulate
 from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.waves import WAVE, add_waves, turned
-from uvms_mj.plant.sea import spectral_density, wave_number
+from uvms_mj.plant.sea import sea_notes, spectral_density, wave_number
 from uvms_mj.plant.settings import World
 from vehicles import load
 
@@ -22,6 +22,7 @@ TABLE = [  # H, T, depth, z; lambda; u, w; a_x, a_z; half axes of the orbit; des
     (1.0, 6.0, 20.0, -5.0, 55.0324, 0.3087, 0.2892, 0.3233, 0.3029, 0.2948, 0.2762),
     (2.0, 8.0, 50.0, -10.0, 99.5282, 0.4212, 0.4158, 0.3308, 0.3266, 0.5363, 0.5295),
 ]
+DRY = {"shape": "sphere", "radius": 0.2, "position": [3.0, 0.0, 1.8]}
 OBLIQUE = Sea(height=0.4, period=2.5, depth=3.0, surface=0.7, direction_deg=35.0)
 
 
@@ -202,6 +203,7 @@ def test_engines_agree_and_a_closed_form_is_refused_by_name():
         ({"sea.height": 3.0, "sea.period": 2.0}, "breaks at"),
         ({"sea.height": 0.5, "sea.surface": 0.2}, "begins above it"),
         ({"sea.height": 0.5, "sea.depth": 1.0}, "begins below"),
+        ({"sea.height": 0.5, "walls": [DRY]}, r"walls\[0\].position: z = 1.8 m is above the trough"),
         ({"sea.height": 0.5, "sea.reflecting": True, "wall.present": False}, "no \\[wall\\]"),
         ({"sea.height": 1e-3, "sea.period": 0.11, "simulation.timestep": 1e-2}, "must be at least 0.2 s"),
     ],
@@ -231,3 +233,15 @@ def test_keys_of_another_spectrum_are_named(spectrum, idle):
     over = {"sea.height": 0.2, "sea.spectrum": spectrum, "sea.gamma": 5.0, "sea.seed": 3, "simulation.duration": 0.01}
     with pytest.warns(match=f"sea: {idle}: without effect"):
         simulate(Scenario.load("push_wall", over))
+
+
+@pytest.mark.parametrize(("height", "said"), [(0.6, False), (0.63, True)])
+def test_a_wave_that_is_long_for_its_depth_is_named(height, said):
+    """Of 8 s in 3 m it is 42.02 m long, and its Ursell number is 40 at a height of 0.612 m."""
+    sea = Sea(height=height, period=8.0, depth=3.0)
+    length = 42.0238
+    assert G * 2.0 * math.pi / length * math.tanh(6.0 * math.pi / length) == pytest.approx(
+        (math.pi / 4.0) ** 2, rel=1e-5
+    )
+    notes = list(sea_notes(sea, G, 12.0, 0.0, ""))
+    assert any("Ursell number" in note for note in notes) is said is (height * length**2 / 27.0 > 40.0)

@@ -35,6 +35,9 @@ BREAKING = 0.142
 """Largest steepness of a wave, height over length, in deep water (Michell 1893, Miche 1944)."""
 LINEAR = 0.08
 """Steepness up to which linear loads hold (Sayer 2008)."""
+SHALLOW = 40.0
+"""Ursell number, height times the square of the length over the cube of the depth, up to which waves are linear or of
+Stokes' kind (Hedges, "Regions of validity of analytical wave theories", 1995)."""
 SLENDER = 0.2
 """Largest size of a body, over the length of a wave, that does not scatter it (DNV-RP-C205, sec. 6.2)."""
 STEPS = 20
@@ -167,6 +170,11 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
         yield (
             f"the steepness{many}, height over length, is {sea.height / length:.3g}; the loads of linear waves hold to "
             f"{LINEAR:g}"
+        )
+    if sea.depth is not None and (ursell := sea.height * length**2 / sea.depth**3) > SHALLOW:
+        yield (
+            f"the wave{many}, of {length:.3g} m, is long for a depth of {sea.depth:g} m: its Ursell number is "
+            f"{ursell:.3g}, and linear waves hold to {SHALLOW:g}"
         )
     if (below := sea.surface - 0.5 * sea.height - start_z) < size:
         yield (

@@ -442,9 +442,17 @@ def _contact_notes(setup: Setup) -> Iterator[str]:
 
 
 def _sea_faults(setup: Setup) -> Iterator[Fault]:
-    """Errors for what has the water at B in place of the water at a link, in waves."""
-    scenario = setup.scenario
-    if not (scenario.sea.moves and setup.vehicle.arm.links):
+    """Errors for walls that the trough of the waves leaves dry, and for what has the water at B in place of that at a
+    link."""
+    scenario, sea = setup.scenario, setup.scenario.sea
+    if not sea.moves:
+        return
+    trough = sea.surface - 0.5 * sea.height
+    for i, wall in enumerate(scenario.walls):
+        if wall.shape not in ("plane", "cylinder") and wall.position[2] > trough:  # these two have no end
+            wrong = f"z = {wall.position[2]:g} m is above the trough of the waves, at {trough:g} m"
+            yield Fault(f"walls[{i}].position", f"{wrong}, where no water carries the vehicle")
+    if not setup.vehicle.arm.links:
         return
     if scenario.wrist.runs:
         wrong = "the true wrench of the wrist's sensor has the water at the vehicle's origin, not at the links"
