@@ -88,7 +88,7 @@ class Gsta(Controller):
             yield (
                 f"the waves push the vehicle at rest with M_hat^-1 tau_sea, which changes by up to {rate:.3g} "
                 f"{'m/s^3' if worst < 3 else 'rad/s^3'} in {'XYZKMN'[worst]}, faster than k_2/2 = {self.k_2 / 2.0:g}: "
-                "s does not stay at zero there"
+                "s may leave zero there"
             )
         yield from _stability(setup).notes(self.label())
         bias, force = _chatter_bias(self, setup), demanded_force(setup.scenario)
