@@ -93,7 +93,8 @@ class Source:
         """The text of a file in UTF-8. Raises InputError."""
         try:
             if not path.is_file():
-                raise self.fault(place, f"can't read {path.name}: it is not a regular file")
+                why = "it is not a regular file" if path.exists() else "there is no such file"
+                raise self.fault(place, f"can't read {path.name}: {why}")
             with path.open("rb") as file:
                 data = file.read(LARGEST_FILE + 1)
         except OSError as error:
