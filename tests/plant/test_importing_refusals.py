@@ -322,7 +322,7 @@ def test_a_file_that_is_not_text_or_not_there(tmp_path):
     (tmp_path / "a.sdf").write_bytes(b"\xff\xfe<\0s\0")
     with pytest.raises(InputError, match="is not text in UTF-8"):
         imported(tmp_path / "a.sdf", "mine")
-    with pytest.raises(InputError, match="is not a regular file"):
+    with pytest.raises(InputError, match="there is no such file"):
         imported(tmp_path / "b.sdf", "mine")
 
 
