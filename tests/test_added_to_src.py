@@ -76,7 +76,10 @@ KEEL = {
         ('    "drag": Drag,\n', '    "drag": Drag,\n    "keel": Keel,\n'),
     ],
     "scenario.py": [
-        ("import Current, Disturbance, Drag, Fin, Pad,", "import Current, Disturbance, Drag, Fin, Keel, Pad,"),
+        (
+            "import Current, Disturbance, Drag, Fin, NearWall, Pad",
+            "import Current, Disturbance, Drag, Fin, Keel, NearWall, Pad",
+        ),
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    keel: Keel = Keel()\n"),
     ],
 }

@@ -220,7 +220,7 @@ REFUSED = [
         "2 errors … current.speed: -1 must … wall.stifness: no such key; did you mean 'stiffness'",
         {"wall.stifness": 1, "current.speed": -1},
     ),
-    ("did you mean 'wall.stiffness' or 'bumper.stiffness'?", "stiffness=1.0"),
+    ("did you mean 'tether.stiffness' or 'wall.stiffness' or 'bumper.stiffness'?", "stiffness=1.0"),
     ("did you mean 'controller.k_1'?", "k_1=1.0"),
     ("did you mean 'wall'?", "wal.stiffness=1.0"),
     ("position: is not a dotted key", "position=1.0"),

@@ -170,15 +170,15 @@ def test_a_key_that_it_does_not_know_is_refused_by_name():
         simulate(Scenario.load("push_wall", {"simulation.integrator": "implicitfast"}), **FREE)
 
     @dataclasses.dataclass(frozen=True)
-    class Cable:
+    class Rope:
         stiffness: float = 0.0
 
     @dataclasses.dataclass(frozen=True)
     class Later(Scenario):
-        cable: Cable = Cable(5.0)
+        rope: Rope = Rope(5.0)
 
     scenario = object.__new__(Later)
-    scenario.__dict__.update(Scenario().__dict__ | {"cable": Cable(5.0)})
+    scenario.__dict__.update(Scenario().__dict__ | {"rope": Rope(5.0)})
     assert refusals(dataclasses.replace(setup, scenario=scenario)) == [
-        "cable.stiffness is not computed by the engine free_body; use the engine mujoco"
+        "rope.stiffness is not computed by the engine free_body; use the engine mujoco"
     ]

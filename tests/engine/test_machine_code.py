@@ -162,6 +162,7 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     covered = {path for room in compilation._ROOMS for path in (package / room).rglob("*.py")}
     found: set[Path] = set()
     todo = [Path(function.__code__.co_filename) for function in kernels]
+    todo = [path for path in todo if package in path.parents]  # other tests have kernels of their own
     todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]
     assert len(todo) > 30
     while todo:

@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.effects import EFFECTS
 from ..physics.frames import BODY
 from ..plant.build import put_at, set_wall
 from ..plant.contacts import Contacts, face_of
 from ..plant.looks import aim, drawn_wall, move_walls
 from ..plant.vehicle import free_joint_addresses
+from ..plant.water import EFFECT_TABLES
 from ..scenario import STAGE_LISTS, STAGES
 from ..setup.base import Setup
 from .native.attachment import Attachment, immerse
@@ -107,7 +107,7 @@ _KNOWN = {
 """The keys of the plant and of the stepping that free_body computes."""
 _SHARED = (
     *("name", "description", "vehicle", "walls", "impedance", "estimates", "task"),
-    *(*EFFECTS, *STAGES, *STAGE_LISTS),
+    *(*EFFECT_TABLES, *STAGES, *STAGE_LISTS),
 )
 """The tables that both engines read from the same records."""
 
