@@ -116,3 +116,40 @@ def test_a_reset_of_any_keys_writes_what_a_new_setup_gives(name):
                 sim.reset()
                 assert np.array_equal(numbers(sim), written_as_a_whole(sim, base)), key
     assert taken > 30, taken
+
+
+FEWER = {
+    "a pad": {"pads": [{"radius": 0.1, "position": [0.2, 0.0, 0.0]}]},
+    "a hull": {"near_wall": [{"radius": 0.2}]},
+    "a sea of many waves": {"sea.height": 0.3, "sea.spectrum": "jonswap", "initial.position": [0.0, 0.0, 0.1]},
+    "fins, drag and a tether": {
+        "fins": [{"area": 0.02, "position": [-0.2, 0.0, 0.0], "mixing_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}] * 2,
+        "drag": [{"forward": [30.0, 20.0, 10.0]}],
+        "tether.length": 3.0,
+    },
+    "what the current meets": {"obstacle.half_width": 1.5, "current.direction_deg": 30.0},
+    "a cable": {"tether.length": 3.0, "tether.elements": 3, "tether.anchor": [-2.5, 0.0, 0.0]},
+}
+WITHOUT = {
+    **{"pads": [], "near_wall": [], "sea.spectrum": "regular", "fins": [], "drag": [], "obstacle.half_width": None},
+    **{"tether.length": 0.0, "tether.elements": 0, "tether.anchor": [0.0, 0.0, 0.0]},
+}
+
+
+@pytest.mark.parametrize("name", FEWER)
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+def test_a_reset_that_takes_an_effect_away_steps_as_a_new_simulation(engine, name):
+    """To the bit, though the memory has room for the effect."""
+    turns = {"initial.velocity": [0.3, 0.1, -0.1, 0.2, 0.3, -0.2], "initial.attitude_deg": [5.0, 10.0, 0.0]}
+    base = Scenario.load("push_wall", turns | FEWER[name] | {"simulation.timestep": 1e-3}, "impedance")
+    taken = {key: value for key, value in WITHOUT.items() if key in FEWER[name]}
+    with Simulation(base, engine=engine) as sim, Simulation(base.updated(taken), engine=engine) as new:
+        sim.step(20)
+        with_it = sim.signals.nu.copy()
+        sim.reset(taken)
+        for each in (sim, new):
+            each.step(20)
+        assert not np.array_equal(sim.signals.nu, with_it)
+        found = {signal.name: memory for signal, memory in sim.memory.recorded}
+        for signal, memory in new.memory.recorded:
+            assert np.array_equal(found[signal.name], memory), signal.name

@@ -158,7 +158,8 @@ class FreeEngine(Engine):
         self.water = Water(image, plant, vehicle, setup.gravity_W)
         constants = {
             "M_RB": vehicle.M_RB,
-            "M_inv": np.linalg.inv(vehicle.M),
+            "M_inv": (inverse := np.linalg.inv(vehicle.M)),
+            "M_inv_open": inverse,
             "mass": vehicle.mass,
             "r_g": vehicle.r_g,
             "gravity_W": setup.gravity_W,

@@ -80,7 +80,7 @@ def add_waves(waves, t, p_W, v, v_dot, gradient):
     """Add the motion of the water by the components (n,) of a sea at the place p_W (3,) [m, W] and the time t [s]: its
     velocity to v (3,) [m/s, W], the time derivative at this place to v_dot (3,), and the derivatives of v_i by x_j to
     gradient (3, 3) [1/s]. All components of a sea have one surface."""
-    x, y, below = p_W[0], p_W[1], False
+    x, y, below = p_W[0], p_W[1], p_W[2] < waves[0].surface  # behind the sea's records a reset may leave empty ones
     v_x, v_y, v_z, a_x, a_y, a_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g_xx, g_xy, g_yy, g_xz, g_yz = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(waves.shape[0]):
@@ -100,7 +100,6 @@ def add_waves(waves, t, p_W, v, v_dot, gradient):
         s_x, s_y, shear = k * along * e_x, k * along * e_y, k * up  # of -du/de = dw/dz, and du/dz = dw/de
         g_xx, g_xy, g_yy = g_xx - s_x * e_x, g_xy - s_x * e_y, g_yy - s_y * e_y
         g_xz, g_yz = g_xz + shear * e_x, g_yz + shear * e_y
-        below = z < 0.0
     v[0], v[1], v[2] = v[0] + v_x, v[1] + v_y, v[2] + v_z
     v_dot[0], v_dot[1], v_dot[2] = v_dot[0] + a_x, v_dot[1] + a_y, v_dot[2] + a_z
     gradient[0, 0] += g_xx

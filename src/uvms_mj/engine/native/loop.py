@@ -406,10 +406,13 @@ def free_step(run, moving) -> bool:
     if run.pairs.shape[0] != 0:
         tau += plant.tau_applied_B
     if plant.inert.shape[0] != 0:
-        M = body.M_RB + plant.links[0].M
+        M, open_water = body.M_RB + plant.links[0].M, body.M_RB + plant.links[0].M
         add_inertias(plant.effects, plant.qpos[:3], true.R_WB, M)
-        cholesky(M, M)
-        inverse(M, body.M_inv)
+        if np.array_equal(M, open_water):  # a reset has taken these effects away
+            body.M_inv[:] = body.M_inv_open
+        else:
+            cholesky(M, M)
+            inverse(M, body.M_inv)
     free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
     if run.pairs.shape[0] != 0:
         pair, contact = run.pairs[0], run.pairs[0].contact

@@ -80,7 +80,8 @@ MUJOCO = np.dtype(
 BODY = np.dtype(
     [
         ("M_RB", "f8", (6, 6)),
-        ("M_inv", "f8", (6, 6)),  # inverse of M_RB + M_A
+        ("M_inv", "f8", (6, 6)),  # inverse of the inertia
+        ("M_inv_open", "f8", (6, 6)),  # inverse of M_RB + M_A, without what an effect adds
         ("mass", "f8"),
         ("r_g", "f8", (3,)),
         ("gravity_W", "f8", (3,)),
