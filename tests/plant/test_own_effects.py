@@ -12,6 +12,7 @@ from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.cli.new import write_new
 from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.studies.results import frame
 
 HEADER = """
@@ -317,3 +318,50 @@ def test_the_plant_as_an_fmu_has_the_effect_in_it(tmp_path):
     trace = simulate(scenario, engine="free_body")
     np.testing.assert_array_equal(found["p_WB[1]"], trace.p_WB[: len(found), 0])
     assert abs(found["p_WB[1]"][-1]) > 1e-4
+
+
+COUNTS = """
+called = 0
+
+@dataclass(frozen=True)
+class Counts(Effect):
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        global called
+        called += 1
+        tau[:] = 0.0
+        tau[0] = 0.001 * called
+"""
+DRAWS = effect("Draws", "tau[:] = 0.0\ntau[0] = np.random.normal()")
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize(("name", "body"), [("Counts", COUNTS), ("Draws", DRAWS)])
+def test_an_effect_that_is_no_function_of_what_it_is_given_has_no_closed_form(tmp_path, name, body):
+    """And no slopes at rest, of which a note would speak. Calls for either are in no run: a run and its repetition after
+    a reset are the same."""
+    effects = {"effects": [{"name": f"{effect_file(tmp_path, body)}:{name}"}]}
+    scenario = Scenario.load("push_wall", effects | {"simulation.timestep": 1e-3, "simulation.duration": 0.01})
+    with pytest.warns(SamplingWarning, match="is not checked: .* differs from call to call"):
+        trace = simulate(scenario)
+    assert isinstance(trace.analytic, NoClosedForm)
+    assert "depends on more than it is given" in trace.analytic.reason
+    if name == "Counts":
+        assert trace.tau_Counts[:, 0] == pytest.approx(0.001 * np.arange(1, 12))
+        with Simulation(scenario) as sim:
+            assert sim.notes
+            sim.step(5)
+            first = sim.signals.tau_Counts.copy()
+            sim.reset()
+            sim.step(5)
+            assert np.array_equal(sim.signals.tau_Counts, first)
+
+
+def test_a_note_on_print_names_who_prints(tmp_path):
+    silent = effect("Silent", "tau[:] = 0.0")
+    loud = effect("Loud", "tau[:] = 0.0\nif given.t < 1e-9:\n    said(given.t)")
+    helper = "\n\ndef said(t):\n    print(t)\n"
+    path = effect_file(tmp_path, silent + loud + helper)
+    for name, notes in (("Silent", 0), ("Loud", 1)):
+        with Simulation(Scenario.load("push_wall", {"effects": [{"name": f"{path}:{name}"}]})) as sim:
+            assert sum("prints nothing" in note for note in sim.notes) == notes

@@ -22,13 +22,11 @@ _FIRST = ("__init__", "__post_init__", "__new__", "__set_name__", "__init_subcla
 @dataclass
 class Changes:
     """Global names, and attributes of objects, with a line where a function changes them. ``called`` has the objects
-    that only methods change, of a list or a dict, each method with a line. ``prints`` is the first line where
-    one calls print, or 0. ``files`` are the files that were read."""
+    that only methods change, of a list or a dict, each method with a line. ``files`` are the files that were read."""
 
     names: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
     called: dict[str, dict[str, int]] = field(default_factory=dict)
-    prints: int = 0
     files: tuple[str, ...] = ()
 
     def of(self, name: str, value: Any, table: Mapping[str, int]) -> int:
@@ -50,9 +48,32 @@ def changes_of(function: types.FunctionType) -> Changes:
         linecache.checkcache(file)
         its = _changes("".join(linecache.getlines(file)))
         called = {name: found.called.get(name, {}) | its.called.get(name, {}) for name in found.called | its.called}
-        prints = found.prints or its.prints
-        found = Changes(found.names | its.names, found.attributes | its.attributes, called, prints, tuple(files))
+        found = Changes(found.names | its.names, found.attributes | its.attributes, called, tuple(files))
     return found
+
+
+def line_of_print(function: types.FunctionType) -> int:
+    """The first line where a function, or one in its file whose name it uses, calls print, or 0."""
+    code = function.__code__
+    linecache.checkcache(code.co_filename)
+    try:
+        tree = parsed("".join(linecache.getlines(code.co_filename)))
+    except SyntaxError:
+        return 0
+    named: dict[str, list[ast.AST]] = {}
+    waiting, met = list[ast.AST](), list[ast.AST]()
+    for each in _functions(tree):
+        named.setdefault(getattr(each, "name", ""), []).append(each)
+        first = min(at.lineno for at in (each, *getattr(each, "decorator_list", ())))  # type: ignore[attr-defined]
+        waiting += [each] if first == code.co_firstlineno else []
+    lines = []
+    while waiting:
+        met.append(now := waiting.pop())
+        nodes = list(ast.walk(now))
+        lines += [node.lineno for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "print"]
+        used = {node.id if isinstance(node, ast.Name) else getattr(node, "attr", "") for node in nodes}
+        waiting += [each for name in used for each in named.get(name, ()) if each not in (*met, *waiting)]
+    return min(lines, default=0)
 
 
 @functools.lru_cache(maxsize=64)
@@ -85,8 +106,6 @@ def _look(function: ast.AST, found: Changes) -> None:
     own -= shared
     first = getattr(function, "name", "") in _FIRST
     for node in nodes:
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print":
-            found.prints = min(node.lineno, found.prints or node.lineno)
         changed: ast.AST | None = None
         if isinstance(node, ast.Name) and node.id in shared and not isinstance(node.ctx, ast.Load):
             found.names.setdefault(node.id, node.lineno)

@@ -103,7 +103,8 @@ class Simulation:
         self._users = [stage for stage in self._stages.running if stage.users]
         self._foreign = [stage for stage in self._users if stage.code is None or stage.library]
         self._plain_users = [stage for stage in self._users if stage.code is None]
-        self._begin_plain([type(stage.stage).function() for stage in self._plain_users])
+        # what closed forms and notes, which call the functions of the stages, leave in a file is in no run
+        self._begin_plain(functions_again([type(stage.stage) for stage in self._plain_users]))
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 

@@ -19,6 +19,7 @@ from ...stages.signals import NORMAL_FORCE
 
 _SMALL = 1e-6
 """Differences of pose and velocity for slopes [SI]."""
+_OTHER = "the wrench of an effect depends on more than it is given"
 _UNKNOWN = {"u": "the thrusts", "t": "the time", "instant": "the time", "key": "random numbers", "period": "its period"}
 
 
@@ -128,11 +129,12 @@ class OwnEffects:
             if frame.link >= 0:
                 return f"the effect {effect.label()} acts on a link"
         q = np.array([1.0, 0.0, 0.0, 0.0])
+        at = np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3), self._untouched
         try:
-            self.wrench(np.zeros(3), q, np.eye(3), np.zeros(6), np.full(6, 0.1), np.zeros(3), self._untouched)
+            first, again = self.wrench(*at), self.wrench(*at)
         except NotKnownAtRest as reason:
             return str(reason)
-        return ""
+        return "" if np.array_equal(first, again) else f"{_OTHER}: at one pose it differs from call to call"
 
     def slopes(self, setup: SetupLike, tau_c: np.ndarray | None = None) -> np.ndarray:
         """The slopes of the wrench in B by displacement and rotation vector in B and by nu, (6, 12), about the desired

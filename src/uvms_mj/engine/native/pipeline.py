@@ -256,9 +256,9 @@ class CompiledStage:
     @property
     def silent(self) -> str:
         """A note on a compiled stage that would print as plain Python; empty for another one."""
-        from ...compiler.changes import changes_of
+        from ...compiler.changes import line_of_print
 
-        line = changes_of(type(self.stage).function()).prints if self.compared else 0
+        line = line_of_print(type(self.stage).function()) if self.compared else 0
         said = f"{self.stage.label()} prints nothing where it is compiled (line {line}); with {PLAIN}=1 it prints"
         return said if line else ""
 
