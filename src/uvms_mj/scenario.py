@@ -26,7 +26,7 @@ from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
-from .plant.effect import Effect
+from .plant.effect import Effect, numbers_of
 from .plant.obstacle import Obstacle
 from .plant.sea import Sea
 from .plant.settings import (
@@ -152,6 +152,12 @@ class Scenario:
         """The stage of a table, ``controller`` or ``effects[0]``."""
         name, _, index = table.rstrip("]").partition("[")
         return getattr(self, name)[int(index)] if index else getattr(self, name)
+
+    def recorded_name(self, table: str, state: str) -> str:
+        """The name under which a run records a state of the stage of a table: its own, and of several effects of one
+        class with their numbers."""
+        name, _, index = table.rstrip("]").partition("[")
+        return f"{state}{numbers_of(getattr(self, name))[int(index)]}" if index else state
 
     @property
     def steps(self) -> int:

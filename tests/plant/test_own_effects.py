@@ -14,6 +14,7 @@ from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.studies.results import frame
+from uvms_mj.views.figures.panels import states_of
 
 HEADER = """
 from dataclasses import dataclass
@@ -261,6 +262,21 @@ def test_two_files_of_one_name_and_two_effects_of_one_class(tmp_path):
     assert found == [1.0, 2.0, 5.0]
 
 
+def test_two_effects_of_one_class_have_states_of_their_own(tmp_path):
+    """Recorded with the numbers of the effects, in memory, in a log and in its figures."""
+    lines = "tau[:] = 0.0\ntau[0] = state.x[0]\nstate_dot.x[0] = settings.k"
+    ramp = effect("Ramp", lines, '    states = {"x": 1}')
+    name = f"{effect_file(tmp_path, ramp)}:Ramp"
+    given = {"effects": [{"name": name, "k": 2.0}, {"name": name, "k": 3.0}]}
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01} | given), engine="free_body")
+    assert trace.x_1[-1, 0] == trace.tau_Ramp_1[-1, 0] == pytest.approx(0.03)
+    assert trace.x_0[-1, 0] == pytest.approx(0.02)
+    trace.save(tmp_path / "run.mcap")
+    loaded = Trace.load(tmp_path / "run.mcap")
+    assert np.array_equal(loaded.x_1, trace.x_1)
+    assert [signal.name for signal in states_of(loaded)][-2:] == ["x_0", "x_1"]
+
+
 def test_a_log_has_the_effect_and_runs_again_with_its_file(tmp_path, here):
     effect_file(tmp_path, BRUSH)
     common = ("run", "-q", "--engine", "free_body", "simulation.duration=0.1", "-o")
@@ -338,8 +354,8 @@ DRAWS = effect("Draws", "tau[:] = 0.0\ntau[0] = np.random.normal()")
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 @pytest.mark.parametrize(("name", "body"), [("Counts", COUNTS), ("Draws", DRAWS)])
 def test_an_effect_that_is_no_function_of_what_it_is_given_has_no_closed_form(tmp_path, name, body):
-    """And no slopes at rest, of which a note would speak. Calls for either are in no run: a run and its repetition after
-    a reset are the same."""
+    """And no slopes at rest, of which a note would speak. Calls for either are in no run: a run and its repetition
+    after a reset are the same."""
     effects = {"effects": [{"name": f"{effect_file(tmp_path, body)}:{name}"}]}
     scenario = Scenario.load("push_wall", effects | {"simulation.timestep": 1e-3, "simulation.duration": 0.01})
     with pytest.warns(SamplingWarning, match="is not checked: .* differs from call to call"):

@@ -24,7 +24,7 @@ the log. Shipped effects of the water have tables of their own (:mod:`uvms_mj.ph
 
 from __future__ import annotations  # so that help(Effect) shows short type names
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -94,6 +94,13 @@ class Effect(Stage):
             yield Fault(
                 f"{self.room.table}.at", f"{self.at!r} is on a link, and the wrist sensor knows no effect there"
             )
+
+
+def numbers_of(effects: Sequence[Stage]) -> list[str]:
+    """What follows the names of signals of effects, so that several of one class differ: ``_0``, ``_1`` by their places
+    in the list, and nothing for the only one of a class."""
+    names = [type(effect).__name__ for effect in effects]
+    return [f"_{i}" if names.count(each) > 1 else "" for i, each in enumerate(names)]
 
 
 @kernel

@@ -29,7 +29,7 @@ from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
 from ...physics.frames import BODY
 from ...physics.random import key_of
-from ...plant.effect import Surroundings
+from ...plant.effect import Surroundings, numbers_of
 from ...scenario import Scenario
 from ...setup.base import Setup
 from ...setup.changes import ANYTHING, Change
@@ -394,10 +394,9 @@ def _wrenches(loop: "Pipeline", run: np.ndarray) -> Recorded:
 def effect_signals(effects: Sequence[Stage]) -> list[Signal]:
     """The wrenches of effects as recorded signals, named by their classes, and by their numbers if several are of one
     class."""
-    labels = ["".join(c if c.isalnum() else "_" for c in type(effect).__name__) for effect in effects]
-    names = [f"tau_{each}_{i}" if labels.count(each) > 1 else f"tau_{each}" for i, each in enumerate(labels)]
     found = []
-    for name, effect in zip(names, effects, strict=True):
+    for number, effect in zip(numbers_of(effects), effects, strict=True):
+        name = "".join(c if c.isalnum() else "_" for c in f"tau_{type(effect).__name__}{number}")
         at = getattr(effect, "at", BODY)
         where, frame = ("B's origin", "B") if at == BODY else (f"the origin of {at}, in its axes", "-")
         meaning = f"wrench of the effect {effect.label()} at {where}"
@@ -629,9 +628,9 @@ class Pipeline:
         self.running[index].state_dot.view(np.uint8)[:] = 0
         self.rows["instant"][index] -= 1
 
-    def states(self) -> Iterator[tuple[Stage, str, np.ndarray]]:
-        """The recorded states: their stage, their name and their memory."""
+    def states(self) -> Iterator[tuple[Stage, str, str, np.ndarray]]:
+        """The recorded states: their stage, their name in it, their name in a row and their memory."""
         for table, stage in self.stages.items():
             if table != "truth":
                 for name in type(stage.stage).states:
-                    yield stage.stage, name, stage.state[name][0]
+                    yield stage.stage, name, self.scenario.recorded_name(table, name), stage.state[name][0]

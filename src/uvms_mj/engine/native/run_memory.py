@@ -82,11 +82,13 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
     ]
     found += [*recorded_of_plant(run, setup), *stages.recorded(run)]
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
-    check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
-    found += [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
+    check_states([(stage, in_row) for stage, _, in_row, _ in own], {signal.name for signal, _ in found})
+    found += [
+        (replace(state_signal(stage, name, memory.size), name=in_row), memory) for stage, name, in_row, memory in own
+    ]
     if not stages.at_tool:
         return found
-    at_tool = {*IN_TASK_FRAME, *(name for stage, name, _ in own if isinstance(stage, Controller))}
+    at_tool = {*IN_TASK_FRAME, *(name for stage, name, *_ in own if isinstance(stage, Controller))}
     return [(replace(each, frame="T") if each.name in at_tool else each, memory) for each, memory in found]
 
 

@@ -176,7 +176,11 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
     stages = scenario.named_stages
     differ = any(not _same_states(stages[name].states, source.states) for name, source in sources.items())
-    states = {name: size for source in sources.values() for name, size in source.states.items()}
+    states = {
+        scenario.recorded_name(table, name): size
+        for table, source in sources.items()
+        for name, size in source.states.items()
+    }
     if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")

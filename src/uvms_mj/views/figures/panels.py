@@ -300,7 +300,9 @@ def level(ax: Axes, t: np.ndarray, value: float, name: str, look: dict[str, Any]
 
 def states_of(trace: Trace) -> Sequence[Signal]:
     """Signals of the states of all stages; empty if none has a state."""
-    names = {name for source in trace.header.sources.values() for name in source.states}
+    names, scenario = set[str](), trace.header.scenario
+    for table, source in trace.header.sources.items():
+        names |= {scenario.recorded_name(table, name) for name in source.states}
     return [signal for signal in trace.signals if signal.name in names]
 
 
