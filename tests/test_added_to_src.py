@@ -77,8 +77,8 @@ KEEL = {
     ],
     "scenario.py": [
         (
-            "import Current, Disturbance, Drag, Fin, NearWall, Pad",
-            "import Current, Disturbance, Drag, Fin, Keel, NearWall, Pad",
+            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad",
+            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, Keel, NearWall, Pad",
         ),
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    keel: Keel = Keel()\n"),
     ],

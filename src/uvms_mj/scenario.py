@@ -7,7 +7,7 @@ import dataclasses
 import os
 import re
 import warnings
-from collections.abc import Callable, Container, Iterable, Mapping, Set
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ from .plant.settings import (
     overridden_in_vain,
 )
 from .plant.tether import Tether
-from .plant.water import Current, Disturbance, Drag, Fin, NearWall, Pad
+from .plant.water import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.foreign import parted
@@ -114,6 +114,11 @@ class Scenario:
         """The tables of some effects."""
         given = (getattr(self, name) for name in names)
         return [each for table in given for each in (table if isinstance(table, tuple) else (table,))]
+
+    @property
+    def water_tables(self) -> Sequence[str]:
+        """The names of the tables of the effects of the water."""
+        return tuple(EFFECT_TABLES)
 
     @property
     def unsteady_flow(self) -> str:

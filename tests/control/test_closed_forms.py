@@ -1,5 +1,7 @@
 """Settled runs rest at the closed forms, in the paper's scenario and others; invalid closed forms are not given."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from twin import TwinParameters
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.setup.base import set_up
 from vehicles import vehicle_xml
 
 OTHER_WORLD = {
@@ -258,3 +262,14 @@ def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
     analytic = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 0.01}, law), **FREE).analytic
     assert isinstance(analytic, NoClosedForm)
     assert reason in analytic.reason
+
+
+@pytest.mark.parametrize("name", ["cable", "products", "anything"])
+def test_a_table_that_the_balance_does_not_know_has_no_closed_form(name):
+    """Whatever its name: a cable is a record of a known effect, and no table."""
+    setup = set_up(Scenario.load("push_wall"))
+    scenario = dataclasses.make_dataclass("Wider", [(name, float, 0.0)], bases=(Scenario,), frozen=True)
+    tables = {field.name: getattr(setup.scenario, field.name) for field in dataclasses.fields(Scenario)}
+    known, unknown = (dataclasses.replace(setup, scenario=scenario(**tables, **{name: x})) for x in (0.0, 1.0))
+    assert steady_state(known).force == steady_state(setup).force
+    assert steady_state(unknown).reason == f"closed forms do not know {name}"

@@ -1,10 +1,13 @@
 """The static forces of many poses at once are those of the loop's kernel."""
 
 import numpy as np
+import pytest
 
 from uvms_mj import Scenario
+from uvms_mj.control.theory.contacts_about_rest import contacts_about
 from uvms_mj.control.theory.predictions import steady_state
-from uvms_mj.control.theory.terms import ContactSprings
+from uvms_mj.control.theory.task_motion import TaskMotion
+from uvms_mj.control.theory.terms import Balance, ContactSprings, ThrustMap
 from uvms_mj.physics.contacts import pair_force
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.setup.base import set_up
@@ -73,3 +76,47 @@ def test_the_wall_is_the_first_of_all_walls():
         assert (one.stiffness, one.damping) == (other.stiffness, other.damping) == (3e3, 40.0)
         np.testing.assert_allclose(one.normal, other.normal, atol=1e-12)
         np.testing.assert_allclose(np.abs(one.normal), np.abs(first.design.normal), atol=1e-12)
+
+
+WALLS = {
+    "hertz": {"contact": "hertz", "modulus": 6e5, "restitution": 0.7},
+    "layers": {"stiffness": 2e3, "damping": 30.0, "layer_depth": 0.001, "layer_stiffness": 9e3},
+}
+
+
+def _sets(kinds, gaps):
+    """The springs (K, C) of all sets of contacts about a pose with a wall along each of x and y, by their gaps [m], and
+    the balance."""
+    walls = [
+        {"shape": "plane", "position": [0.15 + gaps[0], 0.0, 0.0], **WALLS[kinds[0]]},
+        {"shape": "plane", "position": [0.0, 0.15 + gaps[1], 0.0], "attitude_deg": [0.0, 0.0, 90.0], **WALLS[kinds[1]]},
+    ]
+    over = {
+        "wall.present": False,
+        "walls": walls,
+        "vehicle.contact_bodies": [{"position": [0.1, 0, 0], "radius": 0.05}],
+    }
+    over["vehicle.contact_bodies"].append({"position": [0.0, 0.1, 0.02], "radius": 0.05})
+    setup = set_up(Scenario.load("push_wall", over))
+    balance = Balance(setup, np.inf, ThrustMap.of(setup))
+    pose = balance.pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    return contacts_about(TaskMotion(balance, Balance.__call__), pose, None).springs, balance
+
+
+@pytest.mark.parametrize("kind", ["hertz", "layers"])
+def test_a_contact_that_opens_leaves_the_stiffness_of_the_others(kind):
+    (_, (K, C)), _ = _sets((kind, "hertz"), (-0.003, -0.05))
+    ((alone, damped),), _ = _sets((kind, "hertz"), (0.5, -0.05))
+    np.testing.assert_allclose(K, alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max())
+    np.testing.assert_allclose(C, damped, rtol=1e-6, atol=1e-6 * np.abs(damped).max())
+
+
+@pytest.mark.parametrize("kind", ["hertz", "layers"])
+def test_a_contact_that_closes_has_the_slope_of_its_force(kind):
+    ((K, C), (closed, damped)), balance = _sets((kind, "hertz"), (0.002, -0.05))
+    depth, push = 0.008, balance.springs.wrenches(np.array([[0.01, 0.0, 0.0]]), np.eye(3)[None])[1][0]
+    slope = 1.5 * 4.0 / 3.0 * 6e5 * (0.05 * depth) ** 0.5 if kind == "hertz" else 9e3
+    damping = 30.0 if kind == "layers" else balance.springs.dissipation[0] * push
+    assert damping > 0.0
+    for changed, along in ((closed - K, slope), (damped - C, damping)):
+        np.testing.assert_allclose(changed, along * np.diag([1, 0, 0, 0, 0, 0]), rtol=1e-5, atol=1e-5 * along)

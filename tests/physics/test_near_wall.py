@@ -28,7 +28,18 @@ from uvms_mj.physics.effects import (
     find_pulls,
 )
 from uvms_mj.physics.kernels import record_of
-from uvms_mj.physics.near_wall import FAR, HULL, add_hull_wrench, disc_mass, sphere_mass
+from uvms_mj.physics.near_wall import (
+    FAR,
+    HULL,
+    add_hull_inertia,
+    add_hull_wrench,
+    add_pad_inertia,
+    add_pad_wrench,
+    disc_mass,
+    sphere_mass,
+)
+from uvms_mj.physics.near_wall import PAD as PAD_RECORD
+from uvms_mj.plant.settings import World
 from vehicles import load
 
 PORTS = (add_flows, add_sea, add_pushes, add_inertias, add_inertia_wrenches, add_effects, find_pulls, add_pulls)
@@ -162,18 +173,68 @@ def test_the_slopes_of_a_sphere_are_the_derivatives(x):
     np.testing.assert_allclose(sphere_mass(x)[2:], np.subtract(after[:2], before[:2]) / (2.0 * h), rtol=1e-6)
 
 
-def test_the_force_on_a_sphere_at_constant_speed_is_that_of_its_kinetic_energy():
-    """-m_n' v^2/2 along the normal, which drives a sphere to the wall that moves along it, and away if it comes."""
-    record = record_of(np.array([(0.2, (0, 0, 0), (1, 0, 0), (-1, 0, 0), 1000.0, 1e-4)], HULL))
-    scale, x, h = 4.0 / 3.0 * math.pi * 1000.0 * 0.2**3, 0.1 / 0.2, 1e-6
-    for axis, entry in ((0, 0), (1, 1)):
-        nu, tau = np.zeros(6), np.zeros(6)
-        nu[axis] = 0.4
-        add_hull_wrench(record, np.array([0.7, 0.0, 0.0]), np.eye(3), nu, tau)
-        slope = scale * (sphere_mass(x + h)[entry] - sphere_mass(x - h)[entry]) / (2.0 * h) / 0.2
+FACE = {"point": (1.0, 0.0, 0.0), "least_gap": 1e-4}
+BODIES = {
+    "pad": Pad(radius=0.1, position=(0.0, 0.0, 0.0), viscosity=0.0, **FACE),
+    "sphere": NearWall(radius=0.2, **FACE),
+    "cylinder": NearWall(shape="cylinder", radius=0.2, length=0.9, axis=(0.0, 0.0, 1.0), **FACE),
+}
+RADII = {"pad": 0.0, "sphere": 0.2, "cylinder": 0.2}
+
+
+def water(name, gap, nu, **changed):
+    """Inertia (6, 6) and wrench (6,) of the water about one body at a gap, with the velocity nu (6,)."""
+    M, tau, V = np.zeros((6, 6)), np.zeros(6), np.array(nu, float)
+    p, table = np.array([1.0 - RADII[name] - gap, 0.0, 0.0]), dataclasses.replace(BODIES[name], **changed)
+    record = record_of(np.array(table.records(World()), PAD_RECORD if name == "pad" else HULL))
+    if name == "pad":
+        add_pad_inertia(record, p, np.eye(3), M)
+        add_pad_wrench(record, p, np.eye(3), V, tau)
+        return M, tau
+    A = np.concatenate([-np.cross(V[3:], V[:3]), np.zeros(3)])  # as the base has it
+    add_hull_inertia(record, np.eye(3), np.zeros(3), p, np.eye(3), M)
+    add_hull_wrench(record, np.eye(3), np.zeros(3), p, np.eye(3), V, A, tau)
+    return M, tau
+
+
+def decimals(number):
+    return len(number.partition(".")[2])
+
+
+def test_a_pad_is_braked_by_the_forces_of_the_formula_and_the_table():
+    """R = 0.1 m at 0.1 m/s: -M' v^2/2 and 3 pi mu R^4 v/(2 g^3); design numbers of the project."""
+    published = {0.02: ("0.52", "0.006"), 0.01: ("2.07", "0.047"), 0.005: ("8.16", "0.38"), 0.002: ("50", "5.9")}
+    for gap, (inertial, viscous) in published.items():
+        force = -water("pad", gap, [0.1, 0, 0, 0, 0, 0])[1][0]
+        assert force == pytest.approx(0.5 * 1000.0 * 0.01 * SLOPES[round(gap / 0.1, 6)] * 0.01, rel=1e-3)
+        assert f"{force:.{decimals(inertial)}f}" == inertial
+        film = -water("pad", gap, [0.1, 0, 0, 0, 0, 0], viscosity=1e-3)[1][0] - force
+        assert film == pytest.approx(1.5 * math.pi * 1e-3 * 0.1**4 * 0.1 / gap**3, rel=1e-9)
+        assert f"{film:.{decimals(viscous)}f}" == viscous
+
+
+@pytest.mark.parametrize("name", ["sphere", "cylinder"])
+@pytest.mark.parametrize("gap", [0.002, 0.02, 0.1, 0.5])
+def test_the_force_at_constant_speed_is_that_of_the_kinetic_energy(name, gap):
+    """-m_n' v^2/2 along the normal, which drives a body to the wall that moves along it, and away if it comes."""
+    for axis in (0, 1):
+        nu, h = 0.4 * np.eye(6)[axis], 1e-6 * gap
+        force = water(name, gap, nu)[1][0]
+        slope = (water(name, gap + h, nu)[0] - water(name, gap - h, nu)[0])[axis, axis] / (2.0 * h)
         sign = 1.0 if axis == 0 else -1.0  # the gap is 1 - x - a
-        assert tau[0] == pytest.approx(sign * 0.5 * slope * 0.16, rel=1e-3)
-        assert (tau[0] < 0.0) == (axis == 0)
+        assert force == pytest.approx(sign * 0.5 * slope * 0.16, rel=1e-3)
+        assert (force < 0.0) == (axis == 0)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_water_is_finite_at_the_touch_and_behind_it_and_does_not_jump(name):
+    nu = [0.2, 0.1, -0.1, 0.3, -0.2, 0.4]
+    at, inside, touch, behind = (water(name, gap, nu) for gap in (1e-4, 0.9999e-4, 0.0, -0.05))
+    for M, tau in (at, inside, touch, behind):
+        assert np.isfinite(M).all()
+        assert np.isfinite(tau).all()
+        np.testing.assert_allclose(M, at[0], rtol=1e-9)
+    np.testing.assert_allclose(behind[1], inside[1], rtol=1e-9)
 
 
 def test_the_water_about_a_hull_keeps_the_energy_of_a_tumbling_body():

@@ -244,25 +244,54 @@ def add_pushes(effects, numbers, t, tau):
 
 
 @kernel
-def add_inertias(effects, p_WB, R_WB, M):
-    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B."""
+def add_inertias(plant, R_WB, M):
+    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B, and to the composite inertias of
+    the links that carry them."""
+    effects, p_WB, links, frames = plant.effects, plant.qpos[:3], plant.links, plant.frames
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
             add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
     for k in range(effects.near_wall.shape[0]):
-        if effects.near_wall[k].radius > 0.0:
-            add_hull_inertia(effects.near_wall[k], p_WB, R_WB, M)
+        hull, own = effects.near_wall[k], np.zeros((6, 6))
+        if hull.radius > 0.0:
+            above = hull.link
+            add_hull_inertia(hull, frames[above].R_BL, frames[above].p_BL, p_WB, R_WB, own)
+            M += own
+            for _ in range(frames[hull.link].depth):
+                add_inertia_to(links[above], own)
+                above = frames[above].parent
 
 
 @kernel
-def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
-    """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]."""
+def add_inertia_to(link, M):
+    """Add an inertia M (6, 6) about B's origin in B to the composite inertia of a link."""
+    J = link.composite
+    for i in range(3):
+        J[i] += M[i, :3]
+        J[3 + i] += M[i, 3:]
+        J[6 + i] += M[3 + i, 3:]
+
+
+@kernel
+def add_inertia_wrenches(plant, R_WB, nu):
+    """Add to the wrenches F of the links what the change of these inertias does at the velocity nu (6,) of the base,
+    where the links have their motion relative to the water at B."""
+    effects, p_WB, links, frames, water = plant.effects, plant.qpos[:3], plant.links, plant.frames, plant.water
+    tau, V, A = links[0].F, np.zeros(6), np.zeros(6)
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:
             add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)
     for k in range(effects.near_wall.shape[0]):
-        if effects.near_wall[k].radius > 0.0:
-            add_hull_wrench(effects.near_wall[k], p_WB, R_WB, nu, tau)
+        hull = effects.near_wall[k]
+        if hull.radius > 0.0:
+            link, frame = links[hull.link], frames[hull.link]
+            v_c = nu[:3] - plant.nu_r[:3]
+            V[:], A[:] = link.V, link.A
+            V[:3] += v_c
+            A[:3] -= np.cross(link.V[3:], v_c)
+            if water.unsteady != 0:
+                A[:3] += R_WB.T @ water.v_c_dot_W
+            add_hull_wrench(hull, frame.R_BL, frame.p_BL, p_WB, R_WB, V, A, link.F)
 
 
 @kernel

@@ -147,7 +147,7 @@ def water_wrench(plant, R_WB, nu, out):
             f = link.displaced_mass * (R_WB.T @ link.a_c_W)
             link.F[:3] += f
             link.F[3:] += np.cross(centre, f)
-    add_inertia_wrenches(plant.effects, plant.qpos[:3], R_WB, nu, base.F)
+    add_inertia_wrenches(plant, R_WB, nu)
     for k in range(plant.effect_frames.shape[0]):
         at = plant.effect_frames[k]
         add_wrench_from(at.R_BC, at.p_BC, plant.tau_effects[k], links[at.link].F)

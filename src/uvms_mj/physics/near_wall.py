@@ -1,5 +1,5 @@
 r"""The water between a vehicle and a wall: before a pad an inertial film that grows as the gap closes, and a viscous
-one; about a hull an added mass that grows.
+one; about a hull and about links an added mass that grows.
 
 A pad is a rigid disc of the radius R that faces a plane at the gap g. In ideal flow its added mass along the normal is
 a function of x = g/R alone (Love's integral equation of two coaxial discs, Quart. J. Mech. Appl. Math. 2, 1949, p. 428,
@@ -35,13 +35,37 @@ away, and here
 
 with Chebyshev's polynomials c of each between g/a = 0.001 and 20, right to 1e-6 of C. Beyond 20 it is the first term,
 c = 3/16 and 3/32. Only the difference to 1/2 is added, since the vehicle's M_A has the rest. With the mass
-:math:`M_p = m_t I + (m_n - m_t)\, n n^\top` at the centre p, whose velocity is v, Lagrange's equation gives the force
+:math:`M_p = m_t I + (m_n - m_t)\, n n^\top` at the centre p, whose velocity is v and whose acceleration without the
+accelerations of base and joints is a, Lagrange's equation gives the force
 
 .. math::
 
-    -M_p\, \omega \times (\omega \times r) - M_p'\, \dot g\, v + \tfrac12 (v^\top M_p' v)\, n
+    -M_p\, a - M_p'\, \dot g\, v + \tfrac12 (v^\top M_p' v)\, n
 
 at p, beside the inertia :math:`J^\top M_p J`, :math:`J = [I, -S(r)]`. A sphere's turn moves no water.
+
+**A cylinder**, on the base or on a link of an arm, is a row of strips across its axis e, each with the added mass
+:math:`\pi \rho a^2 C` a length in plane flow, in every direction across e alike. With the distance H of the wall
+across the axis, :math:`\cosh \alpha = H/a` and :math:`q = e^{-2\alpha}` (multipoles of the circle and its mirror image,
+summed),
+
+.. math::
+
+    C = 4 \sinh^2\!\alpha \sum_{n \ge 1} \frac{2n\, q^n}{1 - q^n} - 1,
+
+1 far away and :math:`\pi^2/3 - 1` at the touch, here to 2e-9: by the series far away, and near the wall by its modular
+transform :math:`\sum = \frac{1}{12} - \frac{1}{2\alpha} + \frac{\pi^2}{\alpha^2}(\frac{1}{12} - 2 e^{-2\pi^2/\alpha})`.
+The strips are eight, at Gauss's places. A strip at p is at :math:`H = h/\cos\beta` for a distance h of p and an angle
+:math:`\beta` between axis and wall, :math:`\sin\beta = n^\top e`: an axis along the normal has no wall beside it. Its
+mass :math:`m(h, e) = \pi \rho a^2 (C - 1)` and its energy :math:`\tfrac12 m |P v|^2`, :math:`P = I - e e^\top`, give
+the force at p and a moment,
+
+.. math::
+
+    -m P a - \dot m P v - m \dot P v + \tfrac12 |P v|^2\, \frac{\partial m}{\partial h}\, n, \qquad
+    e \times \left( \tfrac12 |P v|^2\, \frac{\partial m}{\partial e} - m (e^\top v)\, v \right).
+
+The flow about its ends is not in it, as in the strip theory of the links' own added mass.
 """
 
 import math
@@ -50,19 +74,28 @@ import numpy as np
 
 from .kernels import kernel
 
-PAD = np.dtype(
-    [
-        ("radius", "f8"),  # R [m]
-        ("r", "f8", (3,)),  # centre in B [m]
+
+def _before_wall(*more: tuple) -> np.dtype:
+    """A record of a body before a plane wall, with more fields."""
+    fields = [
+        ("radius", "f8"),  # [m]
+        ("r", "f8", (3,)),  # centre in the frame of its link, B for the base [m]
         ("point", "f8", (3,)),  # of the wall's face [m, W]
         ("normal", "f8", (3,)),  # out of the wall [W]
         ("rho", "f8"),  # [kg/m^3]
-        ("viscosity", "f8"),  # mu [Pa s]
         ("least", "f8"),  # g_0 [m]
-    ],
-    align=True,
-)
+    ]
+    return np.dtype([*fields, *more], align=True)
+
+
+PAD = _before_wall(("viscosity", "f8"))  # mu [Pa s]
 """One pad before one plane wall."""
+HULL = _before_wall(
+    ("link", "i8"),  # index of the link that it is on; the base is link 0
+    ("axis", "f8", (3,)),  # of a cylinder, in the frame of the link
+    ("length", "f8"),  # of a cylinder, 0 of a sphere [m]
+)
+"""One sphere or one cylinder before one plane wall."""
 
 _LOW, _HIGH = math.log(0.005), math.log(20.0)
 _REST = np.array(
@@ -74,18 +107,6 @@ _REST = np.array(
     ]
 )
 """Coefficients of c."""
-HULL = np.dtype(
-    [
-        ("radius", "f8"),  # a [m]
-        ("r", "f8", (3,)),  # centre in B [m]
-        ("point", "f8", (3,)),  # of the wall's face [m, W]
-        ("normal", "f8", (3,)),  # out of the wall [W]
-        ("rho", "f8"),  # [kg/m^3]
-        ("least", "f8"),  # g_0 [m]
-    ],
-    align=True,
-)
-"""One sphere before one plane wall."""
 _LEAST, _MOST = math.log(1e-3), math.log(20.0)
 _NORMAL = np.array(
     [
@@ -105,6 +126,10 @@ _ALONG = np.array(
     ]
 )
 """Coefficients of c along the wall."""
+_NOME = math.exp(-3.0)
+"""q above which the series about the touch is taken: both are then right to 1e-9."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Places and weights of the strips of a cylinder between -1 and 1."""
 FAR = 8.0 / 3.0
 """m/(rho R^3) in open water."""
 
@@ -191,11 +216,49 @@ def sphere_mass(x):
 
 
 @kernel
-def hull_masses(hull, p_WB, R_WB, n_B):
-    """Set n_B (3,) to the normal in B, and return the masses along the normal and along the wall beyond open water's
-    [kg], and their derivatives by the gap [kg/m]."""
-    n_B[:] = hull.normal @ R_WB
-    g = hull.normal @ (p_WB + R_WB @ hull.r - hull.point) - hull.radius
+def cylinder_mass(t):
+    """C - 1 of a cylinder whose axis is at the distance a/t from the wall, and its derivative by t over t."""
+    root = math.sqrt(1.0 - t * t)  # tanh(alpha)
+    q = (t / (1.0 + root)) ** 2
+    if q < _NOME:  # far away, by powers of q
+        value, rate, power = -2.0 * q, -2.0, 1.0
+        left = (1.0 - q) * (1.0 - q)
+        for n in range(2, 12):
+            power *= q  # q^(n-1)
+            below = 1.0 - power * q
+            term = 2.0 * n * power / below
+            value += left * term
+            rate += left * term * ((n - 1.0) / q + n * power / below) - 2.0 * (1.0 - q) * term
+        return value, rate * 2.0 / (root * (1.0 + root) ** 2)
+    alpha = -0.5 * math.log(q)
+    sinh = root / t
+    x = math.exp(-2.0 * math.pi * math.pi / alpha)
+    s = (math.pi / alpha) ** 2 * (1.0 / 12.0 - 2.0 * x) - 0.5 / alpha + 1.0 / 12.0
+    by_alpha = -2.0 * (math.pi / alpha) ** 2 / alpha * (1.0 / 12.0 - 2.0 * x) + 0.5 / (alpha * alpha)
+    by_alpha -= 4.0 * x * (math.pi / alpha) ** 4
+    slope = 8.0 * sinh / t * s + 4.0 * sinh * sinh * by_alpha
+    return 4.0 * sinh * sinh * s - 2.0, -slope / (t * t * root)
+
+
+@kernel
+def strip(hull, n, e, h):
+    """The mass of the water about a unit of length of a cylinder with the axis e (3,), at the distance h [m] from a
+    wall with the normal n (3,), beyond open water's [kg/m], its derivative by h, and over n the one by e."""
+    a, tilt = hull.radius, n @ e
+    far, scale = max(h, hull.least), math.pi * hull.rho * hull.radius * hull.radius
+    t, most = a * math.sqrt(max(0.0, 1.0 - tilt * tilt)) / far, a / (a + hull.least)
+    mass, rate = cylinder_mass(max(1e-9, min(t, most)))
+    if t > most:
+        return scale * mass, 0.0, 0.0
+    by_h = -scale * rate * t * t / far if h > hull.least else 0.0
+    return scale * mass, by_h, -scale * rate * (a / far) ** 2 * tilt
+
+
+@kernel
+def sphere_masses(hull, h):
+    """The masses about a sphere whose centre is at the distance h [m] along the normal and along the wall, beyond open
+    water's [kg], and their derivatives by the gap [kg/m]."""
+    g = h - hull.radius
     m_n, m_t, slope_n, slope_t = sphere_mass(max(g, hull.least) / hull.radius)
     scale = 4.0 / 3.0 * math.pi * hull.rho * hull.radius**3
     by_gap = scale / hull.radius if g > hull.least else 0.0
@@ -203,28 +266,66 @@ def hull_masses(hull, p_WB, R_WB, n_B):
 
 
 @kernel
-def add_hull_inertia(hull, p_WB, R_WB, M):
-    """Add the inertia of the water about a hull at a wall to M (6, 6), about B's origin in B."""
-    n_B, J = np.zeros(3), np.zeros((3, 6))
-    m_n, m_t, _, _ = hull_masses(hull, p_WB, R_WB, n_B)
+def add_mass(m, more, d, r, M):
+    """Add the inertia of a mass m I + more d d^T at r (3,) to M (6, 6), with a unit vector d (3,)."""
+    J, along = np.zeros(6), np.zeros(6)
     for i in range(3):
-        e = np.zeros(3)
-        e[i] = 1.0
-        J[i, :3], J[i, 3:] = e, np.cross(hull.r, e)
-    along = n_B @ J
-    M += (m_n - m_t) * np.outer(along, along)
-    for i in range(3):
-        M += m_t * np.outer(J[i], J[i])
+        J[:] = 0.0
+        J[i] = 1.0
+        J[3:] = np.cross(r, J[:3])
+        M += m * np.outer(J, J)
+    along[:3], along[3:] = d, np.cross(r, d)
+    M += more * np.outer(along, along)
 
 
 @kernel
-def add_hull_wrench(hull, p_WB, R_WB, nu, tau):
-    """Add the wrench of the water about a hull at a wall to tau (6,), beside the wrench of its inertia."""
-    n_B, omega = np.zeros(3), nu[3:]
-    m_n, m_t, slope_n, slope_t = hull_masses(hull, p_WB, R_WB, n_B)
-    v, inward = nu[:3] + np.cross(omega, hull.r), np.cross(omega, np.cross(omega, hull.r))
-    rate = n_B @ v
-    changed = slope_t * v + (slope_n - slope_t) * rate * n_B  # M_p' v
-    f = -(m_t * inward) - (m_n - m_t) * (n_B @ inward) * n_B - rate * changed + 0.5 * (v @ changed) * n_B
-    tau[:3] += f
-    tau[3:] += np.cross(hull.r, f)
+def distance(hull, p_WB, R_WB, r):
+    """The distance of r (3,) in B from the wall of a hull [m]."""
+    return hull.normal @ (p_WB + R_WB @ r - hull.point)
+
+
+@kernel
+def add_hull_inertia(hull, R_BL, p_BL, p_WB, R_WB, M):
+    """Add the inertia of the water about a hull at a wall to M (6, 6), about B's origin in B; R_BL (3, 3) and p_BL (3,)
+    are the frame of its link."""
+    n, e, centre = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r
+    if hull.length > 0.0:
+        for k in range(8):
+            r = centre + 0.5 * hull.length * _NODES[k] * e
+            m, _, _ = strip(hull, n, e, distance(hull, p_WB, R_WB, r))
+            m *= 0.5 * hull.length * _WEIGHTS[k]
+            add_mass(m, -m, e, r, M)
+    else:
+        m_n, m_t, _, _ = sphere_masses(hull, distance(hull, p_WB, R_WB, centre))
+        add_mass(m_t, m_n - m_t, n, centre, M)
+
+
+@kernel
+def add_hull_wrench(hull, R_BL, p_BL, p_WB, R_WB, V, A, F):
+    """Add the wrench of the water about a hull at a wall to F (6,), beside the wrench of its inertia. V (6,) and A (6,)
+    are motion and acceleration of its link, as in :mod:`.tree`, relative to W and without the accelerations of the
+    base and of the joints."""
+    n, e, centre = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r
+    omega, share = V[3:], 0.5 * hull.length
+    if hull.length > 0.0:
+        e_dot = np.cross(omega, e)
+        for k in range(8):
+            r = centre + share * _NODES[k] * e
+            v = V[:3] + np.cross(omega, r)
+            a = A[:3] + np.cross(A[3:], r) + np.cross(omega, v)
+            m, by_h, by_e = strip(hull, n, e, distance(hull, p_WB, R_WB, r))
+            along = e @ v
+            across = v - along * e
+            m_dot, energy = by_h * (n @ v) + by_e * (n @ e_dot), 0.5 * (across @ across)
+            f = -(m_dot * across) - m * (a - (e @ a) * e - along * e_dot - (e_dot @ v) * e) + energy * by_h * n
+            moment = np.cross(r, f) + np.cross(e, energy * by_e * n - m * along * v)
+            F[:3] += share * _WEIGHTS[k] * f
+            F[3:] += share * _WEIGHTS[k] * moment
+    else:
+        m_n, m_t, slope_n, slope_t = sphere_masses(hull, distance(hull, p_WB, R_WB, centre))
+        v = V[:3] + np.cross(omega, centre)
+        a, rate = A[:3] + np.cross(A[3:], centre) + np.cross(omega, v), n @ v
+        changed = slope_t * v + (slope_n - slope_t) * rate * n  # M_p' v
+        f = -(m_t * a) - (m_n - m_t) * (n @ a) * n - rate * changed + 0.5 * (v @ changed) * n
+        F[:3] += f
+        F[3:] += np.cross(centre, f)

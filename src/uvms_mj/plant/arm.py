@@ -168,6 +168,11 @@ class Arm:
         return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.links])
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the links in their order."""
+        return tuple(link.name for link in self.links)
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints in their order."""
         return tuple(link.joint for link in self.links)

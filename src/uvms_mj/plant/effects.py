@@ -47,8 +47,8 @@ class _World:
         return self._scenario.simulation.timestep
 
     @property
-    def joints(self) -> int:
-        return len(self._plant.vehicle.arm.links)
+    def links(self) -> tuple[str, ...]:
+        return self._plant.vehicle.arm.names
 
     @property
     def walls(self) -> Mapping[str, Surface]:

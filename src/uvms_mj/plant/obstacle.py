@@ -72,7 +72,7 @@ class Obstacle(EffectTable):
             yield Fault("half_width", "a plane needs it: the current goes around the face at its edges")
         elif wall.shape == "cylinder" and self.half_width is not None:
             yield Fault("half_width", "a cylinder has its radius")
-        if world.joints:
+        if world.links:
             wrong = "the flow is that at the vehicle's origin, which is not computed at the links of an arm"
             yield Fault("wall", f"{wrong}; take a vehicle without joints")
 

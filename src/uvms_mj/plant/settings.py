@@ -38,7 +38,7 @@ from .impact import UP_TO, deepest, dissipation_of, stiffness_of_hertz
 
 class World(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
-    time step [s], the number of the vehicle's joints, its position (3,) at the start [m], NaN where it is not known,
+    time step [s], the names of the links of its arm, its position (3,) at the start [m], NaN where it is not known,
     its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
 
     An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s] and the inertia (6, 6) with
@@ -48,7 +48,7 @@ class World(NamedTuple):
     gravity: float = 9.81
     face: float | None = None
     timestep: float = 1e-3
-    joints: int = 0
+    links: tuple[str, ...] = ()
     start_p: tuple[float, float, float] = (math.nan,) * 3
     start_R: np.ndarray = np.eye(3)
     mean_flow_W: np.ndarray = np.zeros(3)

@@ -19,7 +19,20 @@ from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
-from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from ..quantities import (
+    STRICT,
+    Angle,
+    Angles,
+    Frequencies,
+    Lowercase,
+    Number,
+    Position,
+    Time,
+    Wrench,
+    doc,
+    of_length,
+    within,
+)
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -335,7 +348,7 @@ class Pad(EffectTable):
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
-        numbers = self.density, self.viscosity, self.least_gap
+        numbers = self.density, self.least_gap, self.viscosity
         return [(self.radius, self.position, *_face(self, world), *numbers)]
 
     def faults(self, world: World) -> Iterator[Fault]:
@@ -344,43 +357,72 @@ class Pad(EffectTable):
 
 @dataclass(frozen=True, config=STRICT)
 class NearWall(EffectTable):
-    """One table of ``[[near_wall]]``: a sphere in the place of the vehicle's hull, before a plane wall."""
+    """One table of ``[[near_wall]]``: a sphere or a cylinder in the place of the vehicle's hull or of a link, before a
+    plane wall."""
 
     radius: Annotated[Number, within(1e-3, 100.0, "m")]
-    position: Position = doc("centre in B [m]", (0.0, 0.0, 0.0))
+    shape: Annotated[Literal["sphere", "cylinder"], Lowercase] = doc("of the hull or the link", "sphere")
+    length: Annotated[Number, within(1e-3, 100.0, "m")] | None = doc("of a cylinder [m]", None)
+    axis: Position = doc("vector along a cylinder, in the frame of its link [1]", (1.0, 0.0, 0.0))
+    link: str | None = doc("name of the link of the arm that carries it; null: the base", None)
+    position: Position = doc("centre in the frame of the link, in B for the base [m]", (0.0, 0.0, 0.0))
     point: Position | None = doc("a point of the wall's face in W; null: the face of [wall] [m]", None)
     normal: Position = doc("vector out of that wall in W [1]", (-1.0, 0.0, 0.0))
     density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
     least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
 
     def __post_init__(self) -> None:
-        if not any(self.normal):
-            raise ValueError("normal must not be zero")
+        cylinder = self.shape == "cylinder"
+        wrong = [f"{key} must not be zero" for key in ("normal", "axis") if not any(getattr(self, key))]
+        if cylinder and self.length is None:
+            wrong.append("a cylinder needs length")
+        if not cylinder and (self.length is not None or self.axis != (1.0, 0.0, 0.0)):
+            wrong.append("length and axis belong to a cylinder")
+        if wrong:
+            raise ValueError("; ".join(wrong))
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.HULL`."""
-        return [(self.radius, self.position, *_face(self, world), self.density, self.least_gap)]
+        link = 0 if self.link is None else 1 + world.links.index(self.link)
+        wall = *_face(self, world), self.density, self.least_gap
+        return [(self.radius, self.position, *wall, link, _unit(self.axis), self.length or 0.0)]
 
     def faults(self, world: World) -> Iterator[Fault]:
-        yield from _behind(self, world, self.radius)
+        if self.link is None:
+            yield from _behind(self, world, self.radius)
+            return
+        yield from _without_face(self, world)
+        if self.link not in world.links:
+            there = ", ".join(world.links) or "there is none"
+            yield Fault("link", f"{self.link!r} is no link of the vehicle: {there}")
 
 
 def _face(table: Pad | NearWall, world: World) -> tuple[Any, tuple[float, ...]]:
     """A point of the face that a table is in front of, in W [m], and the unit vector out of it."""
     if table.point is None:
         return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
-    length = math.hypot(*table.normal)
-    return table.point, tuple(x / length for x in table.normal)
+    return table.point, _unit(table.normal)
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, ...]:
+    length = math.hypot(*vector)
+    return tuple(x / length for x in vector)
+
+
+def _without_face(table: Pad | NearWall, world: World) -> Iterator[Fault]:
+    """Faults of a table without a face."""
+    if table.point is None and world.face is None:
+        yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
+    elif table.point is None and tuple(table.normal) != _face(table, world)[1]:
+        yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
 
 
 def _behind(table: Pad | NearWall, world: World, most: float) -> Iterator[Fault]:
     """Faults of a table without a face, and of one that begins more than a length [m] behind it."""
+    yield from _without_face(table, world)
     if table.point is None and world.face is None:
-        yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
         return
     point, normal = _face(table, world)
-    if table.point is None and tuple(table.normal) != normal:
-        yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
     gap = float(np.dot(normal, np.add(world.start_p, world.start_R @ table.position) - np.array(point)))
     if gap < -most:
         yield Fault("position", f"is at the start {-gap:.3g} m behind the face of the wall that it faces")

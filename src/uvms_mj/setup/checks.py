@@ -463,6 +463,14 @@ def _sea_faults(setup: Setup) -> Iterator[Fault]:
             yield Fault("sea.height", f"{wrong}; let it act at the body")
 
 
+def _inertia_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for a wrist's sensor that the water at a wall would load from beyond."""
+    for i, body in enumerate(setup.scenario.near_wall):
+        if body.link is not None and setup.scenario.wrist.runs:
+            wrong = "is not in the true wrench of the wrist's sensor: take no wrist, or only what is on the base"
+            yield Fault(f"near_wall[{i}].link", f"the water about {body.link!r} at the wall {wrong}")
+
+
 def _inertia_notes(setup: Setup) -> Iterator[str]:
     if names := setup.scenario.with_inertia:
         yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
@@ -487,7 +495,8 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
 
 Check = Callable[[Setup], Iterable[Fault]]
 CHECKS: tuple[Check, ...] = (
-    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, _sea_faults, posture_faults),
+    *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, _sea_faults, _inertia_faults),
+    posture_faults,
 )
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (

@@ -50,7 +50,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...physics.effects import EFFECTS
 from ...physics.frames import quat_from_euler_deg
 from ...physics.spanned_axes import axes_spanned
 from ...stages.setup import SetupLike
@@ -185,13 +184,13 @@ def _clipped(setup: SetupLike, thrust_map: ThrustMap) -> bool:
 
 _KNOWN = frozenset(
     (
-        *("name", "description", "vehicle", "simulation", "initial", "wall"),
-        *(*EFFECTS, "effects"),
+        *("name", "description", "vehicle", "simulation", "initial", "wall", "effects"),
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )
 )
-"""The tables of a scenario that the balance has in it. With any other one that is in use there is no closed form."""
+"""The tables of a scenario that the balance has in it, beside the effects of the water, whose records it takes. With
+any other one that is in use there is no closed form."""
 
 
 def _unknown(setup: SetupLike, K: float, own: bool) -> str:
@@ -199,7 +198,8 @@ def _unknown(setup: SetupLike, K: float, own: bool) -> str:
     if it may have one."""
     scenario = setup.scenario
     for table in dataclasses.fields(scenario):
-        if table.name not in _KNOWN and getattr(scenario, table.name) != table.default:
+        known = table.name in _KNOWN or table.name in scenario.water_tables
+        if not known and getattr(scenario, table.name) != table.default:
             return f"closed forms do not know {table.name}"
     if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):
         return reason

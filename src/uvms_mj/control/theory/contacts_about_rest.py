@@ -60,18 +60,18 @@ def _other_sets(
     quats = [quat_turned(pose.quat, change[3:]) for change in changes]
     R_WB = np.array([rotation_matrix(quat) for quat in quats])
     p_WB = pose.position + changes[:, :3] @ pose.R_WB.T
-    wrenches, forces, depths = balance.springs.wrenches(p_WB[:, None], R_WB[:, None])
+    forces = balance.springs.wrenches(p_WB[:, None], R_WB[:, None])[1]
     touches = forces > 0.0
     some = np.flatnonzero(touches.any(axis=0) & ~touches.all(axis=0))
     if len(some) > _MOST:
         return f"{len(some)} contacts open or close next to the rest"
     changed = []
     for k in some:
-        at = 0 if touches[0, k] else int(forces[:, k].argmax())  # a contact that closes is a spring along its normal
-        along = wrenches[at, k] / forces[at, k]
-        sign = -1.0 if touches[0, k] else 1.0
-        stiffness, damping = forces[at, k] / depths[at, k], balance.springs.damping[k]
-        changed.append([sign * each * np.outer(along, along) for each in (stiffness, damping)])
+        at = 0 if touches[0, k] else int(forces[:, k].argmax())
+        by_wrench, by_force, by_depth = (each[k] for each in balance.springs.slopes(p_WB[at], R_WB[at]))
+        damping = balance.springs.dampings(forces[at])[k] * np.outer(by_depth, by_depth)
+        # a contact that opens takes its part of K along; one that closes, not loaded at the rest, is a spring only
+        changed.append((by_wrench, -damping) if touches[0, k] else (np.outer(by_force, by_depth), damping))
     kept, touch = bool(touches.all(axis=0).any()), touches[0, some]
     found = [(K, C)]
     for which in itertools.product((False, True), repeat=len(some)):

@@ -8,7 +8,8 @@ from ...physics.kernels import kernel
 from .approach import LAST_STEP
 from .motion_record import RESIDUAL
 from .motion_terms import between, copied, displaced, press, sense, thrust, velocity_at
-from .task_motion import DIFFERENCE, OUTDATED, ROUNDING
+from .task_motion import OUTDATED, ROUNDING
+from .terms import DIFFERENCE
 
 
 @kernel

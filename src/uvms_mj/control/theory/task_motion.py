@@ -5,7 +5,6 @@ At its rest the motion stays if small motions about it decay, also motions that 
 """
 
 import bisect
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,11 +17,9 @@ from ...physics.frames import quat_error, quat_turned, rotation_matrix, skew
 from ...stages.setup import SetupLike
 from ..task import Schedule
 from .approach import FIRST_STEP, GROWS, LAST_STEP, MOST_STEPS, UNSTABLE, approach, decays
-from .terms import Balance, Memory, Pose, ThrustMap
+from .terms import DIFFERENCE, Balance, Memory, Pose, ThrustMap
 
 _CIRCLES = "a thruster is next to its limit, and motions that take it across the limit do not decay"
-DIFFERENCE = 1e-6
-"""Change of a coordinate for a derivative [m, rad]."""
 _STILL = 1e-4
 """A reference that is nearer to its end is at its end [m, rad]."""
 OUTDATED, ROUNDING = 0.02, 1e-6
@@ -359,10 +356,8 @@ class TaskMotion:
         """The derivative (6, 6) of the contact wrench by the coordinates from a pose."""
         if not pose.tau_c.any():
             return np.zeros((6, 6))
-        changes = DIFFERENCE * np.concatenate([np.eye(6), -np.eye(6)])
-        R = pose.R_WB @ rotation_matrix(_turns())
-        wrenches, _ = self.balance.contacts(pose.position + changes[:, :3] @ pose.R_WB.T, R)
-        return (wrenches[:6] - wrenches[6:]).T / (2.0 * DIFFERENCE)
+        found: np.ndarray = self.balance.springs.slopes(pose.position, pose.R_WB)[0].sum(axis=0)
+        return found
 
     def follow(self, way: "Way") -> None:
         """Let the reference take its way, and K_f and F_d follow their schedule."""
@@ -414,13 +409,6 @@ class TaskMotion:
         position = positions[k - 1] + part * (positions[k] - positions[k - 1])
         beside = (1.0 - (t / self.ends) ** 2) * self.beside
         return position + beside, quat_turned(quat / np.linalg.norm(quat), TURN_BESIDE * beside)
-
-
-@functools.cache
-def _turns() -> np.ndarray:
-    """The attitudes (12, 4) after the changes of :meth:`TaskMotion.stiffness`."""
-    changes = DIFFERENCE * np.concatenate([np.eye(6), -np.eye(6)])
-    return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
 
 
 def between(a: Pose, b: Pose) -> np.ndarray:

@@ -36,6 +36,8 @@ from .own_effects import OwnEffects
 
 START_FORCE = 100.0
 """Force [N] below which a start inside the wall counts as a start in contact."""
+DIFFERENCE = 1e-6
+"""Change of a coordinate for a derivative [m, rad]."""
 _AT_ONCE = 16
 """Poses in one call of machine code."""
 
@@ -106,9 +108,29 @@ class ContactSprings:
         f_n, depth = (found[name].reshape(*shape, n) for name in ("f_n", "depth"))
         return found["tau_C"].reshape(*shape, n, 6), f_n, depth
 
+    def slopes(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The derivatives of :meth:`wrenches`, of bodies on the frame of the task at a position (3,) and an attitude
+        (3, 3), by displacement and rotation vector (6,) in its own axes: of the wrenches (n, 6, 6), the normal forces
+        (n, 6) and the depths (n, 6)."""
+        changes, R = DIFFERENCE * np.concatenate([np.eye(6), -np.eye(6)]), R_WB @ rotation_matrix(_turns())
+        p = position + changes[:, :3] @ R_WB.T
+        found = self.wrenches(p[:, None], R[:, None])
+        by_wrench, *by_numbers = ((each[:6] - each[6:]) / (2.0 * DIFFERENCE) for each in found)
+        by_force, by_depth = (each.T for each in by_numbers)
+        return by_wrench.transpose(1, 2, 0), by_force, by_depth
 
-_SMALL = 1e-6
-"""Rotation vector of a derivative [rad]."""
+    def dampings(self, push: np.ndarray) -> np.ndarray:
+        """The damping (n,) along the normal of contacts with the normal forces (n,) [N s/m]."""
+        return np.where(push > 0.0, self.damping + self.dissipation * push, 0.0)
+
+
+@functools.cache
+def _turns() -> np.ndarray:
+    """Attitudes (12, 4) after :data:`DIFFERENCE` of each coordinate, forward and backward."""
+    changes = DIFFERENCE * np.concatenate([np.eye(6), -np.eye(6)])
+    return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
+
+
 _ZERO = 1e-9
 """A smaller thrust at rest is zero [N]."""
 
@@ -260,18 +282,16 @@ class Balance:
     def contact_damping(self, x: Pose) -> np.ndarray:
         """The damping (6, 6) of the contacts that press at a pose, by nu in B. Bumpers have none."""
         wrench, push, _ = self.springs.wrenches(x.position[None], x.R_WB[None])
-        damping = np.zeros((6, 6))
-        for w, force, b, a in zip(wrench, push, self.springs.damping, self.springs.dissipation, strict=True):
-            if force > 0.0:
-                damping += (b + a * force) * np.outer(w, w) / force**2
+        along = wrench / np.where(push > 0.0, push, 1.0)[:, None]
+        damping: np.ndarray = np.einsum("n,ni,nj->ij", self.springs.dampings(push), along, along)
         return damping
 
     def known(self, x: Pose) -> np.ndarray:
         """The change (6, 6) of the law's g_hat by the coordinates from a pose, at the measured attitude."""
         quat, found = self.measurement(x).quat, np.zeros((6, 6))
-        for k, e in enumerate(_SMALL * np.eye(3)):
+        for k, e in enumerate(DIFFERENCE * np.eye(3)):
             more, less = (self.restoring(self.setup.nominal, rotation_matrix(quat_turned(quat, x))) for x in (e, -e))
-            found[:, 3 + k] = (more - less) / (2.0 * _SMALL)
+            found[:, 3 + k] = (more - less) / (2.0 * DIFFERENCE)
         return self.setup.scenario.estimates.restoring * found
 
     def rubs(self, push: np.ndarray) -> bool:

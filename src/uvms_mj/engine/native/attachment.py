@@ -209,7 +209,8 @@ def attach(
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
     tables = tables_checked(vectors, effects, seed)
-    world = World(seed, float(np.linalg.norm(model.opt.gravity)), timestep=model.opt.timestep)
+    gravity, arm = float(np.linalg.norm(model.opt.gravity)), vehicle.arm
+    world = World(seed, gravity, timestep=model.opt.timestep, links=arm.names)
     if faults := effect_faults(tables, world):
         raise InputError(faults, "attach")
     attachment = immerse(model, data, vehicle, tables=tables, world=world)

@@ -65,7 +65,7 @@ def add_inertia(plant, model, data):
         return
     compose_links(links, frames)
     full_inertia(links[0].composite, plant.M_BB)
-    add_inertias(plant.effects, plant.qpos[:3], R_WB, plant.M_BB)
+    add_inertias(plant, R_WB, plant.M_BB)
     added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
         M[i] += plant.added[i]

@@ -407,7 +407,7 @@ def free_step(run, moving) -> bool:
         tau += plant.tau_applied_B
     if plant.inert.shape[0] != 0:
         M, open_water = body.M_RB + plant.links[0].M, body.M_RB + plant.links[0].M
-        add_inertias(plant.effects, plant.qpos[:3], true.R_WB, M)
+        add_inertias(plant, true.R_WB, M)
         if np.array_equal(M, open_water):  # a reset has taken these effects away
             body.M_inv[:] = body.M_inv_open
         else:
