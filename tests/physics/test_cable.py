@@ -11,6 +11,8 @@ from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Tether, Trace, attach, simulate
 from uvms_mj.physics.cable import CABLE, NODE, advance_cable, cable_state, place_ends, swing
 from uvms_mj.physics.kernels import called_on, kernel
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 from vehicles import load
 
 HELD = 1e12
@@ -396,6 +398,20 @@ def test_a_vehicle_hangs_at_its_cable():
         ({"tether.length": 0.0}, r"tether\.length: a tether with elements needs a length"),
         ({"tether.anchor_frequency_hz": 1.0}, r"needs anchor_amplitude and anchor_frequency_hz"),
         (
+            {"tether.anchor_amplitude": [0.1, 0.0, 0.0], "tether.anchor_frequency_hz": 501.0},
+            r"anchor_frequency_hz: 501 Hz must be at most 500 Hz",
+        ),
+        (
+            {"tether.floor": 0.0, "tether.anchor": [-3.0, 1.0, 1.0], "initial.position": [0.0, 0.0, -0.5]},
+            r"tether\.floor: 0 m is above the cable's end at the vehicle, at z = -0\.4 m",
+        ),
+        ({"tether.anchor_velocity": [3.0, 0.0, 0.0]}, r"tether\.anchor: comes 1\.\d+ m inside wall on its way"),
+        ({"tether.anchor_velocity": [0.0, 0.0, -1.0], "tether.floor": -2.0}, r"comes 1 m below the floor on its way"),
+        ({"sea.height": 0.3, "sea.depth": 2.5}, r"tether\.anchor: comes to z = -1 m, below the bottom of the sea"),
+        ({"sea.height": 0.3, "sea.depth": 4.0, "tether.floor": -3.0}, r"tether\.floor: -3 m is below the bottom"),
+        ({"tether.elements": "12"}, r"tether\.elements: '12' is not a whole number"),
+        ({"tether.elements": True}, r"tether\.elements: True is not a whole number"),
+        (
             {"walls": [{"shape": "sphere", "position": [-3.0, 1.0, -1.2], "radius": 0.5}]},
             r"tether\.anchor: is 0\.3 m inside walls\[0\]",
         ),
@@ -405,6 +421,18 @@ def test_bad_input_has_one_sentence(keys, said):
     with pytest.raises(InputError, match=said) as error:
         simulate(Scenario.load("push_wall", MOVING | keys), engine="free_body")
     assert len(error.value.faults) == 1
+
+
+def test_a_run_says_what_a_cable_changes():
+    """A cable that holds the vehicle back, one out of the water, and notes that leave it out."""
+    scenario = Scenario.load("push_wall", MOVING | {"reference.target": [9.0, 0.0, 0.0], "sea.height": 0.3})
+    notes = warnings_of(set_up(scenario.updated({"tether.anchor": [-3.0, 1.0, 2.5]})))
+    for words in ("the reference ends 12", "is above the trough of the waves", "do not know the pull of the cable"):
+        assert sum(words in note for note in notes) == 1
+    notes = warnings_of(set_up(Scenario.load("push_wall", MOVING)))
+    assert [note for note in notes if "cable" in note] == [
+        "notes on chatter, vibration and bounces do not know the pull of the cable of [tether]"
+    ]
 
 
 def test_joints_and_attach_are_refused():

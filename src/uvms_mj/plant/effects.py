@@ -47,6 +47,10 @@ class _World:
         return self._scenario.simulation.timestep
 
     @property
+    def duration(self) -> float:
+        return self._scenario.simulation.duration
+
+    @property
     def joints(self) -> int:
         return len(self._plant.vehicle.arm.links)
 
