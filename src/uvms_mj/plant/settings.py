@@ -256,11 +256,15 @@ class Surface:
     def nearest(self, point: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray]:
         """The distance of a point (3,) from the wall at its place without motion, negative inside, and the point (3,)
         of its face that is nearest to it [m, W]."""
-        surface, normal, at = np.zeros(1, SURFACE).view(np.recarray)[0], np.zeros(3), np.array(point, float)
-        surface.kind, surface.extent, surface.R_WS = list(SHAPES).index(self.shape), self.size, self.R_WS
-        surface.p_WS = self.position
-        distance = signed_distance(surface, at, normal)
+        surface, normal, at = np.zeros(1, SURFACE), np.zeros(3), np.array(point, float)
+        self.place(surface[0])
+        distance = signed_distance(surface.view(np.recarray)[0], at, normal)
         return distance, at - distance * normal
+
+    def place(self, record: np.void) -> None:
+        """Set shape and place without motion of a SURFACE record."""
+        record["kind"], record["extent"], record["R_WS"] = list(SHAPES).index(self.shape), self.size, self.R_WS
+        record["p_WS"] = record["start_W"] = self.position
 
 
 def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:

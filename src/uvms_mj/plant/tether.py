@@ -12,6 +12,7 @@ from ..errors import Fault
 from ..physics.cable import CABLE, NODE, cable_state, settle
 from ..physics.effects import RHO
 from ..physics.kernels import called_on
+from ..physics.surfaces import SURFACE
 from ..quantities import STRICT, Number, Position, Vector3, Whole, doc, within
 from .sea import STEPS
 from .settings import EffectTable, World
@@ -86,7 +87,11 @@ class Tether(EffectTable):
             return {name: self.records(world)}
         p, R = np.array(world.start_p), world.start_R
         inertia = apparent_mass(world.inertia, self.position)
-        starts = _rest(self, (p + R @ self.position).tobytes(), world.mean_flow_W.tobytes(), world.gravity)
+        walls = np.zeros(len(world.walls), SURFACE)
+        for record, wall in zip(walls, world.walls.values(), strict=True):
+            wall.place(record)
+        end_W = p + R @ self.position
+        starts = _rest(self, end_W.tobytes(), world.mean_flow_W.tobytes(), world.gravity, walls.tobytes())
         return {name: [], "cable": [self.cable_numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
 
     def cable_numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
@@ -162,9 +167,9 @@ def apparent_mass(M: np.ndarray, r: tuple[float, ...]) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=64)
-def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float) -> np.ndarray:
-    """The nodes (n, 3) of a cable at rest between its anchor and an end, in water that flows; near it, where there is
-    no rest [m, W]."""
+def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float, walls: bytes) -> np.ndarray:
+    """The nodes (n, 3) of a cable at rest between its anchor and an end, in water that flows, among walls; near it,
+    where there is no rest [m, W]."""
     end_W, flow_W, anchor, n = np.frombuffer(end), np.frombuffer(flow), np.array(tether.anchor), tether.elements + 1
     cable, state = np.zeros(1, CABLE), np.zeros(1, cable_state(n))
     nodes = np.zeros(1, np.dtype([("nodes", NODE, (n,))]))
@@ -176,7 +181,11 @@ def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float) -> np.ndarray
     nodes["nodes"]["start"][0] = _bent(anchor, end_W, tether.length, load, n)
     flows = np.zeros((n, 6))
     flows[:, :3] = flow_W
-    called_on(settle, cable, nodes, state, weight, flows, end_W.copy())(_MOST_STEPS)
+    count = len(walls) // SURFACE.itemsize
+    surfaces = np.zeros(max(2, count), SURFACE)  # one alone would be a record, and no array
+    surfaces[:count] = np.frombuffer(walls, SURFACE)
+    arrays = cable, nodes, state, weight, flows, end_W.copy(), surfaces
+    called_on(settle, *arrays)(_MOST_STEPS, count)
     return state["p"][0].copy()
 
 

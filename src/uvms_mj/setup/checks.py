@@ -30,6 +30,7 @@ from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
+from ..physics.surfaces import SHAPES
 from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
 from ..plant.hull import hull_faults, hull_notes
@@ -493,6 +494,14 @@ def _tether_notes(setup: Setup) -> Iterator[str]:
             f"tether.anchor, at z = {highest:.4g} m, is above the trough of the waves: what of the cable is out of the "
             "water keeps buoyancy and drag, in water that moves as at the surface"
         )
+    element = tether.length / tether.elements
+    for key, wall in walls_of(setup.scenario, setup.plant.probe.radius).items():
+        size = SHAPES[wall.shape].size
+        if size is not None and element > size(wall.size):
+            yield (
+                f"an element of the cable, {element:.3g} m, is longer than {key}, of {size(wall.size):.3g} m: "
+                "its nodes touch a wall, and between them it may pass through"
+            )
     yield "notes on chatter, vibration and bounces do not know the pull of the cable of [tether]"
 
 
