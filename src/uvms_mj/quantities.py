@@ -60,6 +60,10 @@ def of_length(n: int) -> AfterValidator:
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; :func:`within` adds the range."""
+Whole = Annotated[int, Field(strict=True)]
+"""A whole number, no text and no truth value; :func:`within` adds the range."""
+Switch = Annotated[bool, Field(strict=True)]
+"""true or false, and no word or number for it."""
 Step = Annotated[Number, within(1e-7, 1.0, "s")]
 """A time step or a sampling period."""
 Duration = Annotated[Number, within(1e-7, 1e7, "s")]

@@ -11,6 +11,10 @@ from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Tether, Trace, attach, simulate
 from uvms_mj.physics.cable import CABLE, NODE, advance_cable, cable_state, place_ends, swing
 from uvms_mj.physics.kernels import called_on, kernel
+from uvms_mj.physics.surfaces import SURFACE
+from uvms_mj.plant.settings import Surface
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 from vehicles import load
 
 HELD = 1e12
@@ -18,7 +22,7 @@ HELD = 1e12
 
 
 @kernel
-def held_steps(cable, nodes, state, flows, pose, rows, t_0, count):
+def held_steps(cable, nodes, state, flows, pose, rows, surfaces, t_0, count, walls):
     """Steps of a cable whose end is held, or free if it has no inertia. Rows (count, m) get its tensions, positions and
     velocities, and the force at the end."""
     n, h = state.p.shape[0], cable.timestep
@@ -26,7 +30,7 @@ def held_steps(cable, nodes, state, flows, pose, rows, t_0, count):
         nu = np.zeros(6)
         nu[:3] = pose[1]
         place_ends(cable, nodes.nodes, state, (t_0 + k) * h, pose[0], np.eye(3), nu)
-        swing(cable, state, np.eye(3), np.array([0.0, 0.0, -9.81]), flows)
+        swing(cable, state, np.eye(3), np.array([0.0, 0.0, -9.81]), flows, surfaces, walls)
         row = rows[k]
         for i in range(n - 1):
             row[i] = state.tension[i]
@@ -42,9 +46,9 @@ def held_steps(cable, nodes, state, flows, pose, rows, t_0, count):
 
 
 class Held:
-    """A cable between its anchor and a point, in steady water."""
+    """A cable between its anchor and a point, in steady water, among walls."""
 
-    def __init__(self, tether: Tether, end, h, speed=0.0, start=None):
+    def __init__(self, tether: Tether, end, h, speed=0.0, start=None, walls=()):
         self.n = tether.elements + 1
         self.cable, self.state = np.zeros(1, CABLE), np.zeros(1, cable_state(self.n))
         self.cable[0] = tether.cable_numbers(h, HELD * np.eye(3))
@@ -58,12 +62,15 @@ class Held:
         self.nodes["nodes"]["start"][0] = start
         self.flows, self.pose, self.done = np.zeros((self.n, 6)), np.array([b, np.zeros(3)]), 0
         self.flows[:, 0] = speed
+        self.surfaces, self.walls = np.zeros(max(2, len(walls)), SURFACE), len(walls)
+        for record, wall in zip(self.surfaces, walls, strict=False):
+            wall.place(record)
 
     def run(self, count):
         """Tensions (count, n), positions and velocities (count, n + 1, 3), force on the held end (count, 3)."""
         rows, n = np.zeros((count, 7 * self.n + 2)), self.n
-        arrays = self.cable, self.nodes, self.state, self.flows, self.pose, rows
-        called_on(held_steps, *arrays)(self.done, count)
+        arrays = self.cable, self.nodes, self.state, self.flows, self.pose, rows, self.surfaces
+        called_on(held_steps, *arrays)(self.done, count, self.walls)
         self.done += count
         shape = (count, n, 3)
         p, v = rows[:, n - 1 : 4 * n - 1].reshape(shape), rows[:, 4 * n - 1 : 7 * n - 1].reshape(shape)
@@ -360,6 +367,69 @@ def test_a_hanging_cable_lies_on_its_floor():
     assert np.abs(v[-1]).max() < 5e-3
 
 
+def over_a_bar(elements):
+    """A heavy elastic cable that hangs over a bar of 0.5 m radius with both ends below it: at its rest the tensions,
+    the heights of the elements' middles, and the nodes."""
+    keys = {"length": 5.0, "elements": elements, "mass": 0.5, "stiffness": 1e3, "diameter": 0.01}
+    bar = Surface(shape="cylinder", position=(0.0, 0.0, 0.0), attitude_deg=(90.0, 0.0, 0.0), radius=0.5)
+    anchor, end = (-0.8, 0.0, -1.5), (1.2, 0.0, -1.0)
+    s = np.linspace(0.0, 1.0, elements + 1)[:, None]
+    way = np.array([anchor, [-0.6, 0.0, 0.7], [0.6, 0.0, 0.7], end])
+    start = np.column_stack([np.interp(s[:, 0], [0.0, 0.4, 0.6, 1.0], way[:, i]) for i in range(3)])
+    held = Held(Tether(anchor=anchor, **keys), end, 2e-3, start=start, walls=(bar,))
+    held.cable["drag_across"] *= 20.0  # which moves no rest
+    for _ in range(12):
+        T, p, v, _ = held.run(4000)
+        held.state["v"][0] *= 0.1
+    assert np.abs(v[-1]).max() < 1e-4
+    return T[-1], 0.5 * (p[-1, 1:, 2] + p[-1, :-1, 2]), p[-1]
+
+
+def test_without_friction_the_tension_over_a_bar_changes_with_the_height_alone():
+    """As of a rope over a pulley: T - w z is the same in all elements, whatever they lie on. The error falls with the
+    square of their number, and the nodes lie on the bar."""
+    errors = []
+    for elements in (25, 50):
+        T, z, p = over_a_bar(elements)
+        weight = 9.81 * (0.5 - 1000.0 * math.pi / 4.0 * 0.01**2)  # of an element without tension, per length
+        level = T - weight * z
+        level += 0.5 * T**2 / 1e3  # the stretched part of a length weighs less: d(T + T^2/2 EA) = w dz
+        on_it = np.hypot(p[:, 0], p[:, 2]) < 0.5
+        assert on_it.sum() > elements // 6
+        assert np.hypot(p[:, 0], p[:, 2]).min() > 0.5 - 1e-3
+        assert np.ptp(T) > 4.0
+        errors.append(np.ptp(level) / T.max())
+    assert errors[1] < 0.02
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_a_wall_that_moves_carries_the_cable_in_both_engines():
+    """A pile sweeps the cable before it: no node is in it by more than its share of the push, and the vehicle is
+    pulled."""
+    pile = {"shape": "cylinder", "position": [-1.5, -0.6, 0.0], "radius": 0.3}
+    swept = pile | {"motion": [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 1.2, 0.0]]}
+    over = MOVING | {"tether.length": 3.7, "tether.anchor": [-3.0, 0.0, 0.0], "current.speed": 0.0, "walls": [swept]}
+    first, second = (simulate(Scenario.load("push_wall", over), engine=each) for each in ("free_body", "mujoco"))
+    np.testing.assert_allclose(first.tether_nodes, second.tether_nodes, atol=1e-5)
+    away = simulate(Scenario.load("push_wall", over | {"walls": [pile]}), engine="free_body")
+    axis = np.array([-1.5, -0.6])[None] + np.outer(np.minimum(first.t, 2.0), [0.0, 0.6])
+    inside = 0.3 - np.linalg.norm(first.tether_nodes[:, :, :2] - axis[:, None], axis=2)
+    assert 0.0 < inside.max() < 5e-3
+    assert first.tether_nodes[-1, 6, 1] > away.tether_nodes[-1, 6, 1] + 0.3
+    assert np.abs(first.tau_dist - away.tau_dist).max() > 1.0
+
+
+def test_a_cable_begins_outside_of_walls_and_one_of_long_elements_is_named():
+    pile = {"shape": "cylinder", "position": [-1.6, 1.7, 0.0], "radius": 0.3}  # in the way that the current sends it
+    setup = set_up(Scenario.load("push_wall", MOVING | {"walls": [pile]}))
+    starts = setup.effects["nodes"]["start"][0][1:-1]
+    distances = [setup.scenario.walls[0].nearest(start)[0] for start in starts]
+    assert -2e-3 < min(distances) < 0.0
+    assert any("is longer than walls[0]" in note for note in warnings_of(setup))
+    few = set_up(setup.scenario.updated({"tether.elements": 60}))
+    assert not any("is longer than" in note for note in warnings_of(few))
+
+
 def test_a_vehicle_hangs_at_its_cable():
     """At rest the cable bears the vehicle's weight in water, and its own."""
     keys = {
@@ -396,6 +466,20 @@ def test_a_vehicle_hangs_at_its_cable():
         ({"tether.length": 0.0}, r"tether\.length: a tether with elements needs a length"),
         ({"tether.anchor_frequency_hz": 1.0}, r"needs anchor_amplitude and anchor_frequency_hz"),
         (
+            {"tether.anchor_amplitude": [0.1, 0.0, 0.0], "tether.anchor_frequency_hz": 501.0},
+            r"anchor_frequency_hz: 501 Hz must be at most 500 Hz",
+        ),
+        (
+            {"tether.floor": 0.0, "tether.anchor": [-3.0, 1.0, 1.0], "initial.position": [0.0, 0.0, -0.5]},
+            r"tether\.floor: 0 m is above the cable's end at the vehicle, at z = -0\.4 m",
+        ),
+        ({"tether.anchor_velocity": [3.0, 0.0, 0.0]}, r"tether\.anchor: comes 1\.\d+ m inside wall on its way"),
+        ({"tether.anchor_velocity": [0.0, 0.0, -1.0], "tether.floor": -2.0}, r"comes 1 m below the floor on its way"),
+        ({"sea.height": 0.3, "sea.depth": 2.5}, r"tether\.anchor: comes to z = -1 m, below the bottom of the sea"),
+        ({"sea.height": 0.3, "sea.depth": 4.0, "tether.floor": -3.0}, r"tether\.floor: -3 m is below the bottom"),
+        ({"tether.elements": "12"}, r"tether\.elements: '12' is not a whole number"),
+        ({"tether.elements": True}, r"tether\.elements: True is not a whole number"),
+        (
             {"walls": [{"shape": "sphere", "position": [-3.0, 1.0, -1.2], "radius": 0.5}]},
             r"tether\.anchor: is 0\.3 m inside walls\[0\]",
         ),
@@ -405,6 +489,18 @@ def test_bad_input_has_one_sentence(keys, said):
     with pytest.raises(InputError, match=said) as error:
         simulate(Scenario.load("push_wall", MOVING | keys), engine="free_body")
     assert len(error.value.faults) == 1
+
+
+def test_a_run_says_what_a_cable_changes():
+    """A cable that holds the vehicle back, one out of the water, and notes that leave it out."""
+    scenario = Scenario.load("push_wall", MOVING | {"reference.target": [9.0, 0.0, 0.0], "sea.height": 0.3})
+    notes = warnings_of(set_up(scenario.updated({"tether.anchor": [-3.0, 1.0, 2.5]})))
+    for words in ("the reference ends 12", "is above the trough of the waves", "do not know the pull of the cable"):
+        assert sum(words in note for note in notes) == 1
+    notes = warnings_of(set_up(Scenario.load("push_wall", MOVING)))
+    assert [note for note in notes if "cable" in note] == [
+        "notes on chatter, vibration and bounces do not know the pull of the cable of [tether]"
+    ]
 
 
 def test_joints_and_attach_are_refused():

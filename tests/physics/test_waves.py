@@ -12,6 +12,7 @@ from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.waves import WAVE, add_waves, turned
 from uvms_mj.plant.sea import sea_notes, spectral_density, wave_number
 from uvms_mj.plant.settings import World
+from uvms_mj.setup.checks import checked
 from vehicles import load
 
 G = 9.80665
@@ -23,6 +24,8 @@ TABLE = [  # H, T, depth, z; lambda; u, w; a_x, a_z; half axes of the orbit; des
     (2.0, 8.0, 50.0, -10.0, 99.5282, 0.4212, 0.4158, 0.3308, 0.3266, 0.5363, 0.5295),
 ]
 DRY = {"shape": "sphere", "radius": 0.2, "position": [3.0, 0.0, 1.8]}
+CEILING = {"shape": "plane", "position": [0.0, 0.0, 1.95], "attitude_deg": [0.0, -90.0, 0.0]}
+BOOM = {"shape": "cylinder", "radius": 0.2, "position": [3.0, 0.0, 2.1], "attitude_deg": [90.0, 0.0, 0.0]}
 OBLIQUE = Sea(height=0.4, period=2.5, depth=3.0, surface=0.7, direction_deg=35.0)
 
 
@@ -204,13 +207,38 @@ def test_engines_agree_and_a_closed_form_is_refused_by_name():
         ({"sea.height": 0.5, "sea.surface": 0.2}, "begins above it"),
         ({"sea.height": 0.5, "sea.depth": 1.0}, "begins below"),
         ({"sea.height": 0.5, "walls": [DRY]}, r"walls\[0\].position: z = 1.8 m is above the trough"),
+        (
+            {"sea.height": 0.5, "walls": [CEILING]},
+            r"walls\[0\].position: z = 1.95 m, where it is nearest to the vehicle",
+        ),
+        (
+            {"sea.height": 0.5, "walls": [BOOM]},
+            r"walls\[0\].position: z = 1.9\d+ m, where it is nearest to the vehicle",
+        ),
+        ({"sea.height": 0.5, "reference.target": [1.0, 0.0, 1.9]}, "reference: ends at z = 1.9 m, above the trough"),
+        (
+            {"sea.height": 0.5, "sea.depth": 3.0, "reference.target": [1.0, 0.0, -1.5]},
+            "reference: ends .* below the bottom",
+        ),
+        (
+            {"sea.height": 6.0, "sea.surface": 8.0, "sea.spectrum": "jonswap"},
+            "at the spectrum's peak a wave .* breaks at",
+        ),
         ({"sea.height": 0.5, "sea.reflecting": True, "wall.present": False}, "no \\[wall\\]"),
         ({"sea.height": 1e-3, "sea.period": 0.11, "simulation.timestep": 1e-2}, "must be at least 0.2 s"),
     ],
 )
 def test_a_sea_that_is_none_is_refused(over, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=words) as error:
         simulate(Scenario.load("push_wall", over))
+    assert len(error.value.faults) == 1
+
+
+def test_a_pile_and_a_face_that_reach_into_the_water_are_not_refused():
+    """However high their position is: they have no end."""
+    pile = {"shape": "cylinder", "radius": 0.2, "position": [3.0, 0.0, 9.0]}
+    slope = {"shape": "plane", "position": [-5.0, 0.0, 9.0], "attitude_deg": [0.0, -45.0, 0.0]}
+    checked(Scenario.load("push_wall", {"sea.height": 0.5, "walls": [pile, slope]}))
 
 
 def test_a_reset_changes_the_waves_and_refuses_to_add_them():

@@ -21,7 +21,7 @@ from ..physics.linear_algebra import cholesky, inverse
 from ..physics.operational import FREEDOM, free_of_base, posture
 from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
-from ..quantities import STRICT, Angles, Number, Position, Step, doc, refusing, within
+from ..quantities import STRICT, Angles, Number, Position, Step, Switch, doc, refusing, within
 from ..stages.base import Room, Stage
 from ..stages.setup import ScenarioLike, SetupLike
 from ..stages.signals import CLOCK, MEASURED, Signal
@@ -45,7 +45,7 @@ class Posture:
     attitude_deg: Angles | None = doc(
         "roll, pitch, yaw that the level attitude holds; default: initial.attitude_deg [deg]", None
     )
-    yaw: bool = doc("true: the level attitude holds yaw too, not roll and pitch alone", False)
+    yaw: Switch = doc("true: the level attitude holds yaw too, not roll and pitch alone", False)
     station: Position | None = doc(
         "position of B in W that the level station keeps; default: initial.position [m]", None
     )

@@ -35,7 +35,15 @@ cable's force f of that step:
 
 So no force is found before the cable's, in no engine, and an error of the prediction is mended in the next step.
 
-**Floor.** A node below it feels a spring and a damper of 10 Hz, critically damped, and no friction.
+**Contact.** A node below the floor or inside a wall of the run feels a spring and a damper of 100 Hz along the normal
+n, critically damped and without friction, where it is deepest. With the depth :math:`\delta` and the wall's velocity
+:math:`v_w` they are implicit, too,
+
+.. math::
+
+    f = m \omega^2 \left( \delta - h\, n^\top (v^+ - v_w) \right) - 2 m \omega\, n^\top (v^+ - v_w),
+
+and change the inverse of the node by a matrix of rank one. An element between two nodes touches nothing.
 """
 
 import math
@@ -45,6 +53,7 @@ import numpy as np
 
 from .frames import to_body, to_world, velocity_at
 from .kernels import kernel
+from .surfaces import signed_distance
 
 CABLE = np.dtype(
     [
@@ -71,8 +80,8 @@ CABLE = np.dtype(
 """One cable. Without a record of it, after a reset, its time step is zero."""
 NODE = np.dtype([("start", "f8", (3,))], align=True)
 """A node of a cable: where it begins in W [m]."""
-FLOOR = 2.0 * math.pi * 10.0
-"""Angular frequency of a node on the floor [rad/s]."""
+STOP = 2.0 * math.pi * 100.0
+"""Angular frequency of a node in contact [rad/s]."""
 _SHORT = 1e-9
 """An element that is shorter, relative to its length without tension, has no direction, and does not pull."""
 
@@ -120,14 +129,15 @@ def place_ends(cable, nodes, state, t, p_WB, R_WB, nu):
 
 NODE_MATRIX = ("across", "more_along", "low", "high", "both", "share")
 """Columns of the inverse A^-1 = a_n I + (a_t - a_n) t t^T - s z z^T of a node: a_n, a_t - a_n, its products with the
-directions of the elements below and above it, twice with one and once with both, and s, zero above the floor."""
+directions of the elements below and above it, twice with one and once with both, and s, zero without contact."""
 _ACROSS, _MORE, _LOW, _HIGH, _BOTH, _SHARE = range(len(NODE_MATRIX))
 
 
 @kernel
-def swing(cable, state, R_WB, gravity_W, flows):
+def swing(cable, state, R_WB, gravity_W, flows, surfaces, walls):
     """Find the tensions of a step, the velocities at its end, and the force on the vehicle. The rows of flows (n, 6)
-    are the velocity of the water at each node and its acceleration along its path [m/s, m/s^2, W]."""
+    are the velocity of the water at each node and its acceleration along its path [m/s, m/s^2, W]. So many of the
+    SURFACE records ``surfaces`` are walls."""
     p, v, u, h = state.p, state.v, state.v_next, cable.timestep
     n = p.shape[0] - 1
     e, lengths, per_length = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
@@ -159,8 +169,7 @@ def swing(cable, state, R_WB, gravity_W, flows):
         A[i, _ACROSS], A[i, _MORE] = a_n, more
         A[i, _LOW], A[i, _HIGH] = a_n + more * k_low * k_low, a_n + more * k_high * k_high
         A[i, _BOTH] = a_n * (below @ above) + more * k_low * k_high
-        if p[i, 2] < cable.floor:
-            touch_floor(cable, p[i], v[i], t[i], below, above, A[i], z[i], a)
+        touch(cable, surfaces, walls, p[i], v[i], t[i], below, above, A[i], z[i], a)
         u[i] = v[i] + h * a
     low = np.zeros(3)
     end_of(cable, state, R_WB, gravity_W, flows[n], e[n - 1], u[n], low)
@@ -178,19 +187,24 @@ def swing(cable, state, R_WB, gravity_W, flows):
 
 
 @kernel
-def touch_floor(cable, p, v, t, below, above, A, z, a):
-    """Change the inverse of a node below the floor, and its acceleration a (3,) without tension, by the floor's spring
-    and damper: a matrix of rank one (Sherman and Morrison)."""
+def touch(cable, surfaces, walls, p, v, t, below, above, A, z, a):
+    """Change the inverse of a node below the floor or inside a wall, and its acceleration a (3,) without tension, by
+    the spring and the damper there: a matrix of rank one (Sherman and Morrison)."""
+    depth, rate, n, out = cable.floor - p[2], v[2], np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    for k in range(walls):
+        inside = -signed_distance(surfaces[k], p, out)
+        if inside > depth:
+            depth, rate = inside, out @ (v - surfaces[k].v_W)
+            n[:] = out
     h, m = cable.timestep, cable.mass + cable.added
-    stop = m * FLOOR * (h * FLOOR + 2.0)
-    push = m * FLOOR * FLOOR * (cable.floor - p[2]) - stop * v[2]
-    if push <= 0.0:
+    stop = m * STOP * (h * STOP + 2.0)
+    push = m * STOP * STOP * depth - stop * rate
+    if depth <= 0.0 or push <= 0.0:
         return
-    z[:] = A[_MORE] * t[2] * t
-    z[2] += A[_ACROSS]
+    z[:] = A[_ACROSS] * n + (A[_MORE] * (t @ n)) * t
     a += push * z
-    share = h * stop / (1.0 + h * stop * z[2])
-    a -= share * a[2] * z
+    share = h * stop / (1.0 + h * stop * (n @ z))
+    a -= share * (n @ a) * z
     at_low, at_high = z @ below, z @ above
     A[_LOW] -= share * at_low * at_low
     A[_HIGH] -= share * at_high * at_high
@@ -199,13 +213,13 @@ def touch_floor(cable, p, v, t, below, above, A, z, a):
 
 
 @kernel
-def settle(cable, nodes, state, gravity_W, flows, p_WB, steps):
-    """Let a cable whose ends are held go to its rest in water that moves by the rows of flows (n, 6): at each peak of
-    its kinetic energy all of it is stopped (Day 1965). Ends at rest, or after so many steps."""
+def settle(cable, nodes, state, gravity_W, flows, p_WB, surfaces, steps, walls):
+    """Let a cable whose ends are held go to its rest in water that moves by the rows of flows (n, 6), among so many
+    walls: at each peak of its kinetic energy all of it is stopped (Day 1965). Ends at rest, or after so many steps."""
     R_WB, nu, before, n = np.eye(3), np.zeros(6), 0.0, state.p.shape[0] - 1
     for _ in range(steps):
         place_ends(cable, nodes.nodes, state, 0.0, p_WB, R_WB, nu)
-        swing(cable, state, R_WB, gravity_W, flows)
+        swing(cable, state, R_WB, gravity_W, flows, surfaces, walls)
         advance_cable(cable, state)
         energy = 0.0
         for i in range(1, n):

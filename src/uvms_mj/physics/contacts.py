@@ -295,15 +295,20 @@ CARRIER = np.dtype(
 
 
 @kernel
-def press_contacts(run):
-    """Move the walls to t_k, and set the forces of the springs of all contacts: in total, with their wrench in B, and
-    what of them acts without the engine's contact solver. The frames are in their places."""
-    true, plant = run.true, run.plant
-    true.f_springs_W[:], true.tau_springs_B[:] = 0.0, 0.0
-    plant.f_applied_W[:], plant.tau_applied_B[:] = 0.0, 0.0
+def move_walls(run):
+    """Move the walls to t_k."""
     for k in range(run.surface_count):
         if run.surfaces[k].moves != 0:
             move(run.surfaces[k], run.numbers, run.t)
+
+
+@kernel
+def press_contacts(run):
+    """Set the forces of the springs of all contacts: in total, with their wrench in B, and what of them acts without
+    the engine's contact solver. Walls and frames are in their places."""
+    true, plant = run.true, run.plant
+    true.f_springs_W[:], true.tau_springs_B[:] = 0.0, 0.0
+    plant.f_applied_W[:], plant.tau_applied_B[:] = 0.0, 0.0
     for k in range(run.carriers.shape[0]):
         run.carriers[k].tau[:] = 0.0
     for k in range(run.pair_count):

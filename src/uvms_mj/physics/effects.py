@@ -309,8 +309,9 @@ def add_effects(effects, nu_r, tau):
 
 
 @kernel
-def find_pulls(plant, numbers, t, p_WB, R_WB, nu):
-    """Find the forces of all effects that pull, in the step that begins at the time t [s] in the water of a plant."""
+def find_pulls(plant, numbers, t, p_WB, R_WB, nu, surfaces, walls):
+    """Find the forces of all effects that pull, in the step that begins at the time t [s] in the water of a plant,
+    among so many walls, SURFACE records at their places."""
     effects, water = plant.effects, plant.water
     if effects.cable.shape[0] != 0:
         cable, state = effects.cable[0], effects.cable_state[0]
@@ -325,7 +326,7 @@ def find_pulls(plant, numbers, t, p_WB, R_WB, nu):
                 flows[i, 3:] += gradient @ flows[i, :3]
             else:
                 flows[i, :3] = water.v_c_W
-        swing(cable, state, R_WB, plant.gravity_W, flows)
+        swing(cable, state, R_WB, plant.gravity_W, flows, surfaces, walls)
 
 
 @kernel

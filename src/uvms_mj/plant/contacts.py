@@ -141,8 +141,7 @@ class Contacts:
         contact along the wall's face [kg], for the default damping of sticking friction."""
         surfaces, pairs = np.zeros(len(self.walls), SURFACE), np.zeros(len(self.pairs), PAIR)
         for row, (_, wall) in zip(surfaces, self.walls, strict=True):
-            row["kind"], row["extent"], row["R_WS"] = list(SHAPES).index(wall.shape), wall.size, wall.R_WS
-            row["p_WS"] = row["start_W"] = wall.position
+            wall.place(row)
             if wall.moves:
                 row["moves"], row["rows"] = True, len(wall.motion)
                 row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz

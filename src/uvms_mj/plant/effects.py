@@ -51,6 +51,10 @@ class _World:
         return self._plant.vehicle.arm.names
 
     @property
+    def duration(self) -> float:
+        return self._scenario.simulation.duration
+
+    @property
     def walls(self) -> Mapping[str, Surface]:
         return walls_of(self._scenario, self._plant.probe.radius)
 

@@ -28,7 +28,7 @@ from pydantic.dataclasses import dataclass
 from ..errors import Fault
 from ..physics.effects import RHO
 from ..physics.random import key_of
-from ..quantities import STRICT, Angle, Number, doc, within
+from ..quantities import STRICT, Angle, Number, Switch, Whole, doc, within
 from .settings import EffectTable, World
 
 BREAKING = 0.142
@@ -62,13 +62,13 @@ class Sea(EffectTable):
     spreading: Annotated[Number, within(0.0, 200.0, "")] | None = doc(
         "exponent n of the directions' cos^n of a spectrum; null: all waves run in one direction [1]", None
     )
-    components: Annotated[int, within(1, MOST_WAVES, "")] = doc("components of a spectrum [1]", 30)
+    components: Annotated[Whole, within(1, MOST_WAVES, "")] = doc("components of a spectrum [1]", 30)
     depth: Annotated[Number, within(0.1, 1e5, "m")] | None = doc("depth of the water; null: deep [m]", None)
     surface: Annotated[Number, within(-1e5, 1e5, "m")] = doc("z of the still surface in W [m]", 2.0)
-    seed: Annotated[int, within(0, 2**62, "")] | None = doc(
+    seed: Annotated[Whole, within(0, 2**62, "")] | None = doc(
         "seed of a spectrum's frequencies, phases and directions; null: simulation.seed [1]", None
     )
-    reflecting: bool = doc("true: [wall] throws the waves back, and they stand in front of it", False)
+    reflecting: Switch = doc("true: [wall] throws the waves back, and they stand in front of it", False)
 
     @property
     def moves(self) -> bool:
@@ -104,6 +104,11 @@ class Sea(EffectTable):
     def bottom(self) -> float:
         """z of the bottom in W [m]."""
         return -math.inf if self.depth is None else self.surface - self.depth
+
+    @property
+    def trough(self) -> float:
+        """z of the trough in W [m]."""
+        return self.surface - 0.5 * self.height
 
     def length(self, gravity: float) -> float:
         """Length of the wave, or of the one at the spectrum's peak, at a gravity [m/s^2]: [m]."""
@@ -146,13 +151,14 @@ class Sea(EffectTable):
             wrong = f"{self.period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
             yield Fault("period", wrong)
         most = self.breaks_at(gravity)
-        if self.spectrum == "regular" and self.height > most:
+        if self.height > most:
+            wave = "a wave" if self.spectrum == "regular" else "at the spectrum's peak a wave"
             length = self.length(gravity)
-            yield Fault("height", f"a wave of {length:.4g} m breaks at {most:.4g} m; {self.height:g} m is more")
+            yield Fault("height", f"{wave} of {length:.4g} m breaks at {most:.4g} m; {self.height:g} m is more")
         if self.depth is not None and self.height >= 2.0 * self.depth:
             yield Fault("depth", f"{self.depth:g} m is not below the trough of a wave of {self.height:g} m")
-        if start_z > self.surface - 0.5 * self.height:
-            where = f"the trough is at z = {self.surface - 0.5 * self.height:g} m"
+        if start_z > self.trough:
+            where = f"the trough is at z = {self.trough:g} m"
             yield Fault("surface", f"{where}, and the vehicle begins above it, at {start_z:g} m")
         elif start_z < self.bottom:
             wrong = f"the bottom is at z = {self.bottom:g} m, and the vehicle begins below, at {start_z:g} m"
@@ -176,7 +182,7 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
             f"the wave{many}, of {length:.3g} m, is long for a depth of {sea.depth:g} m: its Ursell number is "
             f"{ursell:.3g}, and linear waves hold to {SHALLOW:g}"
         )
-    if (below := sea.surface - 0.5 * sea.height - start_z) < size:
+    if (below := sea.trough - start_z) < size:
         yield (
             f"the vehicle begins {below:.3g} m below the trough; linear waves hold from about one body length, here "
             f"{size:.2g} m, and a vehicle that leaves the water keeps its buoyancy and drag"

@@ -4,7 +4,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.surfaces import SHAPES
+from ..physics.surfaces import SHAPES, SURFACE, signed_distance
 from ..quantities import (
     STRICT,
     Angle,
@@ -26,6 +26,7 @@ from ..quantities import (
     Position,
     PositiveFactor,
     Step,
+    Switch,
     Time,
     Twist,
     Vector3,
@@ -41,8 +42,8 @@ class World(NamedTuple):
     time step [s], the names of the links of its arm, its position (3,) at the start [m], NaN where it is not known,
     its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
 
-    An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s] and the inertia (6, 6) with
-    added mass, too."""
+    An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s], the inertia (6, 6) with
+    added mass, and the duration of the run [s], too."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -53,6 +54,7 @@ class World(NamedTuple):
     start_R: np.ndarray = np.eye(3)
     mean_flow_W: np.ndarray = np.zeros(3)
     inertia: np.ndarray = np.eye(6)
+    duration: float = 0.0
     walls: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -251,6 +253,19 @@ class Surface:
         """(3, 3) attitude."""
         return rotation_matrix(quat_from_euler_deg(*self.attitude_deg))
 
+    def nearest(self, point: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray]:
+        """The distance of a point (3,) from the wall at its place without motion, negative inside, and the point (3,)
+        of its face that is nearest to it [m, W]."""
+        surface, normal, at = np.zeros(1, SURFACE), np.zeros(3), np.array(point, float)
+        self.place(surface[0])
+        distance = signed_distance(surface.view(np.recarray)[0], at, normal)
+        return distance, at - distance * normal
+
+    def place(self, record: np.void) -> None:
+        """Set shape and place without motion of a SURFACE record."""
+        record["kind"], record["extent"], record["R_WS"] = list(SHAPES).index(self.shape), self.size, self.R_WS
+        record["p_WS"] = record["start_W"] = self.position
+
 
 def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of a wall and a bumper in series for slow motion; k_b is 0 without a bumper.
@@ -380,7 +395,7 @@ class Wall:
     tangential_damping: WallDamping | None = doc(
         "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
     )
-    present: bool = doc("false: this wall is not there", True)
+    present: Switch = doc("false: this wall is not there", True)
 
 
 def _idle(scenario: ScenarioLike) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -12,8 +12,9 @@ from ..errors import Fault
 from ..physics.cable import CABLE, NODE, cable_state, settle
 from ..physics.effects import RHO
 from ..physics.kernels import called_on
-from ..physics.surfaces import SHAPES, SURFACE, signed_distance
-from ..quantities import STRICT, Number, Position, Vector3, doc, within
+from ..physics.surfaces import SURFACE
+from ..quantities import STRICT, Number, Position, Vector3, Whole, doc, within
+from .sea import STEPS
 from .settings import EffectTable, World
 
 _OF_ELEMENTS = {
@@ -24,6 +25,8 @@ _OF_ELEMENTS = {
 """The defaults of the keys that a tether with elements alone has."""
 _STEP, _MOST_STEPS = 0.02, 4000
 """Time step [s] and steps in which a cable goes to its rest before a run."""
+_PLACES, _SWINGS = 101, 9
+"""Places along the anchor's way, and along its sine."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -38,7 +41,7 @@ class Tether(EffectTable):
     diameter: Annotated[Number, within(1e-4, 1.0, "m")] = doc("diameter of the tether [m]", 7.6e-3)
     drag_coefficient: Annotated[Number, within(0.0, 10.0, "")] = doc("C_d of the tether across the flow [1]", 1.2)
     position: Position = doc("point of attachment in B [m]", (0.0, 0.0, 0.0))
-    elements: Annotated[int, within(0, 100, "")] = doc(
+    elements: Annotated[Whole, within(0, 100, "")] = doc(
         "elements between the nodes of a cable that moves, at least 2; 0: its lumped drag alone [1]", 0
     )
     anchor: Position = doc("its other end in W [m]", _OF_ELEMENTS["anchor"])
@@ -84,7 +87,11 @@ class Tether(EffectTable):
             return {name: self.records(world)}
         p, R = np.array(world.start_p), world.start_R
         inertia = apparent_mass(world.inertia, self.position)
-        starts = _rest(self, (p + R @ self.position).tobytes(), world.mean_flow_W.tobytes(), world.gravity)
+        walls = np.zeros(len(world.walls), SURFACE)
+        for record, wall in zip(walls, world.walls.values(), strict=True):
+            wall.place(record)
+        end_W = p + R @ self.position
+        starts = _rest(self, end_W.tobytes(), world.mean_flow_W.tobytes(), world.gravity, walls.tobytes())
         return {name: [], "cable": [self.cable_numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
 
     def cable_numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
@@ -107,7 +114,7 @@ class Tether(EffectTable):
         if self.length == 0.0:
             yield Fault("length", "a tether with elements needs a length")
             return
-        if world.joints:
+        if world.links:
             wrong = "the pull of a tether with elements is not computed for a vehicle with joints; set it to 0"
             yield Fault("elements", wrong)
             return
@@ -119,19 +126,37 @@ class Tether(EffectTable):
         if any(self.anchor_amplitude) != (self.anchor_frequency_hz > 0.0):
             wrong = "a sine of the anchor needs anchor_amplitude and anchor_frequency_hz"
             yield Fault("anchor_amplitude", wrong)
-        if self.floor is not None and self.anchor[2] < self.floor:
-            yield Fault("anchor", f"is {self.floor - self.anchor[2]:g} m below the floor")
-        for key, wall in world.walls.items():
-            if (depth := _depth(wall, self.anchor)) > 0.0:
-                yield Fault("anchor", f"is {depth:g} m inside {key}")
+        elif (fastest := 1.0 / (STEPS * world.timestep)) < self.anchor_frequency_hz * (1.0 - 1e-9):
+            wrong = f"{self.anchor_frequency_hz:g} Hz must be at most {fastest:g} Hz at a time step of"
+            yield Fault("anchor_frequency_hz", f"{wrong} {world.timestep:g} s")
+        end_z = float((p + R @ self.position)[2])
+        if self.floor is not None and end_z < self.floor:
+            yield Fault("floor", f"{self.floor:g} m is above the cable's end at the vehicle, at z = {end_z:g} m")
+        yield from self._anchor_faults(world)
 
+    def _anchor_faults(self, world: World) -> Iterator[Fault]:
+        """Errors for an anchor below the floor or inside a wall, at the start or on its way."""
+        way = [np.array(self.anchor)]
+        if any(self.anchor_velocity) or any(self.anchor_amplitude):
+            way += list(self.way(world.duration))
+        depths = {key: [-wall.nearest(place)[0] for place in way] for key, wall in world.walls.items()}
+        depths = {f"inside {key}": each for key, each in depths.items()}
+        if self.floor is not None:
+            depths["below the floor"] = [self.floor - float(place[2]) for place in way]
+        for where, each in depths.items():
+            if each[0] > 0.0:
+                yield Fault("anchor", f"is {each[0]:g} m {where}")
+            elif max(each) > 0.0:
+                x, y, z = way[int(np.argmax(each))]
+                yield Fault("anchor", f"comes {max(each):.3g} m {where} on its way, at [{x:.3g}, {y:.3g}, {z:.3g}]")
 
-def _depth(wall: Any, point: tuple[float, ...]) -> float:
-    """How deep a point is inside a wall at its place without motion [m]."""
-    surface = np.zeros(1, SURFACE).view(np.recarray)[0]
-    surface.kind, surface.extent, surface.R_WS = list(SHAPES).index(wall.shape), wall.size, wall.R_WS
-    surface.p_WS = wall.position
-    return -signed_distance(surface, np.array(point), np.zeros(3))
+    def way(self, duration: float) -> np.ndarray:
+        """Places (n, 3) in W that the anchor comes to in a time [s], of a sine all of its places [m]."""
+        travelled = duration * np.array(self.anchor_velocity)
+        along = np.linspace(0.0, 1.0, _PLACES)[:, None] * travelled if travelled.any() else np.zeros((1, 3))
+        swing = np.array(self.anchor_amplitude)
+        across = np.linspace(-1.0, 1.0, _SWINGS)[:, None] * swing if swing.any() else np.zeros((1, 3))
+        return (self.anchor + along[:, None] + across[None]).reshape(-1, 3)
 
 
 def apparent_mass(M: np.ndarray, r: tuple[float, ...]) -> np.ndarray:
@@ -142,9 +167,9 @@ def apparent_mass(M: np.ndarray, r: tuple[float, ...]) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=64)
-def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float) -> np.ndarray:
-    """The nodes (n, 3) of a cable at rest between its anchor and an end, in water that flows; near it, where there is
-    no rest [m, W]."""
+def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float, walls: bytes) -> np.ndarray:
+    """The nodes (n, 3) of a cable at rest between its anchor and an end, in water that flows, among walls; near it,
+    where there is no rest [m, W]."""
     end_W, flow_W, anchor, n = np.frombuffer(end), np.frombuffer(flow), np.array(tether.anchor), tether.elements + 1
     cable, state = np.zeros(1, CABLE), np.zeros(1, cable_state(n))
     nodes = np.zeros(1, np.dtype([("nodes", NODE, (n,))]))
@@ -156,7 +181,11 @@ def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float) -> np.ndarray
     nodes["nodes"]["start"][0] = _bent(anchor, end_W, tether.length, load, n)
     flows = np.zeros((n, 6))
     flows[:, :3] = flow_W
-    called_on(settle, cable, nodes, state, weight, flows, end_W.copy())(_MOST_STEPS)
+    count = len(walls) // SURFACE.itemsize
+    surfaces = np.zeros(max(2, count), SURFACE)  # one alone would be a record, and no array
+    surfaces[:count] = np.frombuffer(walls, SURFACE)
+    arrays = cable, nodes, state, weight, flows, end_W.copy(), surfaces
+    called_on(settle, *arrays)(_MOST_STEPS, count)
     return state["p"][0].copy()
 
 

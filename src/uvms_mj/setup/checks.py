@@ -30,6 +30,7 @@ from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
+from ..physics.surfaces import SHAPES
 from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
 from ..plant.hull import hull_faults, hull_notes
@@ -442,16 +443,28 @@ def _contact_notes(setup: Setup) -> Iterator[str]:
 
 
 def _sea_faults(setup: Setup) -> Iterator[Fault]:
-    """Errors for walls that the trough of the waves leaves dry, and for what has the water at B in place of that at a
-    link."""
-    scenario, sea = setup.scenario, setup.scenario.sea
+    """Errors for a reference that ends out of the water, for walls that the trough of the waves leaves dry, for a cable
+    below the bottom, and for what has the water at B in place of that at a link."""
+    scenario, sea, tether = setup.scenario, setup.scenario.sea, setup.scenario.tether
     if not sea.moves:
         return
-    trough = sea.surface - 0.5 * sea.height
+    place, start_z = setup.rest_pose[0] or scenario.initial.position, scenario.initial.position[2]
+    if not sea.bottom <= start_z <= sea.trough:
+        return  # said by the sea
+    if place[2] > sea.trough:
+        yield Fault("reference", f"ends at z = {place[2]:g} m, above the trough of the waves, at {sea.trough:g} m")
+    elif place[2] < sea.bottom:
+        yield Fault("reference", f"ends at z = {place[2]:g} m, below the bottom, at {sea.bottom:g} m")
     for i, wall in enumerate(scenario.walls):
-        if wall.shape not in ("plane", "cylinder") and wall.position[2] > trough:  # these two have no end
-            wrong = f"z = {wall.position[2]:g} m is above the trough of the waves, at {trough:g} m"
-            yield Fault(f"walls[{i}].position", f"{wrong}, where no water carries the vehicle")
+        endless = wall.shape in ("plane", "cylinder")
+        z = float(wall.nearest(place)[1][2]) if endless else wall.position[2]
+        if z > sea.trough:
+            wrong = f"z = {z:g} m{', where it is nearest to the vehicle,' if endless else ''} is above the trough"
+            yield Fault(f"walls[{i}].position", f"{wrong} of the waves, at {sea.trough:g} m, where no water carries it")
+    if tether.advances and (lowest := min(tether.way(scenario.simulation.duration)[:, 2])) < sea.bottom:
+        yield Fault("tether.anchor", f"comes to z = {lowest:g} m, below the bottom of the sea, at {sea.bottom:g} m")
+    if tether.advances and tether.floor is not None and tether.floor < sea.bottom:
+        yield Fault("tether.floor", f"{tether.floor:g} m is below the bottom of the sea, at {sea.bottom:g} m")
     if not setup.vehicle.arm.links:
         return
     if scenario.wrist.runs:
@@ -469,6 +482,35 @@ def _inertia_faults(setup: Setup) -> Iterator[Fault]:
         if body.link is not None and setup.scenario.wrist.runs:
             wrong = "is not in the true wrench of the wrist's sensor: take no wrist, or only what is on the base"
             yield Fault(f"near_wall[{i}].link", f"the water about {body.link!r} at the wall {wrong}")
+
+
+def _tether_notes(setup: Setup) -> Iterator[str]:
+    """Warnings for a cable that ends before the reference does, for one above the waves, and that the notes on a law do
+    not know it."""
+    tether, sea, end = setup.scenario.tether, setup.scenario.sea, setup.rest_pose[0]
+    if not tether.advances:
+        return
+    if end is not None and not any(tether.anchor_velocity):
+        at_rest = np.array(end) + rotation_matrix(setup.design.quat_d) @ tether.position
+        if (distance := float(np.linalg.norm(at_rest - tether.anchor))) > tether.length:
+            yield (
+                f"the reference ends {distance:.4g} m from tether.anchor, and a cable of {tether.length:g} m holds the "
+                "vehicle back"
+            )
+    if sea.moves and (highest := float(max(tether.way(setup.scenario.simulation.duration)[:, 2]))) > sea.trough:
+        yield (
+            f"tether.anchor, at z = {highest:.4g} m, is above the trough of the waves: what of the cable is out of the "
+            "water keeps buoyancy and drag, in water that moves as at the surface"
+        )
+    element = tether.length / tether.elements
+    for key, wall in walls_of(setup.scenario, setup.plant.probe.radius).items():
+        size = SHAPES[wall.shape].size
+        if size is not None and element > size(wall.size):
+            yield (
+                f"an element of the cable, {element:.3g} m, is longer than {key}, of {size(wall.size):.3g} m: "
+                "its nodes touch a wall, and between them it may pass through"
+            )
+    yield "notes on chatter, vibration and bounces do not know the pull of the cable of [tether]"
 
 
 def _inertia_notes(setup: Setup) -> Iterator[str]:
@@ -502,7 +544,8 @@ CHECKS: tuple[Check, ...] = (
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
-    *(_sampling_notes, posture_notes, task_notes, free_motion_notes, _sea_notes, _inertia_notes, _contact_notes),
+    *(_sampling_notes, posture_notes, task_notes, free_motion_notes),
+    *(_sea_notes, _inertia_notes, _tether_notes, _contact_notes),
     deployment_notes,
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.contacts import force_of_step, place_carriers, press_contacts
+from ...physics.contacts import force_of_step, move_walls, place_carriers, press_contacts
 from ...physics.effects import add_inertias, add_pulls, advance_effects, find_pulls
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
@@ -107,6 +107,8 @@ def observe_anew(run):
     body_velocity(true.R_WB, plant.qvel, true.nu)
     if run.tau_q.shape[0] != 0:
         observe_joints(run)
+    if run.pairs.shape[0] != 0:
+        move_walls(run)
     flow_of_step(run)
     true.v_c_W[:] = plant.water.v_c_W
     if run.carried.shape[0] != 0:
@@ -155,7 +157,8 @@ def flow_of_step(run):
     """Compute the motion of the water at t_k, and what pulls from t_k on."""
     plant, true = run.plant, run.true
     flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
-    find_pulls(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
+    surfaces, walls = run.surfaces, run.surface_count
+    find_pulls(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu, surfaces, walls)
     add_pulls(plant.effects, true.R_WB, plant.water.tau_dist)
     plant.water.fresh = 1
 
