@@ -716,3 +716,29 @@ def test_an_attitude_is_compared_by_its_turn():
 def test_a_file_has_its_keys_in_one_table():
     with pytest.raises(InputError, match="fre: no such key; did you mean 'free'"):
         read({"name": "a", "vehicle": HEAVY, "fre": []}, "f.toml")
+
+
+def test_a_log_too_long_for_a_fit_is_refused_with_the_way_and_the_way_leads_on(log, tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_mj.studies.identify.data.MOST", 50)
+    (tmp_path / "log.csv").write_text(csv(log))
+    (tmp_path / "i.toml").write_text(FILE)
+    with pytest.raises(InputError, match=r"log\.csv: has 80 samples .* a fit takes 50: cut it with between"):
+        Identification.load(tmp_path / "i.toml")
+    (tmp_path / "i.toml").write_text(FILE.replace("held_out_from = 5.0", "between = [2.0, 4.0]"))
+    assert len(Identification.load(tmp_path / "i.toml").problem.data[0].channels[0].t) == 21
+
+
+def test_an_input_is_that_of_the_part_that_is_used(log, tmp_path):
+    """A gap beyond the part is no fault, and the part gives the residuals that a file of it alone gives."""
+    lines = without(70, 79)(csv(log)).splitlines()
+    part = [lines[0], *(each for each in lines[1:] if 2.0 <= float(each.split(",")[0]) <= 4.0)]
+    text, found = FILE.replace("held_out_from = 5.0", "between = [2.0, 4.0]"), []
+    for name, rows in (("whole", lines), ("alone", part)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "log.csv").write_text("\n".join(rows))
+        (tmp_path / name / "i.toml").write_text(text)
+        problem = Identification.load(tmp_path / name / "i.toml").problem
+        found.append((problem.data[0].inputs, problem.errors(0, problem.start)[0]))
+    (whole, errors), (_, alone) = found
+    assert len(whole.t) <= len(part) + 1
+    np.testing.assert_array_equal(errors, alone)
