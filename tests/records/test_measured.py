@@ -13,6 +13,7 @@ from mcap.writer import Writer
 from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.records import columns
 from uvms_mj.records.clocks import aligned
 
 LATE = 12.34567
@@ -314,3 +315,32 @@ def test_the_commands_take_the_log_beside_the_run(made):
     assert "has not measured its position" in done("plot", table, "--what", "position", status=2).output
     with pytest.raises(InputError, match="real vehicle's log, which is no run"):
         Trace.load(table).save(out / "again.mcap")
+
+
+def test_a_csv_of_numbers_alone_is_read_as_one_with_a_place_for_each_cell(tmp_path, monkeypatch):
+    """Both ways have the same bits, and the same messages: rows are counted in the file, blank lines too."""
+    values = np.random.default_rng(3).normal(size=(200, 2)) * 10.0 ** np.arange(-100, 100)[:, None]
+    head, *body = ["t, a,b", *(f"{0.1 * i:.17g}, {a:.17g},{b:.5e}" for i, (a, b) in enumerate(values))]
+    texts = {
+        "plain": [head, *body],
+        "windows": ["\ufeff" + head, *(each + "\r" for each in body), "\r"],
+        "blank": [head, *body[:50], "", *body[50:]],
+        "gap": [head, *body[:50], "5.0,,1", *body[51:]],
+        "quoted": [head, *body[:50], '"5.0","2","3"', *body[51:]],
+        "back": [head, *body[:50], "", *body[50:99], "0.5,1,1", *body[100:]],
+        "nan": [head, *body[:50], "5.0,nan,1", *body[51:]],
+        "short": [head, *body[:50], "5.0,1", *body[51:]],
+        "word": [head, *body[:50], "5.0,1_0,2", *body[51:]],
+    }
+    for name, lines in texts.items():
+        path, found = tmp_path / f"{name}.csv", []
+        path.write_text("\n".join(lines), encoding="utf-8")
+        for way in (columns._plain, lambda path: None):
+            monkeypatch.setattr(columns, "_plain", way)
+            try:
+                read = columns.columns_of(path, "t", 1.0)
+                found.append(np.concatenate([*read["a"], *read["b"]]))
+            except InputError as error:
+                found.append(np.frombuffer(str(error).encode(), np.uint8))
+            monkeypatch.undo()
+        np.testing.assert_array_equal(*found, err_msg=name)

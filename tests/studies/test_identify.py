@@ -167,23 +167,60 @@ def test_a_trim_is_an_attitude_at_rest_of_the_plant():
             assert np.abs(sim.signals.nu[3:5]).max() < 1e-6
 
 
+TANK = (
+    '[[experiment]]\nkind = "towing"\ndata = "tank.csv"\n'
+    '[experiment.signals]\nnu = {columns = ["u", "", "", "", "", ""], unit = "UNIT, rad/s"}\n'
+    'tau = {columns = ["F", "", "", "", "", ""], unit = "N, N m"}\n'
+)
+
+
+def towed(folder: Path, vehicle: str, free: str, points: dict[float, float], unit: str = "m/s") -> tuple:
+    """What the command finds in a table of a speed and a force in surge [N]."""
+    (folder / "tank.csv").write_text("u,F\n" + "".join(f"{u},{F}\n" for u, F in points.items()))
+    head = f'name = "tank"\nvehicle = "{vehicle}"\n' + "".join(f'[[free]]\nname = "{name}"\n' for name in free.split())
+    (folder / "tank.toml").write_text(head + TANK.replace("UNIT", unit))
+    return Identification.load(folder / "tank.toml").run(folder / "out").coefficients
+
+
 def test_a_published_towing_sweep_gives_its_published_coefficients(tmp_path):
     """A BlueROV2 Heavy in a numerical towing tank (k-omega SST), five steady speeds in surge, and the fit that was
     published with them: 0.3878 N s/m and 36.249 N s^2/m^2 with standard errors of 0.0281 and 0.0333 (Juhyunn0,
-    BlueROV2-CFD-analysis, 2026, sweep_results.json). No table of a measured towing was found with its points."""
+    BlueROV2-CFD-analysis, 2026, sweep_results.json)."""
     points = {0.2: 1.52027, 0.4: 5.94857, 0.6: 13.28531, 0.8: 23.52181, 1.0: 36.62905}
-    (tmp_path / "tank.csv").write_text("u,F\n" + "".join(f"{u},{F}\n" for u, F in points.items()))
-    (tmp_path / "tank.toml").write_text(
-        f'name = "tank"\nvehicle = "{HEAVY}"\n[[free]]\nname = "X_u"\n[[free]]\nname = "X_uu"\n'
-        '[[experiment]]\nkind = "towing"\ndata = "tank.csv"\n'
-        '[experiment.signals]\nnu = {columns = ["u", "", "", "", "", ""], unit = "m/s, rad/s"}\n'
-        'tau = {columns = ["F", "", "", "", "", ""], unit = "N, N m"}\n'
-    )
-    linear, quadratic = Identification.load(tmp_path / "tank.toml").run(tmp_path / "out").coefficients
+    linear, quadratic = towed(tmp_path, HEAVY, "X_u X_uu", points)
     assert -linear.value == pytest.approx(0.387812, abs=2e-4)
     assert -quadratic.value == pytest.approx(36.24888, abs=2e-4)
     assert linear.half_width == pytest.approx(Z_95 * 0.028095, rel=1e-2)
     assert quadratic.half_width == pytest.approx(Z_95 * 0.033295, rel=1e-2)
+
+
+SUBOFF = {
+    "bare": {5.92: 87.40, 10.00: 242.2, 11.84: 332.9, 13.92: 451.5, 16.00: 576.9},
+    "appended": {5.93: 102.3, 10.00: 283.8, 11.85: 389.2, 13.92: 526.6, 16.00: 675.6},
+}
+"""Resistance [N] of the DARPA SUBOFF model 5470 (4.356 m) at speeds [kn] in a towing tank, as a bare hull and with sail
+and four stern planes: Liu and Huang (1998), Summary of DARPA Suboff experimental program data, CRDKNSWC/HD-1298-11,
+Table 14. Left out is its last row, whose two speeds differ (17.99 and 17.79 kn in the copy at hand)."""
+
+
+def test_a_measured_towing_table_gives_its_published_ratio_of_resistances(tmp_path):
+    """Table 14 gives 1.169 for the resistance with appendages over that of the bare hull. Drag of a smooth hull grows
+    more slowly than the square of the speed, here by a tenth of it, and an interval says so; both hulls share it, and
+    the ratio does not have it."""
+    source = Path(__file__).parents[2] / "models" / f"{HEAVY}.xml"
+    found = {}
+    for hull, points in SUBOFF.items():
+        folder = tmp_path / hull
+        folder.mkdir()
+        for name, content in renumbered(HEAVY, source, "hull", {"X_u": 0.0, "X_uu": -10.0}, {"trust": "mine"}).items():
+            (folder / name).write_bytes(content)
+        (found[hull],) = towed(folder, "hull.xml", "X_uu", points, "kn")
+    ratio = found["appended"].value / found["bare"].value
+    spread = np.hypot(*(each.half_width / each.value for each in found.values()))
+    assert abs(ratio / 1.169 - 1.0) < 2e-3 < spread < 0.05
+    for hull, each in found.items():
+        u, force = 0.5144444 * np.array([*SUBOFF[hull]]), np.array([*SUBOFF[hull].values()])
+        assert (force / u**2).min() < -each.value < (force / u**2).max()
 
 
 def with_products(folder: Path, text: str = "Yuv -30 Nuv 0") -> Path:
@@ -679,3 +716,29 @@ def test_an_attitude_is_compared_by_its_turn():
 def test_a_file_has_its_keys_in_one_table():
     with pytest.raises(InputError, match="fre: no such key; did you mean 'free'"):
         read({"name": "a", "vehicle": HEAVY, "fre": []}, "f.toml")
+
+
+def test_a_log_too_long_for_a_fit_is_refused_with_the_way_and_the_way_leads_on(log, tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_mj.studies.identify.data.MOST", 50)
+    (tmp_path / "log.csv").write_text(csv(log))
+    (tmp_path / "i.toml").write_text(FILE)
+    with pytest.raises(InputError, match=r"log\.csv: has 80 samples .* a fit takes 50: cut it with between"):
+        Identification.load(tmp_path / "i.toml")
+    (tmp_path / "i.toml").write_text(FILE.replace("held_out_from = 5.0", "between = [2.0, 4.0]"))
+    assert len(Identification.load(tmp_path / "i.toml").problem.data[0].channels[0].t) == 21
+
+
+def test_an_input_is_that_of_the_part_that_is_used(log, tmp_path):
+    """A gap beyond the part is no fault, and the part gives the residuals that a file of it alone gives."""
+    lines = without(70, 79)(csv(log)).splitlines()
+    part = [lines[0], *(each for each in lines[1:] if 2.0 <= float(each.split(",")[0]) <= 4.0)]
+    text, found = FILE.replace("held_out_from = 5.0", "between = [2.0, 4.0]"), []
+    for name, rows in (("whole", lines), ("alone", part)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "log.csv").write_text("\n".join(rows))
+        (tmp_path / name / "i.toml").write_text(text)
+        problem = Identification.load(tmp_path / name / "i.toml").problem
+        found.append((problem.data[0].inputs, problem.errors(0, problem.start)[0]))
+    (whole, errors), (_, alone) = found
+    assert len(whole.t) <= len(part) + 1
+    np.testing.assert_array_equal(errors, alone)

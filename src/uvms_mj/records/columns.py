@@ -47,7 +47,8 @@ def columns_of(path: Path, time: str | None, scale: float) -> Columns:
         return _of_mcap(path)
     if kind not in (".csv", ".parquet"):
         raise InputError(f"{path}: the name of a log must end in .csv, .parquet or .mcap")
-    names, cells, rows = _csv(path) if kind == ".csv" else _parquet(path)
+    plain = _plain(path) if kind == ".csv" else None
+    names, cells, rows = plain or (_csv(path) if kind == ".csv" else _parquet(path))
     if time is not None and time not in names:
         raise InputError(f"{path}: has no column {time!r} of the time; {suggestion(time, names)}")
     if time is not None and list(names).count(time) > 1:
@@ -56,9 +57,10 @@ def columns_of(path: Path, time: str | None, scale: float) -> Columns:
 
     def column(name: str) -> np.ndarray:
         if name not in numbers:
-            numbers[name] = np.array(
-                [_number(path, name, *each) for each in zip(rows, cells(name), strict=True)], float
-            )
+            found = cells(name)
+            if not isinstance(found, np.ndarray):
+                found = np.array([_number(path, name, *each) for each in zip(rows, found, strict=True)], float)
+            numbers[name] = found
         return numbers[name]
 
     t = np.arange(len(cells(names[0])), dtype=float) if time is None else column(time) * scale
@@ -92,7 +94,26 @@ def _number(path: Path, name: str, row: int, cell: Any) -> float:
     return value
 
 
-def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], Sequence[int]]:
+_Read = tuple[Sequence[str], Callable[[str], Sequence[Any] | np.ndarray], Sequence[int]]
+
+
+def _plain(path: Path) -> _Read | None:
+    """The same as :func:`_csv` of a file whose lines are one of names and then finite numbers, in a tenth of the time;
+    None of any other file, in which something is missing, quoted or wrong, and has a place."""
+    try:
+        text = path.read_bytes()
+        names = [name.strip() for name in text[: text.index(b"\n")].decode("utf-8-sig").split(",")]
+        table = np.loadtxt(path, delimiter=",", skiprows=1, comments=None, encoding="utf-8-sig", ndmin=2)
+    except (OSError, ValueError):
+        return None
+    lines = text.count(b"\n") + (not text.endswith(b"\n"))
+    whole = len(table) > 1 and table.shape == (lines - 1, len(names)) and '"' not in "".join(names)
+    if not (whole and np.isfinite(table).all()):
+        return None
+    return names, lambda name: table[:, names.index(name)].copy(), range(2, lines + 1)
+
+
+def _csv(path: Path) -> _Read:
     """Names of columns, a function for the cells of one, and the numbers of its rows in the file, from 1. Blank
     lines are left out."""
     try:
@@ -113,7 +134,7 @@ def _csv(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], Seq
     return names, lambda name: [row[names.index(name)] for row in body], rows[1:]
 
 
-def _parquet(path: Path) -> tuple[Sequence[str], Callable[[str], Sequence[Any]], Sequence[int]]:
+def _parquet(path: Path) -> _Read:
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -16,7 +16,7 @@ from ...physics.frames import rotation_matrix
 from ...plant.vehicle import Vehicle
 from ...records.measured import LogTable, Series
 from ...stages.signals import Signal, joint_signals, pulse_signal, thruster_signal
-from .file import Experiment, name_of
+from .file import LONGEST_DELAY, Experiment, name_of
 
 _WRENCH = Signal("tau", (6,), "N, N m", "B", "wrench on the vehicle")
 _MOTION = (
@@ -25,6 +25,7 @@ _MOTION = (
     Signal("nu", (6,), "m/s, rad/s", "B", "velocity"),
 )
 _PULSES = 1100.0, 1900.0
+_FEWER = "write fewer samples a second; 20 show the motion of a vehicle"
 _FASTEST, _STRONGEST = (50.0, 50.0), (1e5, 1e5)
 _LONGEST, _SHORTEST = 5.0, 1e-4
 """Distances of samples of a motion beyond which the unit of the time is wrong [s]."""
@@ -32,6 +33,11 @@ _GAP = 5.0
 """Times the median distance of the samples of an input from which on it is unknown in between."""
 LEAST = 4
 """Samples that a channel needs at least."""
+LATER = 0.05
+"""Share of a motion that is simulated beyond its end, for a clock that is fast."""
+MOST = 200_000
+"""Samples of a channel or an input at most. A motion is simulated once an iteration for each unknown, which takes some
+10 s for as many pulses, and the derivatives of six channels by twelve unknowns are 115 MB."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,15 @@ def load(experiment: Experiment, folder: Path, place: str, vehicle: Vehicle) -> 
     name = name_of(experiment)
     path, label = folder / experiment.data, Path(f"{place}: experiment {name!r}")
     reader = {"motion": _motion, "towing": _towing, "trim": _trim}[experiment.kind]
-    return reader(experiment, name, path, label, vehicle)
+    data = reader(experiment, name, path, label, vehicle)
+    n = max(len(each.t) for each in (*data.channels, *filter(None, [data.inputs])))
+    if n > MOST:
+        way = "cut it with between into experiments of the parts in which the vehicle is moved"
+        if experiment.kind != "motion":
+            way = "take means of its rows"
+        wrong = f"has {n} samples in the part that is used, and a fit takes {MOST}"
+        raise InputError(f"{path}: {wrong}: {way}, or {_FEWER}")
+    return data
 
 
 def _tables(experiment: Experiment, signals: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -186,6 +200,12 @@ def _inputs(
     if any(len(t) != len(times[0]) or (t != times[0]).any() for t in times):
         raise InputError(f"{path}: the columns of {name} must have the same samples; an input has no missing ones")
     t = times[0]
+    lead = LONGEST_DELAY if "delay" in experiment.fit else experiment.delay
+    low = max(0, int(np.searchsorted(t, begin - lead, side="right")) - 1)
+    high = int(np.searchsorted(t, end + LATER * (end - begin))) + 1
+    t = t[low:high]
+    if len(t) < 2:
+        raise InputError(f"{path}: the input {name} has fewer than two samples in the part that is used")
     spacing = np.diff(t)
     if (gaps := np.flatnonzero(spacing > _GAP * np.median(spacing))).size:
         i = int(gaps[0])
@@ -203,14 +223,14 @@ def _inputs(
     for k, ((_, y), column) in enumerate(zip(parts, columns, strict=True)):
         if not column:
             continue
-        values[:, k] = y
+        y = values[:, k] = y[low:high]
         if name == "pwm" and (wrong := np.flatnonzero((y < _PULSES[0]) | (y > _PULSES[1]))).size:
             raise InputError(
-                f"{path}: column {column!r}, sample {wrong[0] + 1}: {y[wrong[0]]:g} us is no pulse width from "
+                f"{path}: column {column!r}, sample {low + wrong[0] + 1}: {y[wrong[0]]:g} us is no pulse width from "
                 f"{_PULSES[0]:g} to {_PULSES[1]:g} us; check its unit"
             )
         if name != "pwm":
-            _refuse_large(path, column, y, _STRONGEST[0], "N or N m")
+            _refuse_large(path, column, y, _STRONGEST[0], "N or N m", low)
     return Inputs(name, t - begin, values, experiment.hold == "linear")
 
 
@@ -321,9 +341,9 @@ def _refuse_constant(path: Path, column: str, y: np.ndarray) -> None:
         )
 
 
-def _refuse_large(path: Path, column: str, y: np.ndarray, most: float, unit: str) -> None:
+def _refuse_large(path: Path, column: str, y: np.ndarray, most: float, unit: str, before: int = 0) -> None:
     if (wrong := np.flatnonzero(np.abs(y) > most)).size:
         i = int(wrong[0])
         raise InputError(
-            f"{path}: column {column!r}, sample {i + 1}: {y[i]:g} is beyond {most:g} {unit}; check its unit"
+            f"{path}: column {column!r}, sample {before + i + 1}: {y[i]:g} is beyond {most:g} {unit}; check its unit"
         )

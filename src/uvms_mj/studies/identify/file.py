@@ -18,6 +18,8 @@ from ...plant.changed_coefficients import check_name, twin_of
 from ...quantities import STRICT, Angles, Number, Position, Step, Twist, Vector3, doc, refusing, within
 
 Scale = Annotated[Number, refusing(lambda x: x is not None and x <= 0.0, "must be greater than 0")]
+LONGEST_DELAY = 10.0
+"""Greatest delay from an input to its effect [s]."""
 UNKNOWNS = ("current", "delay", "clock")
 """Unknowns of a motion that may be fitted beside its start."""
 
@@ -68,7 +70,7 @@ class Experiment:
     sigma: dict[str, Any] | None = doc("standard deviation of the noise of a signal; default: estimated", None)
     fit: tuple[Literal[UNKNOWNS], ...] = doc("unknowns of this experiment: current, delay, clock", ())  # type: ignore[valid-type]
     current: Vector3 = doc("known current in W [m/s]", (0.0,) * 3)
-    delay: Annotated[Number, within(0.0, 10.0, "s")] = doc("from the input in the data to its effect [s]", 0.0)
+    delay: Annotated[Number, within(0.0, LONGEST_DELAY, "s")] = doc("from the input in the data to its effect [s]", 0.0)
     start: Start = Start()
     fit_start: bool = doc("whether the measured parts of the start are fitted", True)
     between: tuple[Number, Number] | None = doc("the part of the data that is used [s]", None)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.signal import correlate
 from scipy.stats import norm
 
 from ..pool.executors import each_call
@@ -254,15 +255,11 @@ def correlation_time(r: np.ndarray) -> float:
     not significant; 1 at least."""
     r = r - r.mean()
     power = float(r @ r)
-    total = 1.0
     if power <= 0.0:
-        return total
-    for lag in range(1, len(r) // 2):
-        rho = float(r[:-lag] @ r[lag:]) / power
-        if rho < Z_95 / np.sqrt(len(r)):
-            break
-        total += 2.0 * rho
-    return total
+        return 1.0
+    rho = correlate(r, r, method="fft")[len(r) : len(r) + max(len(r) // 2 - 1, 0)] / power
+    end = np.flatnonzero(rho < Z_95 / np.sqrt(len(r)))
+    return 1.0 + 2.0 * float(rho[: end[0] if len(end) else None].sum())
 
 
 def _judged(

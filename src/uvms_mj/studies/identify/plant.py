@@ -21,12 +21,10 @@ from ...plant.mjcf import Mjcf
 from ...plant.vehicle import Vehicle
 from ...plant.water import MOST_ROWS, Current, Disturbance
 from ...scenario import Scenario
-from .data import Data, Inputs
+from .data import LATER, Data, Inputs
 
 _APART = 0.05
 """Longest time from one row of a run to the next [s]."""
-_LATER = 0.05
-"""Share of a motion that is simulated beyond its end, for a clock that is fast."""
 FAR = 1e6
 """The error of coefficients that no vehicle can have, or with which a run diverges."""
 
@@ -42,7 +40,7 @@ class Plant:
             "wall.present": False,
             "controller.name": "external",
             "simulation.timestep": timestep,
-            "simulation.duration": max(timestep * np.ceil((1.0 + _LATER) * data.span / timestep), timestep),
+            "simulation.duration": max(timestep * np.ceil((1.0 + LATER) * data.span / timestep), timestep),
             "current.speed": 0.0,
         }
         if inputs is not None and inputs.name == "u":

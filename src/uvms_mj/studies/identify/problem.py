@@ -13,7 +13,7 @@ from ...plant.changed_coefficients import changed, places, unit_of, value_of
 from ...plant.mjcf import Mjcf
 from ...plant.vehicle import Vehicle
 from .data import Data, load
-from .file import File, Free
+from .file import LONGEST_DELAY, File, Free
 from .plant import FAR, Plant, Postures, euler_of, plant_of, towing, trim
 
 _STATE = (
@@ -25,7 +25,7 @@ _STATE = (
 """Name, unit and scale of each part of the state at the start of a motion."""
 _UNKNOWNS = {
     "current": (("current.x", "m/s", 0.1, -3.0, 3.0), ("current.y", "m/s", 0.1, -3.0, 3.0)),
-    "delay": (("delay", "s", 0.05, 0.0, 10.0),),
+    "delay": (("delay", "s", 0.05, 0.0, LONGEST_DELAY),),
     "clock": (("clock", "1", 0.01, -0.04, 0.04),),
 }
 _SMALL = {"kg": 1.0, "m": 0.01}
