@@ -17,8 +17,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from uvms_mj.compiler import libm
-from uvms_mj.compiler.targets import optimize
-from uvms_mj.compiler.values import LIBM
+from uvms_mj.compiler.targets import LIBM, optimize
 from uvms_mj.engine.native.compilation import link, target_machine
 
 TRUE: dict[str, Any] = {

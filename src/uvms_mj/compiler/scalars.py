@@ -11,7 +11,8 @@ from llvmlite import ir
 from . import library
 from .emission import Emission
 from .refusals import CONVERSION, DIVISION, OVERFLOW, RAISED
-from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, LIBM, RANK, SCALARS, WORD, Value, scalar, whole
+from .targets import LIBM
+from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
 COMPARISONS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}

@@ -1,10 +1,12 @@
 """Machine code of a module for a processor: this one, or another one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import llvmlite.binding as llvm
 
-from .values import LIBM
+LIBM = "uvms_mj_libm_"
+"""The prefix of the symbols of functions in :mod:`.libm`."""
 
 
 @dataclass(frozen=True)
@@ -54,32 +56,37 @@ def optimize(
     _optimize(module, machine, triple, level, compact)
     if (library := _libm_of(module)) is not None:
         _optimize(library, machine, triple, level, compact)
-        _take_in(library, module)
+        take_in(library, module)
 
 
 def inline_libm(module: llvm.ModuleRef) -> None:
     """Add the functions of :mod:`.libm` to a module that it calls, as parts of their callers."""
     if (library := _libm_of(module, inlined=True)) is not None:
-        _take_in(library, module)
+        take_in(library, module)
 
 
-def add_libm(module: llvm.ModuleRef) -> None:
-    """Add the functions of :mod:`.libm` to a module that it calls, before it is optimized for a processor."""
-    if (library := _libm_of(module)) is not None:
-        _take_in(library, module)
+def libm_symbols(module: llvm.ModuleRef) -> list[str]:
+    """The functions of :mod:`.libm` that a module calls, by their symbols."""
+    return [each.name for each in module.functions if each.is_declaration and each.name.startswith(LIBM)]
+
+
+def libm_text(symbols: Sequence[str], inlined: bool = False) -> str:
+    """The module of functions of :mod:`.libm`, as LLVM's text; empty if there are none."""
+    if not symbols:
+        return ""
+    from .unit import libm_module  # a warm start compiles nothing
+
+    return str(libm_module(symbols, inlined))
 
 
 def _libm_of(module: llvm.ModuleRef, inlined: bool = False) -> llvm.ModuleRef | None:
     """The functions of :mod:`.libm` that a module calls, if any."""
-    symbols = [each.name for each in module.functions if each.is_declaration and each.name.startswith(LIBM)]
-    if not symbols:
-        return None
-    from .unit import libm_module  # a warm start compiles nothing
-
-    return llvm.parse_assembly(str(libm_module(symbols, inlined)))
+    text = libm_text(libm_symbols(module), inlined)
+    return llvm.parse_assembly(text) if text else None
 
 
-def _take_in(library: llvm.ModuleRef, module: llvm.ModuleRef) -> None:
+def take_in(library: llvm.ModuleRef, module: llvm.ModuleRef) -> None:
+    """Add the functions of :mod:`.libm` to a module."""
     symbols = [each.name for each in library.functions if each.name.startswith(LIBM)]
     module.link_in(library)
     for symbol in symbols:

@@ -1,6 +1,7 @@
 """The entrance of the compiler: one module of LLVM from Python functions."""
 
 import ast
+import functools
 import types
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,12 +16,12 @@ from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking, Untranslatable
 from .scalars import of_libm
+from .targets import LIBM
 from .values import (
     BOOL,
     DOUBLE,
     FLOAT,
     INT,
-    LIBM,
     OUTSIDE,
     POINTER,
     WORD,
@@ -287,10 +288,18 @@ def libm_module(symbols: Iterable[str], inlined: bool = False) -> ir.Module:
     return unit.module
 
 
+@functools.lru_cache(maxsize=4096)
+def _tree_of_ours(function: types.FunctionType) -> tuple[ast.stmt, list[str]]:
+    """:func:`.files.function_tree` of a function of the package, whose source does not change: the modules of a run
+    share most of what they call."""
+    return function_tree(function)
+
+
 def definition(function: types.FunctionType) -> tuple[ast.FunctionDef, list[str]]:
     """The tree of a function, and the lines of its source. Raises Lacking for one that has none."""
+    ours = function.__module__.partition(".")[0] == __name__.partition(".")[0]
     try:
-        tree, source = function_tree(function)
+        tree, source = _tree_of_ours(function) if ours else function_tree(function)
     except SourceChanged:
         raise Lacking(function, 1, "", "its file has changed since it was loaded") from None
     except (OSError, TypeError, SyntaxError, IndexError):

@@ -12,8 +12,6 @@ POINTER, BYTE, WORD, DOUBLE, FLAG = ir.PointerType(), ir.IntType(8), ir.IntType(
 INT, FLOAT, BOOL, NOTHING = np.dtype("i8"), np.dtype("f8"), np.dtype("?"), np.dtype("V0")
 SCALARS = {INT: WORD, FLOAT: DOUBLE, BOOL: FLAG}
 NUMBERS: dict[Any, np.dtype] = {int: INT, float: FLOAT, bool: BOOL}
-LIBM = "uvms_mj_libm_"
-"""The prefix of the symbols of functions in :mod:`.libm`."""
 RANK = (BOOL, INT, FLOAT)
 """Of two numbers in one operation, the later one's type is the result's."""
 

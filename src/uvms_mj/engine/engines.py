@@ -168,17 +168,17 @@ class FreeEngine(Engine):
         for name, value in constants.items():
             self._body[name] = value
         self.qpos, self.qvel = plant["qpos"][0], plant["qvel"][0]
-        self._step, self._address = code["free_steps"].ctypes, image.address
+        self._code, self._address = code["free_steps"], image.address
 
     @property
     def closed(self) -> bool:
         return self._closed
 
     def step(self, n: int) -> None:
-        self._step(self._address, n, 1)
+        self._code.ctypes(self._address, n, 1)
 
     def evaluate(self) -> None:
-        self._step(self._address, 1, 0)
+        self._code.ctypes(self._address, 1, 0)
 
     def close(self) -> None:
         self._closed = True

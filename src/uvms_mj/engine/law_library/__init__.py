@@ -8,20 +8,23 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from ...compiler.apart import Apart
 from ...errors import Fault, InputError
 from ...files import atomic_write
 from ...scenario import Scenario
 from ..engines import refusals
 from ..native.chain import Chain, refuse
 from ..native.net import FIRST
+from ..native.run_memory import RunMemory
 from ..simulation import Simulation
 from . import as_law, linking, texts
 from .as_law import AsLaw
@@ -98,49 +101,48 @@ def write_library(
             f"--name {name!r}: must be the name of a function in C, and no word of the library's own sources"
         )
     linking.zig()
-    sim = _simulation(scenario)
-    if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
-        with sim:
-            sim.step(FIRST)
-        sim = _simulation(scenario)
-    with sim, tempfile.TemporaryDirectory() as where, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with (
+        Apart() as apart,
+        tempfile.TemporaryDirectory() as where,
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+        ExitStack() as stack,
+    ):
         place, new = Path(where, "work"), Path(where, "new")
         for each in (place, new):
             each.mkdir()
-        chain = Chain(sim.memory, guided)
-        border = Border.of(chain, scenario, guided)
-        not_asked = as_law.not_asked(border, scenario)
-        no_law = not_asked or as_law.no_room(border, _HEADER_WORDS)
-        law = AsLaw(border, scenario, name, _HEADER_WORDS) if not no_law else None
-        text, notes = chain.module(f"{name}_chain"), sim.notes
-        export = _number(border, text)
-        title = f"the law {scenario.controller.label()} of the scenario {scenario.name}"
-        header = texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts.")
-        sources = {
-            f"{name}.h": header,
-            "image.h": texts.image(border, name, export),
-            "shell.c": texts.shell(name),
-            **(texts.as_law(border, law) if law is not None else {}),
-        }
 
-        def compiled(target: str) -> list[str]:
+        def begin(memory: RunMemory) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]]]:
+            """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
+            chain = Chain(memory, guided)
+            text = chain.module(f"{name}_chain", apart)
+            stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets], apart)
+            parts = _Parts.of(chain, text, scenario, name, guided)
+            return parts, stages, {target: pool.submit(compiled, target, parts) for target in targets}
+
+        def compiled(target: str, parts: _Parts) -> list[str]:
             own = place / target
             own.mkdir()
-            for file, content in sources.items():
+            for file, content in parts.sources.items():
                 (own / file).write_text(content, encoding="utf-8")
-            return _compiled(MACHINES[target], chain, own)
+            return _compiled(MACHINES[target], parts.border.chain, own)
 
         def make(target: str) -> Made:
             (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
             return _made(MACHINES[target], target, objects[target].result(), name, place / target, new, test)
 
-        # LLVM and ziglang work while the run is recorded
-        stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets])
-        objects = {target: pool.submit(compiled, target) for target in targets}
-        steps = recorded(sim, border, text, f"{name}_chain")
+        sim = _Run(scenario, begin)
+        stack.enter_context(sim)
+        parts, stages, objects = sim.begun
+        border, law, export = parts.border, parts.law, parts.export
+        chain, not_asked, no_law = border.chain, parts.not_asked, parts.no_law
+        if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
+            sim.step(FIRST)
+            refuse(sim.memory.stages)
+            sim.reset()
+        steps = recorded(sim, border, parts.text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
         files = {
-            f"{name}.h": header,
+            f"{name}.h": parts.sources[f"{name}.h"],
             "vectors.h": texts.vectors_text(border, steps, name),
             "test.c": texts.test(name),
             "LICENSE": _license(),
@@ -149,7 +151,9 @@ def write_library(
             files["loop.c"] = texts.loop(border, name, not not_asked)
         for file, content in files.items():
             _write(new / file, content)
-        made = list(pool.map(make, targets))
+        making = [pool.submit(make, target) for target in targets]
+        notes = sim.notes
+        made = [each.result() for each in making]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
         notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
@@ -165,10 +169,8 @@ def write_library(
                 _write(new / each.target / f"{name}{as_law.SUFFIX}.toml", tomli_w.dumps(toml))
         _write(new / f"{name}.toml", tomli_w.dumps(_about(scenario, border, library, export)))
         _write(new / "scenario.toml", scenario.to_toml())
-        _write(
-            new / "README.md",
-            _readme(border, library, title, steps, law is not None, export if shared and not not_asked else 0),
-        )
+        asked = export if shared and not not_asked else 0
+        _write(new / "README.md", _readme(border, library, _title(scenario), steps, law is not None, asked))
         for earlier in MACHINES:  # a library that was made before has other gains
             for file in (f"lib{name}.a", f"lib{name}.so", f"{name}{as_law.SUFFIX}.toml"):
                 (folder / earlier / file).unlink(missing_ok=True)
@@ -176,12 +178,61 @@ def write_library(
     return library
 
 
-def _simulation(scenario: Scenario) -> Simulation:
-    """A run in the faster engine that takes the scenario."""
-    from ...setup.base import set_up
+class _Run(Simulation):
+    """A run in the faster engine that takes the scenario.
 
-    engine = "mujoco" if refusals(set_up(scenario)) else "free_body"
-    return Simulation(scenario, engine=engine, looks=False)
+    Attributes:
+        begun: what ``begin`` returns of the memory of the run, while its machine code is made.
+    """
+
+    def __init__(self, scenario: Scenario, begin: Callable[[RunMemory], Any]) -> None:
+        from ...setup.base import set_up
+
+        self._begin = begin
+        super().__init__(scenario, engine="mujoco" if refusals(set_up(scenario)) else "free_body", looks=False)
+
+    def _meanwhile(self, memory: RunMemory) -> None:
+        self.begun: Any = self._begin(memory)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What a library is made of.
+
+    Attributes:
+        text: the stages, as LLVM has them.
+        sources: the files of C by their names.
+        export: the number of the export.
+        law: the library as a law of a run; None if it can't be one.
+        not_asked, no_law: why a run can't ask the program loop.c, and can't take the library as its law; or empty.
+    """
+
+    border: Border
+    text: str
+    sources: Mapping[str, str]
+    export: int
+    law: AsLaw | None
+    not_asked: str
+    no_law: str
+
+    @classmethod
+    def of(cls, chain: Chain, text: str, scenario: Scenario, name: str, guided: bool) -> "_Parts":
+        border = Border.of(chain, scenario, guided)
+        not_asked = as_law.not_asked(border, scenario)
+        no_law = not_asked or as_law.no_room(border, _HEADER_WORDS)
+        law = AsLaw(border, scenario, name, _HEADER_WORDS) if not no_law else None
+        export, title = _number(border, text), _title(scenario)
+        sources = {
+            f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
+            "image.h": texts.image(border, name, export),
+            "shell.c": texts.shell(name),
+            **(texts.as_law(border, law) if law is not None else {}),
+        }
+        return cls(border, text, sources, export, law, not_asked, no_law)
+
+
+def _title(scenario: Scenario) -> str:
+    return f"the law {scenario.controller.label()} of the scenario {scenario.name}"
 
 
 def name_of(scenario: Scenario) -> str:

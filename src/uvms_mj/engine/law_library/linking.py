@@ -3,18 +3,17 @@ links."""
 
 import importlib.metadata
 import importlib.util
-import os
 import platform
 import re
 import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
 from ..native.compilation import object_name, recall, remember
@@ -167,34 +166,15 @@ def without_rounding(text: str) -> str:
     return text
 
 
-_EMIT = """
-import os, sys
-import llvmlite.binding as llvm
-from uvms_mj.compiler.targets import Target
-words = sys.argv[1:]
-for k in range(len(words) // 5):
-    if os.fork() == 0:
-        triple, processor, features, reloc, codemodel = words[5 * k : 5 * k + 5]
-        target = Target(triple, processor, features, reloc=reloc, codemodel=codemodel, compact=True)
-        with open(f"{k}.ll", encoding="utf-8") as text:
-            code = target.code(llvm.parse_assembly(text.read()))
-        with open(f"{k}.o", "wb") as out:
-            out.write(code)
-        os._exit(0)
-for _ in range(len(words) // 5):
-    os.wait()
-"""
-
-
-def emitted(text: str, machines: Sequence[Machine]) -> list[bytes]:
-    """The object of LLVM's text for each machine, which is kept on disk."""
+def emitted(text: str, machines: Sequence[Machine], apart: Apart) -> list[bytes]:
+    """The object of LLVM's text for each machine, made in the process ``apart``, which is kept on disk."""
     jobs = {}
     for each in machines:
         own = text if each.rounds else without_rounding(text)
         jobs[object_name([b"emitted", own.encode(), repr(each.target).encode()])] = own, each.target
     objects = {name: found[0] for name in jobs if (found := recall(name)) is not None}
     if missing := [name for name in jobs if name not in objects]:
-        for name, code in zip(missing, _emitted([jobs[name] for name in missing]), strict=True):
+        for name, code in zip(missing, _emitted([jobs[name] for name in missing], apart), strict=True):
             objects[name] = code
             remember(name, code, {})
     return [objects[name] for name in jobs]
@@ -210,28 +190,15 @@ def kept(name: str, make: Callable[[], bytes]) -> bytes:
     return made
 
 
-def _emitted(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
-    """Each is emitted in a process of its own, which LLVM ends where it does not know what to do: copies of one process
-    that has loaded LLVM."""
-    source = str(Path(__file__).parents[3])
-    path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
-    with tempfile.TemporaryDirectory() as folder:
-        words = []
-        for k, (text, target) in enumerate(jobs):
-            Path(folder, f"{k}.ll").write_text(text, encoding="utf-8")
-            words += [target.triple, target.processor, target.features, target.reloc, target.codemodel]
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", _EMIT, *words],
-            cwd=folder,
-            capture_output=True,
-            env={**os.environ, "PYTHONPATH": path},
-        )
-        objects = [Path(folder, f"{k}.o") for k in range(len(jobs))]
-        for (_, target), each in zip(jobs, objects, strict=True):
-            if not each.is_file():
-                said = (done.stderr.decode(errors="replace").strip().splitlines() or ["no reason is given"])[-1]
-                raise InputError(f"LLVM emits no code for {target.triple}: {said}")
-        return [each.read_bytes() for each in objects]
+def _emitted(jobs: Sequence[tuple[str, Target]], apart: Apart) -> list[bytes]:
+    try:
+        codes = apart.call(emit, jobs)
+    except Ended as error:
+        raise InputError(f"LLVM: {error}") from None
+    for (_, target), code in zip(jobs, codes, strict=True):
+        if not code:
+            raise InputError(f"LLVM emits no code for {target.triple}: {apart.said()}")
+    return codes
 
 
 def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, out: Path) -> list[Path]:

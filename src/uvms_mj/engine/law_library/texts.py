@@ -226,8 +226,14 @@ def _filter_table(border: Border) -> str:
 
 def _words(values: np.ndarray) -> str:
     """64-bit words, eight a line."""
-    words = [f"0x{word:x}u" for word in values.tolist()]
-    return ",\n".join(",".join(words[k : k + 8]) for k in range(0, len(words), 8))
+    return _line(values.size) % tuple(values.tolist())
+
+
+@functools.cache
+def _line(n: int) -> str:
+    """The format of n words: to format one after the other takes twice as long."""
+    words = ["0x%xu"] * n
+    return ",\n".join(",".join(words[k : k + 8]) for k in range(0, n, 8))
 
 
 def image(border: Border, name: str, export: int) -> str:
@@ -345,9 +351,8 @@ static const uint64_t change_to[CHANGES] = {{{values}}};
 static const char *const command_names[] = {{{", ".join(f'"{each}"' for each in names)}}};
 /* time and measurements, {"reference, " if border.reference else ""}command */
 static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
-{",".join(f"{{{_words(row)}}}" for row in rows)}}};
 """
-    return named(text, name)
+    return named(text, name) + ",".join([f"{{{_words(row)}}}" for row in rows]) + "};\n"
 
 
 def left_behind(border: Border) -> Iterable[str]:

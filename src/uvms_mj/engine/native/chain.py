@@ -17,7 +17,8 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from ...actuation.propeller import Propeller, commands_alone
-from ...compiler.targets import add_libm, optimize
+from ...compiler.apart import Apart, join, joined
+from ...compiler.targets import libm_text, optimize
 from ...compiler.values import INT
 from ...errors import Fault, InputError
 from ...guidance import Guidance
@@ -333,14 +334,15 @@ class Chain:
 
     # machine code
 
-    def module(self, entry: str) -> str:
-        """LLVM's text of the stages and of :func:`take_period` by the name ``entry``. No product and sum is rounded
-        once, so that every processor has the same numbers. It is kept on disk if all that it is made of is known."""
+    def module(self, entry: str, apart: Apart) -> str:
+        """LLVM's text of the stages and of :func:`take_period` by the name ``entry``, linked in the process ``apart``.
+        No product and sum is rounded once, so that every processor has the same numbers. It is kept on disk if all that
+        it is made of is known."""
         parts = self._made_of()
         name = object_name([b"chain", entry.encode(), *parts]) if parts is not None else ""
         if name and (kept := recall(name)) is not None:
             return kept[0].decode()
-        text = self._translated(entry)
+        text = self._translated(entry, apart)
         if name:
             remember(name, text.encode(), {})
         return text
@@ -367,7 +369,7 @@ class Chain:
         library, room = link.compiled.library, link.compiled.stage.room
         return between_copies(library.kind if library else link.function, room, link.kinds)
 
-    def _translated(self, entry: str) -> str:
+    def _translated(self, entry: str, apart: Apart) -> str:
         symbols, users = [f"{entry}_{k}" for k in range(1, len(self.links) + 1)], list[str]()
         kernels: dict[str, Any] = {}
         whole, run = with_numbers(self.kind), with_numbers(self._memory.run.dtype)
@@ -380,18 +382,8 @@ class Chain:
                 settings, state, given, out = kinds
                 kernels[symbol] = link.function, [settings, state, given, state, out]
         kernels[entry] = take_period, [whole, INT, INT]
-        module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols)))
-        for text in users:
-            module.link_in(llvm.parse_assembly(text))
-        add_libm(module)
-        for function in module.functions:
-            if not function.is_declaration:
-                function.add_function_attribute("nounwind")  # no tables for unwinding
-                if function.name == entry:
-                    function.visibility = "hidden"
-                else:
-                    function.linkage = "internal"
-        return str(module)
+        called = apart.call(join, [str(kernel_module(kernels, linked=symbols)), *users])
+        return apart.call(joined, libm_text(called), entry)
 
     def here(self, text: str, entry: str) -> "Here":
         """The chain on this processor, from its text."""

@@ -23,6 +23,7 @@ import time
 import types
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -32,8 +33,7 @@ import numpy as np
 import platformdirs
 
 from ...compiler.refusals import Untranslatable
-from ...compiler.targets import optimize
-from ...compiler.values import LIBM
+from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
 from .memory import at_address
 
@@ -225,14 +225,23 @@ _lock = threading.RLock()
 
 @dataclass(frozen=True)
 class NativeFunction:
-    """Machine code: its address, and a ctypes function to call it from Python. ``files`` are the sources that the
-    number which it returns may refer to (:func:`uvms_mj.compiler.refusals.place`). Equal machine code of users' stages
-    has one ``name``."""
+    """Machine code of a function with so many ``arguments``. ``code`` gives its address, and waits if LLVM still makes
+    it. ``files`` are the sources that the number which it returns may refer to
+    (:func:`uvms_mj.compiler.refusals.place`). Equal machine code of users' stages has one ``name``."""
 
-    address: int
-    ctypes: Any
+    arguments: int
+    code: Callable[[], int]
     files: tuple[str, ...] = ()
     name: str = ""
+
+    @functools.cached_property
+    def address(self) -> int:
+        return self.code()
+
+    @functools.cached_property
+    def ctypes(self) -> Any:
+        """A ctypes function to call it from Python."""
+        return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * self.arguments)(self.address)
 
 
 class NotCompiled(Exception):
@@ -300,7 +309,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
             _stages[name] = addresses
         if known:
             remember(known, b"", {"object": name, "files": files})
-        return _callable(_stages[name][0], 5, tuple(files), name)
+        return _loaded(_stages[name][0], 5, tuple(files), name)
 
 
 _stages: dict[str, tuple[int, ...]] = {}
@@ -312,7 +321,11 @@ def _stage(name: str, files: Sequence[str]) -> NativeFunction | None:
     """The machine code of a user's stage, loaded or from disk; None if it is not kept."""
     if name not in _stages and (addresses := load(name)) is not None:
         _stages[name] = addresses
-    return _callable(_stages[name][0], 5, tuple(files), name) if name in _stages else None
+    return _loaded(_stages[name][0], 5, tuple(files), name) if name in _stages else None
+
+
+def _loaded(address: int, arguments: int, files: tuple[str, ...] = (), name: str = "") -> NativeFunction:
+    return NativeFunction(arguments, lambda: address, files, name)
 
 
 def _built(module: str, name: str) -> tuple[int, ...]:
@@ -374,12 +387,28 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused
         made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
     name = object_name(made_of)
     addresses = load(name)
-    if addresses is None:
-        from .intrinsics import kernel_module
+    if addresses is not None:
+        return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+    from .intrinsics import kernel_module
 
-        symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-        addresses = _compiled(str(kernel_module(symbols, fused)), name, list(symbols))
-    return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+    symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
+    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols))
+    return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
+
+
+def _begun(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    """Begin a call in a thread of its own, and return a function that waits for its result: while LLVM compiles one
+    module, Python translates the next one."""
+    made = Future[Any]()
+
+    def call() -> None:
+        try:
+            made.set_result(function(*arguments))
+        except BaseException as error:
+            made.set_exception(error)
+
+    threading.Thread(target=call, name="uvms-mj LLVM").start()
+    return made.result
 
 
 def _on_arrays(function: Callable, arrays: Sequence[np.ndarray]) -> Callable[..., Any] | None:
@@ -409,12 +438,7 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
         return 0 if result is None else int(result)
 
     code = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(dtypes))(call)
-    return NativeFunction(ctypes.cast(code, ctypes.c_void_p).value or 0, code)
-
-
-def _callable(address: int, arguments: int, files: tuple[str, ...] = (), name: str = "") -> NativeFunction:
-    kind = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * arguments)
-    return NativeFunction(address, kind(address), files, name)
+    return NativeFunction(len(dtypes), lambda: ctypes.cast(code, ctypes.c_void_p).value or 0)
 
 
 def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:

@@ -205,8 +205,7 @@ class CompiledStage:
         return f"{Path(file).name}, line {line}: {WHY[why]}"
 
     def fill(self, row: np.void) -> None:
-        """Set the code and the places of a STAGE record."""
-        row["code_at"] = self.code.address if self.code is not None else 0
+        """Set the places of a STAGE record."""
         row["states"] = self.states
         for name, its_place in self.places.items():
             row[name] = its_place
@@ -554,6 +553,10 @@ class Pipeline:
             stage.fill(row)
         run["stage_count"], run["actuation"] = len(self.stages), self.actuation
         run["tau_cmd"], run["has_task"] = image.place(self.command), "task" in self.stages
+
+    def link(self) -> None:
+        """Set the machine code of the stages of a run that is bound, and wait for what LLVM still makes."""
+        self.rows["code_at"] = [stage.code.address if stage.code is not None else 0 for stage in self.running]
 
     def recorded(self, run: np.ndarray) -> Iterator[tuple[Signal, np.ndarray]]:
         """The recorded signals of the stages besides their states, each with its memory."""

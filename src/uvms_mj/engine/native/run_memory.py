@@ -198,7 +198,10 @@ class RunMemory:
         chunk_steps: largest number of steps before the rows must be taken.
     """
 
-    def __init__(self, setup: Setup, engine: Any) -> None:
+    def __init__(
+        self, setup: Setup, engine: Any, meanwhile: Callable[["RunMemory"], None] = lambda memory: None
+    ) -> None:
+        """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads."""
         self.engine, self.shape = engine, shape_of(setup)
         self.code, self.stages = entry_points(self.shape, engine.code), Pipeline(setup, self.shape)
         self._setup = setup
@@ -219,6 +222,8 @@ class RunMemory:
         engine.write_wall(setup)
         for write in (write_time, write_initial, *WRITERS):
             write(self, setup)
+        meanwhile(self)
+        self.stages.link()
         self._start = self.image.fixed.copy()
         self.chunk_steps = engine.chunk_steps
         self.record(row_steps=1, rows=False)

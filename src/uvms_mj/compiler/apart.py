@@ -1,0 +1,122 @@
+"""LLVM in a process of its own. LLVM ends a process where it does not know what to do, as for some processors; and
+llvmlite lets in one thread of a process at a time."""
+
+import contextlib
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import llvmlite.binding as llvm
+
+from .targets import Target, libm_symbols, take_in
+
+
+class Ended(Exception):
+    """The process ended before it gave a result; the message is the last line that it said."""
+
+
+class Apart:
+    """A process that calls the functions of this module, one after the other. It begins without waiting."""
+
+    def __init__(self) -> None:
+        source = str(Path(__file__).parents[2])
+        path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed with the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", f"from {__name__} import _serve; _serve()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._said,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+
+    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What a function of this module returns there. Raises Ended."""
+        to, of = self._process.stdin, self._process.stdout
+        assert to is not None
+        assert of is not None
+        try:
+            pickle.dump((function.__name__, arguments), to)
+            to.flush()
+            return pickle.load(of)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            raise Ended(self.said()) from None
+
+    def said(self) -> str:
+        """The last line of what LLVM said."""
+        self._said.seek(0)
+        return (self._said.read().decode(errors="replace").strip().splitlines() or ["no reason is given"])[-1]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        for each in (self._process.stdin, self._process.stdout, self._said):
+            with contextlib.suppress(OSError):  # a call that was not taken
+                if each is not None:
+                    each.close()
+
+
+def _serve() -> None:
+    """Answer calls until the other end is closed."""
+    given, taken = sys.stdin.buffer, sys.stdout.buffer
+    with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
+        while True:
+            name, arguments = pickle.load(given)
+            pickle.dump(globals()[name](*arguments), taken)
+            taken.flush()
+
+
+_joined: list[llvm.ModuleRef] = []
+
+
+def join(texts: Sequence[str]) -> list[str]:
+    """Link modules to one, and return the functions of :mod:`.libm` that it calls, by their symbols."""
+    module = llvm.parse_assembly(texts[0])
+    for text in texts[1:]:
+        module.link_in(llvm.parse_assembly(text))
+    _joined[:] = [module]
+    return libm_symbols(module)
+
+
+def joined(libm: str, entry: str) -> str:
+    """The module of :func:`join` with the functions of libm, as LLVM's text. All but ``entry``, which is hidden, are
+    its own, and none has tables for unwinding."""
+    (module,) = _joined
+    if libm:
+        take_in(llvm.parse_assembly(libm), module)
+    for function in module.functions:
+        if not function.is_declaration:
+            function.add_function_attribute("nounwind")
+            if function.name == entry:
+                function.visibility = "hidden"
+            else:
+                function.linkage = "internal"
+    return str(module)
+
+
+def emit(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
+    """The code of LLVM's text for each target, made in a process of its own: none where LLVM has ended it."""
+    ends = []
+    for text, target in jobs:
+        end, into = os.pipe()
+        if os.fork() == 0:
+            with os.fdopen(into, "wb") as out:
+                out.write(target.code(llvm.parse_assembly(text)))
+            os._exit(0)
+        os.close(into)
+        ends.append(end)
+    codes = []
+    for end in ends:
+        with os.fdopen(end, "rb") as of:
+            codes.append(of.read())
+    for _ in ends:
+        os.wait()
+    return codes
