@@ -7,6 +7,7 @@ two threads; memory; start-up time.
     python scripts/benchmark.py --hour          memory of a long run over one simulated hour, not ten minutes
     python scripts/benchmark.py --elements      only the elements of a real vehicle
     python scripts/benchmark.py --arm           only the vehicle with five joints
+    python scripts/benchmark.py --effects       only the effects of the water, shipped ones and a user's
 
 Bare is ``mj_step`` of the same model in the same contact state: free in the water, or at rest on the wall. MuJoCo's
 timers stand still while a Simulation steps; without them bare has a row of its own. The closed loops record at 1 kHz.
@@ -14,12 +15,14 @@ The speed of a shared machine varies, so each round times all subjects in turn w
 medians of the ratios of each round. The cost of a log is the difference between two complete runs of the paper's
 scenario, with and without the log. An element of a real vehicle costs the 10 % quantile of its times less that of the
 ideal run with the same control rate, GSTA at a wall with the engine free_body. The times of the vehicle with five
-joints are 10 % quantiles of rounds, and their ratios those of these.
+joints are 10 % quantiles of rounds, and their ratios those of these. The times of the effects of the water are the
+shortest ones of the processor. A user's drag is the drag of ``[[drag]]`` in a file, with the same numbers.
 """
 
 import functools
 import inspect
 import json
+import math
 import os
 import re
 import statistics
@@ -56,6 +59,26 @@ WORK_S = 0.04
 AT_WALL = {"initial.position": [1.0, 0.0, 0.0], "reference.step_time": 0.0, "reference.bandwidth": 20.0}
 NUMPY_CHUNK = 100
 OWN_LAW = "gsta from a user's file"
+OWN_DRAG = """
+from dataclasses import dataclass
+import numpy as np
+from uvms_mj import Effect, setting
+
+@dataclass(frozen=True)
+class OwnDrag(Effect):
+    forward: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "N s^2/m^2", "coefficients along the axes")
+    backward: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "N s^2/m^2", "against them")
+    position: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m", "place in B")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        r = settings.position
+        v = given.nu_r[:3] + np.cross(given.nu_r[3:], r)
+        f = -np.where(v > 0.0, settings.forward, settings.backward) * np.abs(v) * v
+        tau[:3] = f
+        tau[3:] = np.cross(r, f)
+"""
+DRAG: dict[str, Any] = {"forward": [30.0, 20.0, 10.0], "backward": [40.0, 20.0, 10.0], "position": [0.2, 0.1, -0.1]}
 UNTIMED = "bare mj_step without MuJoCo's timers"
 
 
@@ -226,6 +249,36 @@ def elements(rounds: int) -> list[dict]:
             assert not subject.sim.divergence, name
             over = shortest[name] - shortest["ideal"]
             rows.append({"what": name, "control": rate, "us_a_step": shortest[name], "us_over_ideal": over})
+    return rows
+
+
+def effects(rounds: int) -> list[dict]:
+    """Time of a step with each effect of the water, and over that of a shipped drag."""
+    own = Path(tempfile.mkdtemp(), "own_drag.py")
+    own.write_text(OWN_DRAG)
+    water = {
+        "none": {},
+        "drag": {"drag": [DRAG]},
+        "a user's drag": {"effects": [{"name": f"{own}:OwnDrag", **DRAG}]},
+        "tether": {"tether.length": 20.0, "tether.position": DRAG["position"]},
+        "fin": {"fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.0]}]},
+    }
+    rows = []
+    for engine in ENGINES:
+        scenario = Scenario.load("push_wall", {"simulation.duration": 1e4})
+        sims = {name: Simulation(scenario.updated(keys), engine=engine) for name, keys in water.items()}
+        for sim in sims.values():
+            sim.step(10 * CHUNK)
+        np.testing.assert_array_equal(sims["drag"].signals.p_WB, sims["a user's drag"].signals.p_WB)
+        least = dict.fromkeys(sims, math.inf)
+        for _ in range(rounds):
+            for name, sim in sims.items():
+                start = time.process_time()
+                sim.step(10 * CHUNK)
+                least[name] = min(least[name], time.process_time() - start)
+        for name, seconds in least.items():
+            over = {"us_a_step": 1e5 * seconds / CHUNK, "ratio_to_drag": seconds / least["drag"]}
+            rows.append({"what": name, "engine": engine, **over})
     return rows
 
 
@@ -489,7 +542,26 @@ def starts(rounds: int) -> list[dict]:
 @click.option("--hour", is_flag=True, help="Measure the memory of a long run over one simulated hour.")
 @click.option("--elements", "only_elements", is_flag=True, help="Time only the elements of a real vehicle.")
 @click.option("--arm", "only_arm", is_flag=True, help="Time only the vehicle with five joints.")
-def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elements: bool, only_arm: bool) -> None:
+@click.option("--effects", "only_effects", is_flag=True, help="Time only the effects of the water.")
+def main(
+    rounds: int,
+    json_file: Path | None,
+    start: bool,
+    hour: bool,
+    only_elements: bool,
+    only_arm: bool,
+    only_effects: bool,
+) -> None:
+    water = [] if only_elements or only_arm else effects(rounds)
+    if water:
+        table = Table("effect of the water", "engine", "us per step", "x drag")
+        for row in water:
+            table.add_row(row["what"], row["engine"], f"{row['us_a_step']:.3f}", f"{row['ratio_to_drag']:.3f}")
+        Console().print(table)
+    if only_effects:
+        if json_file:
+            json_file.write_text(json.dumps({"effects": water}, indent=2) + "\n")
+        return
     joints = [] if only_elements else arm(rounds)
     if joints:
         table = Table("five joints", "state", "us per step", "x bare", "x gsta")
@@ -564,6 +636,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elem
         Console().print(table)
     if json_file:
         figures = {
+            "effects": water,
             "arm": joints,
             "elements": real,
             "steps": steps,

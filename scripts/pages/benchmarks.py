@@ -21,6 +21,8 @@ def numbers(folder: str) -> Iterator[tuple]:
     yield "| the whole loop as NumPy code, times ours | {} | {} |", *ratios("steps", "gsta in NumPy", "gsta")
     yield "at the tool of five joints, times bare | {} | {} |", *ratios("arm", "gsta at the tool", "bare")
     yield "| the same loop as NumPy code, times ours | {} | {} |", *ratios("arm", "gsta in NumPy", "gsta")
+    water = {(row["what"], row["engine"]): row["ratio_to_drag"] for row in found["effects"]}
+    yield "times the same drag of `[[drag]]` | {} |", (water["a user's drag", "free_body"], 0.03)
     yield "| a log at 1 kHz of 20 s | {} MB |", found["logs"][0]["MB"]
     memory = found["long_run"]
     yield "over that of 20 s | {} |", (memory["peak_MB"] / memory["peak_MB_of_20_s"], 0.01)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj import Effect, Scenario, Simulation, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.physics.frames import BODY
+from uvms_mj.stages.signals import CLOCK
 
 FILE = '''
 from dataclasses import dataclass
@@ -178,3 +180,46 @@ def test_the_plant_as_an_fmu_gives_it_the_contacts(own, tmp_path):
     trace = simulate(scenario, engine="free_body", log_rate="full")
     assert np.abs(trace.tau_Scrub).max() > 1.0
     np.testing.assert_array_equal(found["p_WB[3]"], trace.p_WB[: len(found), 2])
+
+
+READERS = """
+@dataclass(frozen=True)
+class Direct(Effect):
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.01 * np.sum(np.abs(given.{0}))
+
+def handed(record):
+    return np.sum(np.abs(record.{0}))
+
+@dataclass(frozen=True)
+class Handed(Effect):
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.01 * handed(given)
+
+@dataclass(frozen=True)
+class Renamed(Effect):
+    @staticmethod
+    def wrench(settings, state, record, state_dot, tau):
+        other = record
+        tau[:] = 0.01 * np.sum(np.abs(other.{0}))
+"""
+
+
+@pytest.mark.parametrize("at", [BODY, "horizontal_front_left"])
+@pytest.mark.parametrize("signal", [signal.name for signal in Effect.given() if signal not in CLOCK])
+def test_each_signal_is_there_however_an_effect_reads_it(tmp_path, signal, at):
+    """Signals that no effect reads are not filled. One that is handed on, or renamed, may be read."""
+    (tmp_path / "e.py").write_text(FILE + READERS.format(signal))
+    base = {"initial.position": [1.001, 0.0, 0.0], "initial.velocity": [0.1, 0.15, -0.05, 0.02, 0.0, 0.1]}
+    base |= {"wall.stiffness": 2e3, "current.speed": 0.2, "vehicle.model": "bluerov2_heavy"}
+    found = []
+    for name in ("Direct", "Handed", "Renamed"):
+        effects = [{"name": f"{tmp_path / 'e.py'}:{name}", "at": at}]
+        with Simulation(Scenario.load("push_wall", base | {"effects": effects}, "pid"), engine="free_body") as sim:
+            sim.step(20)
+            found.append((getattr(sim.signals, f"tau_{name}").copy(), sim.signals.p_WB.copy()))
+    assert found[0][0][0] != 0.0
+    for each in found[1:]:
+        assert all(np.array_equal(*pair) for pair in zip(each, found[0], strict=True))

@@ -36,6 +36,7 @@ from ..physics.frames import BODY, attitude, to_body
 from ..physics.kernels import kernel
 from ..physics.vehicle import VehicleLike
 from ..stages.base import Room, Stage, shared
+from ..stages.contract import signals_read
 from ..stages.setup import SetupLike
 from ..stages.signals import EFFECT_WRENCH, effect_given
 from .contacts import Carrier
@@ -118,8 +119,9 @@ def set_normal_forces(run, link, given):
     given.f_normal_W[:], given.tau_normal_B[:] = 0.0, 0.0
     for k in range(run.pair_count):
         pair = run.pairs[k]
-        carrier, contact, p_WC, tau = run.carriers[pair.carrier], pair.contact, run.true.p_WB, np.zeros(6)
+        carrier, contact, p_WC = run.carriers[pair.carrier], pair.contact, run.true.p_WB
         if contact.touching != 0 and carrier.link == link:
+            tau = np.zeros(6)
             if run.carried.shape[0] != 0:
                 p_WC = carrier.p_WC
             f_W = pair.f_n * contact.normal_W
@@ -129,28 +131,37 @@ def set_normal_forces(run, link, given):
 
 
 class Surroundings(Stage):
-    """The records ``given`` of effects."""
+    """The records ``given`` of effects, without those signals that take time and that no effect reads."""
 
     name = "surroundings"
     every_step = True
     room: ClassVar[Room] = Room("effects", "surroundings", effect_given, (EFFECT_WRENCH,))
 
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
+        """Whether some effect of the run may read a signal, by its name."""
+        read = frozenset[str]().union(*(signals_read(type(effect)) for effect in setup.scenario.effects))
+        return {signal.name: signal.name in read for signal in self.given()}
+
     @staticmethod
     def step(settings, run, given, state_dot, out):
         true = run.true
+        pressed = settings.f_normal_W or settings.tau_normal_B
+        posed = pressed or settings.p_WB or settings.quat_WB or settings.R_WB
         for k in range(run.around.shape[0]):
-            around, produced, link = run.around[k], run.commands.u_cmd, 0
+            around, R_WB, produced, link = run.around[k], true.R_WB, run.commands.u_cmd, 0
             if run.plant.effect_frames.shape[0] != 0:
                 at_frame(run, run.plant.effect_frames[k], around)
-                link = run.plant.effect_frames[k].link
+                R_WB, link = around.R_WB, run.plant.effect_frames[k].link
             else:
-                around.p_WB[:], around.quat_WB[:], around.nu[:] = true.p_WB, true.quat_WB, true.nu
-                around.R_WB[:] = true.R_WB
+                around.nu[:] = true.nu
+                if posed:
+                    around.p_WB[:], around.quat_WB[:], around.R_WB[:] = true.p_WB, true.quat_WB, true.R_WB
             around.v_c_W[:] = true.v_c_W
-            to_body(around.R_WB, true.v_c_W, around.nu_r)
+            to_body(R_WB, true.v_c_W, around.nu_r)
             around.nu_r[:3], around.nu_r[3:] = around.nu[:3] - around.nu_r[:3], around.nu[3:]
-            if run.pairs.shape[0] != 0:
+            if run.pairs.shape[0] != 0 and pressed:
                 set_normal_forces(run, link, around)
-            if run.ideal == 0:
-                produced = run.thrust
-            around.u[:] = np.minimum(run.high, np.maximum(run.low, produced))
+            if settings.u:
+                if run.ideal == 0:
+                    produced = run.thrust
+                around.u[:] = np.minimum(run.high, np.maximum(run.low, produced))

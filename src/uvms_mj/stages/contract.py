@@ -334,6 +334,22 @@ def _unknown_fields(cls: type[Any]) -> Iterator[str]:
         yield f"{file}, line {line}: {role} has no {word!r}; {_hint(cls, role, word, known)}"
 
 
+@functools.lru_cache(maxsize=256)
+def signals_read(cls: type[Any]) -> frozenset[str]:
+    """The names of the signals that a stage's function may read of what it is given: all, unless its text uses this
+    record by the names of signals alone, and hands it to nothing else."""
+    every = frozenset(signal.name for signal in cls.given())
+    try:
+        tree: Any = function_tree(cls.function())[0]
+        given = [*tree.args.posonlyargs, *tree.args.args][2].arg
+    except (OSError, TypeError, SyntaxError, IndexError):  # typed at a prompt, or machine code of the user's
+        return every
+    nodes = list(ast.walk(tree))
+    uses = [node for node in nodes if isinstance(node, ast.Name) and node.id == given]
+    read = [node.attr for node in nodes if isinstance(node, ast.Attribute) and node.value in uses]
+    return frozenset(read) if len(read) == len(uses) and every.issuperset(read) else every
+
+
 def _hint(cls: type[Any], role: str, word: str, known: list[str]) -> str:
     settings, _, given, *_ = cls.room.arguments
     if role == "signals" and word in {signal.name for signal in signals.TRUTH}:

@@ -25,6 +25,7 @@ from ...stages.base import Stage
 from ...stages.signals import (
     BAND,
     BANDED,
+    CLOCK,
     DELAYED,
     FINAL_WINDOW_S,
     IN_TASK_FRAME,
@@ -42,6 +43,7 @@ from ...stages.signals import (
     band_signals,
     contact_signals,
     deflection_signal,
+    effect_given,
     tether_signals,
     thruster_signal,
 )
@@ -241,6 +243,8 @@ class RunMemory:
         real = setup.scenario.thrusters.runs
         run["ideal"], run["believed"] = not real, real or not np.array_equal(vehicle.B, nominal.B)
         place_carriers(run["carriers"][0], setup.contacts.carriers)
+        for signal in effect_given(0)[len(CLOCK) :]:
+            run["around"][signal.name] = np.nan  # until it is filled, so that none is read that is not
         if self.shape.own_frames:
             frames = [effect.carrier(vehicle) for effect in setup.scenario.effects]
             place_carriers(run["plant"]["effect_frames"][0], frames)
