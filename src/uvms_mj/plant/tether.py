@@ -107,7 +107,7 @@ class Tether(EffectTable):
         if self.length == 0.0:
             yield Fault("length", "a tether with elements needs a length")
             return
-        if world.joints:
+        if world.links:
             wrong = "the pull of a tether with elements is not computed for a vehicle with joints; set it to 0"
             yield Fault("elements", wrong)
             return

@@ -404,7 +404,7 @@ def _face(table: Pad | NearWall, world: World) -> tuple[Any, tuple[float, ...]]:
     return table.point, _unit(table.normal)
 
 
-def _unit(vector: tuple[float, float, float]) -> tuple[float, ...]:
+def _unit(vector: tuple[float, ...]) -> tuple[float, ...]:
     length = math.hypot(*vector)
     return tuple(x / length for x in vector)
 
