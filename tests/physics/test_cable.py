@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.special import j0
 
 import uvms_mj.engine.native.compilation  # noqa: F401  # machine code for called_on
@@ -509,3 +510,14 @@ def test_joints_and_attach_are_refused():
     model, data = load(TwinParameters())
     with pytest.raises(InputError, match=r"tether: moves from step to step of a run"):
         attach(model, data, tether=Tether(length=3.0, elements=4))
+
+
+@pytest.mark.parametrize("over", [0.64, 1.05])
+def test_a_long_and_nearly_neutral_cable_begins_as_a_catenary(over):
+    """76 m between ends 26 m apart in still water, lighter and hardly heavier than it: its rest takes minutes."""
+    far = {"tether.anchor": [-26.0, 0.0, 0.0], "tether.length": 76.0, "tether.elements": 40, "current.speed": 0.0}
+    setup = set_up(Scenario.load("push_wall", far | {"tether.mass": over * NEUTRAL}))
+    a = brentq(lambda a: 2.0 * a * math.sinh(13.0 / a) - 76.0, 2.0, 100.0)
+    sag = a * (math.cosh(13.0 / a) - 1.0)
+    middle = setup.effects["nodes"]["start"][0][20]
+    np.testing.assert_allclose(middle, [-13.0, 0.0, sag if over < 1.0 else -sag], atol=2e-3 * 76.0)

@@ -23,8 +23,9 @@ _OF_ELEMENTS = {
     "floor": None,
 }
 """The defaults of the keys that a tether with elements alone has."""
-_STEP, _MOST_STEPS = 0.02, 4000
-"""Time step [s] and steps in which a cable goes to its rest before a run."""
+_SHARE, _LEAST, _MOST_STEPS = 1.0 / 30.0, 1e-4, 10_000
+"""Time step over the time that the load takes for the cable's length, least acceleration by the load [m/s^2], and most
+steps, in which a cable goes to its rest before a run."""
 _PLACES, _SWINGS = 101, 9
 """Places along the anchor's way, and along its sine."""
 
@@ -173,11 +174,14 @@ def _rest(tether: Tether, end: bytes, flow: bytes, gravity: float, walls: bytes)
     end_W, flow_W, anchor, n = np.frombuffer(end), np.frombuffer(flow), np.array(tether.anchor), tether.elements + 1
     cable, state = np.zeros(1, CABLE), np.zeros(1, cable_state(n))
     nodes = np.zeros(1, np.dtype([("nodes", NODE, (n,))]))
-    cable[0] = tether.cable_numbers(_STEP, 1e9 * np.eye(3))  # held
+    cable[0] = tether.cable_numbers(1.0, 1e9 * np.eye(3))  # held
     cable["r"], cable["velocity"], cable["amplitude"] = 0.0, 0.0, 0.0
     weight = np.array([0.0, 0.0, -gravity])
     load = (cable["mass"][0] - cable["displaced"][0]) * weight
     load = load + cable["drag_across"][0] * np.linalg.norm(flow_W) * flow_W
+    # of the time in which the load moves an element by the cable's length
+    acceleration = float(np.linalg.norm(load)) / (cable["mass"][0] + cable["added"][0])
+    cable["timestep"] = _SHARE * math.sqrt(tether.length / max(acceleration, _LEAST))
     nodes["nodes"]["start"][0] = _bent(anchor, end_W, tether.length, load, n)
     flows = np.zeros((n, 6))
     flows[:, :3] = flow_W
