@@ -5,7 +5,7 @@ python examples/two_vehicles.py
 
 import mujoco
 
-from uvms_mj import attach
+from uvms_mj import Current, attach
 from uvms_mj.files import shipped
 
 CURRENT_W = (0.2, 0.1, 0.0)
@@ -27,8 +27,8 @@ def drift(seconds: float) -> mujoco.MjData:
     model = world()
     data = mujoco.MjData(model)
     with (
-        attach(model, data, "bluerov2_heavy/bluerov2_heavy", current_W=CURRENT_W),
-        attach(model, data, "lauv/lauv", current_W=CURRENT_W),
+        attach(model, data, "bluerov2_heavy/bluerov2_heavy", current=Current.of(CURRENT_W)),
+        attach(model, data, "lauv/lauv", current=Current.of(CURRENT_W)),
     ):
         mujoco.mj_step(model, data, round(seconds / model.opt.timestep))
     return data

@@ -83,6 +83,48 @@ KEEL = {
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    keel: Keel = Keel()\n"),
     ],
 }
+ROTOR = {
+    "physics/effects.py": [
+        ('    "drag": DRAG,\n', '    "drag": DRAG,\n    "rotor": ROTOR,\n'),
+        ("PRODUCT = np.dtype(", 'ROTOR = np.dtype([("c", "f8"), ("lag", "f8")], align=True)\nPRODUCT = np.dtype('),
+        ('= {"fins": lambda nodes: "f8", ', '= {"rotor": lambda nodes: "f8", "fins": lambda nodes: "f8", '),
+        (
+            "    for k in range(effects.products.shape[0]):",
+            "    for k in range(effects.rotor.shape[0]):\n"
+            "        tau[0] -= effects.rotor[k].c * abs(effects.rotor_state[k]) * effects.rotor_state[k]\n"
+            "    for k in range(effects.products.shape[0]):",
+        ),
+        (
+            "            effects.fins_state[k] = deflected(",
+            "            pass\n"
+            "    for k in range(effects.rotor.shape[0]):\n"
+            "        effects.rotor_state[k] += h / effects.rotor[k].lag * (nu_r[0] - effects.rotor_state[k])\n"
+            "    for k in range(effects.fins.shape[0]):\n"
+            "        if effects.fins[k].limit > 0.0:\n"
+            "            effects.fins_state[k] = deflected(",
+        ),
+    ],
+    "plant/water.py": [
+        (
+            "EFFECT_TABLES: dict",
+            "@dataclass(frozen=True, config=STRICT)\n"
+            "class Rotor(EffectTable):\n"
+            '    c: _OneDrag = doc("drag over the square of the inflow [N s^2/m^2]", 0.0)\n'
+            '    lag: float = doc("of the inflow [s]", 0.5)\n\n'
+            "    def records(self, world: World) -> list[tuple]:\n"
+            "        return [(self.c, self.lag)] if self.c > 0.0 else []\n\n\n"
+            "EFFECT_TABLES: dict",
+        ),
+        ('    "drag": Drag,\n', '    "drag": Drag,\n    "rotor": Rotor,\n'),
+    ],
+    "scenario.py": [
+        (
+            "import Current, Disturbance, Drag, Fin, NearWall, Pad",
+            "import Current, Disturbance, Drag, Fin, NearWall, Pad, Rotor",
+        ),
+        ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    rotor: Rotor = Rotor()\n"),
+    ],
+}
 RUN = """
 import json, sys
 from uvms_mj import Scenario, simulate
@@ -96,6 +138,7 @@ for changes, engine in json.loads(sys.argv[1]):
     at_rest = getattr(trace.analytic, "reason", None) or [trace.analytic.force, *trace.analytic.position]
     p_WB, nu, push = (getattr(trace, name)[-1].tolist() for name in ("p_WB", "nu", "push"))
     found.append({"p_WB": p_WB, "nu": nu, "push": push, "rest": at_rest})
+    found[-1] |= {"x": [trace.nu[:20, 0].tolist(), trace.tau_dist[:20, 0].tolist()]}
 print(json.dumps(found))
 """
 
@@ -164,3 +207,21 @@ def test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table(tmp_path):
             np.testing.assert_allclose(own[name], shipped[name], rtol=0.0, atol=1e-10)
         assert np.abs(np.subtract(own["p_WB"], without["p_WB"])).max() > 1e-4
         np.testing.assert_allclose(own["p_WB"], own["rest"][1:], rtol=0.0, atol=1e-5)
+
+
+def test_an_effect_with_a_state_is_the_same_and_a_line_that_advances_it(tmp_path):
+    """An inflow that lags behind the velocity in the water: its drag follows from the velocities of the run. Nothing
+    says that its state advances, and no closed form takes it for constant."""
+    base = {"simulation.timestep": 1e-3, "simulation.duration": 0.03, "current.speed": 0.0}
+    rotor = base | {"rotor.c": 60.0, "rotor.lag": 0.05, "initial.velocity": [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    *both, without = run_with(tmp_path, [(rotor, "free_body"), (rotor, "mujoco"), (base, "free_body")], ROTOR)
+    for run in both:
+        velocity, force = np.array(run["x"])
+        inflow = np.zeros(len(velocity))
+        for k in range(len(velocity) - 1):
+            inflow[k + 1] = inflow[k] + 1e-3 / 0.05 * (velocity[k] - inflow[k])
+        np.testing.assert_allclose(force, -60.0 * inflow**2, rtol=1e-12, atol=1e-15)
+        assert force[-1] < -1.0
+        assert run["rest"] == "closed forms do not know where rotor moves"
+    np.testing.assert_allclose(both[0]["nu"], both[1]["nu"], rtol=0.0, atol=1e-9)
+    assert isinstance(without["rest"], list)

@@ -11,7 +11,7 @@ import pytest
 
 from law_files import law_file, one_liner
 from page_numbers import page
-from uvms_mj import Scenario, attach, simulate
+from uvms_mj import Current, Scenario, attach, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.files import shipped
 
@@ -171,7 +171,7 @@ def test_two_vehicles_in_one_model_drift_as_each_alone():
     alone.opt.timestep = data.model.opt.timestep
     one = mujoco.MjData(alone)
     one.qpos[1] = 0.5
-    with attach(alone, one, current_W=both["CURRENT_W"]):
+    with attach(alone, one, current=Current.of(both["CURRENT_W"])):
         mujoco.mj_step(alone, one, round(60.0 / alone.opt.timestep))
     assert np.array_equal(data.qpos[:7], one.qpos)
     assert np.array_equal(data.qvel[:6], one.qvel)

@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import click
 import numpy as np
@@ -24,7 +25,7 @@ from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.setup import checks
 from uvms_mj.setup.base import set_up
 from uvms_mj.stages.base import Room, Stage, setting
-from uvms_mj.stages.signals import CLOCK, REFERENCE, Signal
+from uvms_mj.stages.signals import CLOCK, MEASURED, REFERENCE, Signal
 from uvms_mj.views.figures import style
 
 TESTS = Path(__file__).parent
@@ -281,6 +282,33 @@ def test_a_stage_of_the_loop_is_a_class_and_a_place(monkeypatch, engine):
     after = simulate(before.scenario, engine=engine, log_rate="full")
     assert np.array_equal(after.p_d, before.p_d + np.array([0.0, 0.0, 0.25]))
     assert np.allclose(after.eta_e[0] - before.eta_e[0], [0.0, 0.0, -0.25, 0.0, 0.0, 0.0], atol=1e-15)
+
+
+@ships
+@dataclass(frozen=True)
+class Mean(Stage):
+    """A second estimator: the mean motion. Its result is its state alone, and it sets nothing."""
+
+    name = "mean"
+    states: ClassVar = {"nu_mean": 6}
+    room = Room("navigation", "mean", lambda thrusters: CLOCK + MEASURED, ())
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        state_dot.nu_mean[:] = given.nu - state.nu_mean
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_stage_whose_states_are_its_results_sets_nothing(monkeypatch, engine):
+    place = pipeline.Place(
+        "mean", "always", lambda setup: Mean(), pipeline._signals(CLOCK + MEASURED), pipeline._signals(())
+    )
+    monkeypatch.setattr(pipeline, "INSTANT", (*pipeline.INSTANT[:5], place, *pipeline.INSTANT[5:]))
+    run = simulate(Scenario.load("push_wall", SHORT | {"initial.velocity": [0.1] * 6}), engine=engine, log_rate="full")
+    mean = np.zeros(6)
+    for k in range(len(run.t)):
+        assert run.nu_mean[k] == pytest.approx(mean, abs=1e-15)
+        mean += 1e-3 * (run.nu[k] - mean)
 
 
 def test_a_command_is_a_function_that_is_added(monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters
-from uvms_mj import InputError, Scenario, attach
+from uvms_mj import Current, InputError, Scenario, attach
 from uvms_mj.engine.simulation import Simulation
 from vehicles import load, place, random_parameters, vehicle_xml, water_of
 
@@ -41,7 +41,7 @@ def test_two_simulations_in_two_threads_are_each_as_alone():
 
 def test_the_other_body_feels_no_water():
     model, data = load(STILL, crowded=True)
-    with attach(model, data, "rov", current_W=(1.0, 0.0, 0.0)):
+    with attach(model, data, "rov", current=Current.of((1.0, 0.0, 0.0))):
         mujoco.mj_step(model, data, 100)
     assert np.isclose(data.qvel[2], -9.81 * 100 * model.opt.timestep)
     assert np.array_equal(data.qvel[:2], [0.0, 0.0])
@@ -50,7 +50,7 @@ def test_the_other_body_feels_no_water():
 def test_detaching_leaves_nothing_behind():
     model, data = load(STILL)
     dry = mujoco.MjData(model)
-    attachment = attach(model, data, current_W=(0.5, 0.0, 0.0))
+    attachment = attach(model, data, current=Current.of((0.5, 0.0, 0.0)))
     mujoco.mj_step(model, data, 10)
     assert data.qfrc_passive.any()
     attachment.detach()
@@ -189,9 +189,10 @@ def test_the_water_acts_where_passive_forces_are_disabled_and_where_a_stage_is_s
 def test_the_current_can_be_changed_and_nothing_else_is_accepted():
     model, data = load(STILL)
     with attach(model, data) as attachment:
-        attachment.current_W = (0.3, -0.2, 0.1)
+        current = Current.of((0.3, -0.2, 0.1))
+        attachment.current_W = current.velocity_W
         other, other_data = load(STILL)
-        with attach(other, other_data, current_W=(0.3, -0.2, 0.1)):
+        with attach(other, other_data, current=current):
             for each_model, each in ((model, data), (other, other_data)):
                 mujoco.mj_step(each_model, each, 100)
         assert np.array_equal(data.qpos, other_data.qpos)
@@ -224,8 +225,8 @@ def test_dm_control_can_step_the_vehicle():
     model, data = load(STILL)
     current_W = (0.3, 0.1, 0.0)
     with (
-        attach(physics.model.ptr, physics.data.ptr, current_W=current_W),
-        attach(model, data, current_W=current_W),
+        attach(physics.model.ptr, physics.data.ptr, current=Current.of(current_W)),
+        attach(model, data, current=Current.of(current_W)),
     ):
         physics.reset()
         mujoco.mj_forward(physics.model.ptr, physics.data.ptr)  # dm_control resets with actuation disabled

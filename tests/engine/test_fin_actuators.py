@@ -128,7 +128,7 @@ def test_where_it_is_not_known_it_is_refused_by_name():
     assert "do not know where fins[0] moves" in str(trace.analytic)
     model = mujoco.MjModel.from_xml_path(str(Path(__file__).parents[2] / "models" / "lauv.xml"))
     fins = [Fin(0.01, (0.0, 0.0, 0.0)), Fin(0.01, (0.0, 0.0, 0.0), mixing_deg=(0.0,) * 5 + (1.0,))]
-    with pytest.raises(InputError, match=r"fins\[1\]: moves from step to step.*leave mixing_deg or elements out"):
+    with pytest.raises(InputError, match=r"fins\[1\]: moves from step to step.*a fin without mixing_deg"):
         attach(model, mujoco.MjData(model), fins=fins)
     with pytest.raises(InputError, match=r"fins\[0\].*lag, rate_deg of an actuator, which a fin has with mixing_deg"):
         Scenario.load("push_wall", {"fins": [{"area": 0.01, "position": [0.0] * 3, "lag": 0.2, "rate_deg": 9.0}]})

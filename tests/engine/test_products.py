@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from twin import C_A, C_RB, M_RB, D, TwinParameters
-from uvms_mj import Scenario, Simulation, attach, simulate
+from uvms_mj import Current, Scenario, Simulation, attach, simulate
 from uvms_mj.control.base import SteadyState
 from uvms_mj.engine.fleet import Fleet
 from uvms_mj.engine.water_plugin import write_plugin
@@ -42,7 +42,7 @@ def test_their_wrench_is_that_of_their_names_at_the_velocity_in_the_water(seed):
     for text in ("", text_of(products)):
         model, data = load(parameters, products=text)
         place(model, data, nu=nu)
-        with attach(model, data, current_W=parameters.v_c_W) as attachment:
+        with attach(model, data, current=Current.of(parameters.v_c_W)) as attachment:
             mujoco.mj_forward(model, data)
             wrenches.append(attachment.wrench)
     nu_r = nu - np.r_[parameters.v_c_W, np.zeros(3)]

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from twin import C_A, C_RB, M_RB, D, TwinParameters, rotation
-from uvms_mj import Current, Disturbance, Drag, Fin, InputError, Scenario, Simulation, Tether, attach, simulate
+from uvms_mj import Current, Drag, Fin, InputError, Scenario, Simulation, Tether, attach, simulate
 from uvms_mj.control.base import SteadyState
 from uvms_mj.physics.effects import FIN, fin_coefficients
 from uvms_mj.physics.kernels import record_of
@@ -267,7 +267,7 @@ def test_the_wrench_of_a_tether_acts_at_its_attachment_against_its_velocity_in_t
         model, data = load(parameters)
         place(model, data, nu=nu)
         tether = Tether(length=length, position=tuple(r_t))
-        with attach(model, data, current_W=parameters.v_c_W, tether=tether) as attachment:
+        with attach(model, data, current=Current.of(parameters.v_c_W), tether=tether) as attachment:
             mujoco.mj_forward(model, data)
             wrenches.append(attachment.wrench)
     w = np.asarray(parameters.v_c_W) - nu[:3] - np.cross(nu[3:], r_t)
@@ -308,7 +308,7 @@ def test_the_wrench_of_fins_is_that_of_plates_and_takes_energy_out(seed):
     for each in ((), fins):
         model, data = load(parameters)
         place(model, data, nu=nu)
-        with attach(model, data, current_W=parameters.v_c_W, fins=each) as attachment:
+        with attach(model, data, current=Current.of(parameters.v_c_W), fins=each) as attachment:
             mujoco.mj_forward(model, data)
             wrenches.append(attachment.wrench)
     expected = np.zeros(6)
@@ -379,7 +379,7 @@ def test_the_wrench_of_drag_acts_at_its_place_by_direction(seed):
     for each in ((), drag):
         model, data = load(parameters)
         place(model, data, nu=nu)
-        with attach(model, data, current_W=parameters.v_c_W, drag=each) as attachment:
+        with attach(model, data, current=Current.of(parameters.v_c_W), drag=each) as attachment:
             mujoco.mj_forward(model, data)
             wrenches.append(attachment.wrench)
     expected = np.zeros(6)
@@ -526,8 +526,6 @@ def test_water_that_the_time_step_does_not_resolve_is_refused():
     model, data = load(STILL)
     with pytest.raises(InputError, match=r"current.frequency_hz\[2\]"):
         attach(model, data, current=Current(amplitude=(0.0, 0.0, 1.0), frequency_hz=(0.0, 0.0, 1e4)))
-    with pytest.raises(InputError, match="bias: is given by disturbance already"):
-        attach(model, data, bias=[1.0] * 6, disturbance=Disturbance())
     with pytest.raises(InputError, match=r"(?s)current: \(1, 0, 0\) is not a uvms_mj.Current.*seed: -1 is not"):
         attach(model, data, current=(1, 0, 0), seed=-1)
     assert mujoco.get_mjcb_control() is None

@@ -60,7 +60,8 @@ def test_the_current_is_an_attribute(exported, tmp_path):
     model, mjcf = mujoco.MjModel.from_xml_path(str(path)), Mjcf.find("bluerov1")
     other = mjcf.compiled(mjcf.spec())
     data, attached = mujoco.MjData(model), mujoco.MjData(other)
-    with attach(other, attached, current_W=(0.3, -0.1, 0.05)):
+    with attach(other, attached) as attachment:
+        attachment.current_W = (0.3, -0.1, 0.05)
         for its_model, its_data in ((model, data), (other, attached)):
             mujoco.mj_step(its_model, its_data, 500)
         np.testing.assert_array_equal(data.qpos, attached.qpos)

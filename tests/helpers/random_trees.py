@@ -7,7 +7,7 @@ import numpy as np
 
 from tree_twin import Rigid, TwinBody, TwinTree, turn
 from twin import Array, rotation
-from vehicles import dissipative
+from vehicles import dissipative, in_water
 
 
 def random_rotation(rng: np.random.Generator) -> Array:
@@ -180,12 +180,7 @@ def load_tree(tree: TwinTree, **options) -> tuple[mujoco.MjModel, mujoco.MjData]
 
 def water_of_tree(tree: TwinTree) -> dict:
     """Arguments of attach() for current and disturbance."""
-    return {
-        "current_W": tree.v_c_W,
-        "bias": tree.disturbance_bias,
-        "amplitude": tree.disturbance_amplitude,
-        "frequency_hz": tree.disturbance_frequency_hz,
-    }
+    return in_water(tree.v_c_W, tree.disturbance_bias, tree.disturbance_amplitude, tree.disturbance_frequency_hz)
 
 
 def place_tree(data, state: tuple[Array, Array, Array, Array], joint: int = 0, dof: int = 0) -> None:

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from twin import TwinParameters, skew
+from uvms_mj import Current, Disturbance
 
 _MOTORS = np.eye(6)
 
@@ -77,12 +78,18 @@ def load(parameters: TwinParameters, **options) -> tuple[mujoco.MjModel, mujoco.
 
 def water_of(parameters: TwinParameters) -> dict:
     """Arguments of attach() for current and disturbance."""
-    return {
-        "current_W": parameters.v_c_W,
-        "bias": parameters.disturbance_bias,
-        "amplitude": parameters.disturbance_amplitude,
-        "frequency_hz": np.broadcast_to(parameters.disturbance_frequency_hz, 6),
-    }
+    return in_water(
+        parameters.v_c_W,
+        parameters.disturbance_bias,
+        parameters.disturbance_amplitude,
+        parameters.disturbance_frequency_hz,
+    )
+
+
+def in_water(v_c_W, bias, amplitude, frequency_hz) -> dict:
+    """Arguments of attach() for a constant current (3,) in W and a disturbance (6,)."""
+    six = (tuple(np.broadcast_to(each, 6).astype(float).tolist()) for each in (bias, amplitude, frequency_hz))
+    return {"current": Current.of(v_c_W), "disturbance": Disturbance(*six)}
 
 
 def place(model, data, position=(0, 0, 0), quat=(1, 0, 0, 0), nu=(0,) * 6) -> None:

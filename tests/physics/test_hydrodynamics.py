@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from twin import TwinParameters, matrix_acceleration, rotation
-from uvms_mj import attach
+from uvms_mj import Current, attach
 from uvms_mj.physics.hydrodynamics import factor
 from vehicles import load, place, random_parameters, state, water_of
 
@@ -118,7 +118,7 @@ def test_terminal_speed_under_constant_thrust():
 def test_a_neutral_vehicle_drifts_with_the_current():
     v_c = np.array([0.3, -0.2, 0.1])
     model, data = load(replace(STILL, timestep=5e-3))
-    with attach(model, data, current_W=v_c):
+    with attach(model, data, current=Current.of(v_c)):
         mujoco.mj_step(model, data, 80_000)
     _, quat, nu = state(model, data)
     assert np.allclose(rotation(quat) @ nu[:3], v_c, atol=1e-6)

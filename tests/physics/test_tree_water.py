@@ -23,7 +23,7 @@ from random_trees import (
 )
 from tree_twin import Rigid, TwinBody, acceleration, inertia, momentum_W, motion
 from twin import rotation
-from uvms_mj import attach
+from uvms_mj import Current, attach
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -162,7 +162,7 @@ def test_isotropic_added_mass_is_a_point_mass_welded_to_the_link():
         model, data = load_tree(replace(tree, bodies=bodies))
         place_tree(data, random_state(tree, 4, rate=1.0))
         data.ctrl[:] = np.random.default_rng(5).normal(size=11) * 3.0
-        with attach(model, data, "rov", current_W=(0.3, -0.2, 0.1)):
+        with attach(model, data, "rov", current=Current.of((0.3, -0.2, 0.1))):
             mujoco.mj_step(model, data, 400)
         reached.append(np.r_[data.qpos, data.qvel])
     assert np.abs(reached[0] - reached[1]).max() < 1e-9 * np.abs(reached[0]).max()
@@ -174,7 +174,7 @@ def test_a_neutral_arm_drifts_with_the_current():
     model, data = load_tree(of_bodies(tree, lambda body: replace(body, damping=0.5)), timestep=5e-3)
     v_c = np.array([0.3, -0.2, 0.1])
     place_tree(data, random_state(tree, 6, rate=0.5))
-    with attach(model, data, "rov", current_W=v_c):
+    with attach(model, data, "rov", current=Current.of(v_c)):
         mujoco.mj_step(model, data, 40_000)
     assert np.allclose(data.qvel, [*v_c, *np.zeros(7)], rtol=0.0, atol=1e-6)
 
@@ -189,7 +189,7 @@ def test_motion_in_a_current_is_motion_in_still_water_seen_from_the_water():
         model, data = load_tree(tree)
         place_tree(data, (p, quat, q, velocity))
         data.ctrl[:] = np.random.default_rng(8).normal(size=11) * 2.0
-        with attach(model, data, "rov", current_W=current):
+        with attach(model, data, "rov", current=Current.of(current)):
             mujoco.mj_step(model, data, 500)
         data.qpos[:3] -= current * data.time
         data.qvel[:3] -= current

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -128,20 +127,14 @@ def test_gusts_after_a_reset_are_those_of_a_new_run(over):
                 assert np.array_equal(sim.signals.tau_dist, fresh.signals.tau_dist)
 
 
-def test_a_table_is_that_of_attach_and_of_its_short_form():
-    """A vehicle's wrench by current_W, bias, amplitude and frequency_hz, and by the tables."""
-    wrenches, bias, amplitude, f = [], np.arange(6.0), np.ones(6), np.full(6, 0.3)
-    disturbance = Disturbance(bias=tuple(bias), amplitude=tuple(amplitude), frequency_hz=tuple(f))
-    for given in (
-        {"current_W": (0.0, 0.0, 0.2), "bias": bias, "amplitude": amplitude, "frequency_hz": f},
-        {"current": Current(speed=0.0, vertical=0.2), "disturbance": disturbance, "tether": Tether()},
-    ):
-        model, data = load(TwinParameters())
-        with attach(model, data, **given) as attachment:
-            data.time = 0.7
-            mujoco.mj_forward(model, data)
-            wrenches.append(attachment.wrench)
-    assert np.array_equal(*wrenches)
+def test_a_current_of_a_vector_is_this_vector(rng):
+    """To a rounding of its speed; and a tether without length, in attach, is none."""
+    model, data = load(TwinParameters())
+    for v_c_W in (*rng.normal(size=(20, 3)), np.zeros(3), np.array([-0.3, 0.0, 0.2])):
+        with attach(model, data, current=Current.of(v_c_W), tether=Tether()) as attachment:
+            assert np.abs(attachment.current_W - v_c_W).max() <= 4e-16 * np.linalg.norm(v_c_W)
+    with pytest.raises(ValueError, match="unpack"):
+        Current.of((0.1, 0.2))
 
 
 def test_attach_refuses_two_currents_and_a_disturbance_that_a_scenario_refuses():
@@ -149,11 +142,9 @@ def test_attach_refuses_two_currents_and_a_disturbance_that_a_scenario_refuses()
     with pytest.raises(InputError, match=r"current: .* is not a uvms_mj.Current"):
         attach(model, data, current=[Current(), Current()])
     with pytest.raises(InputError, match=r"disturbance.frequency_hz\[0\]: .*half the step rate"):
-        attach(model, data, amplitude=[1.0] * 6, frequency_hz=[1e5] * 6)
-    with pytest.raises(InputError, match=r"bias.*must be from"):
-        attach(model, data, bias=[1e9, 0.0, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="current_W: is given by current already"):
-        attach(model, data, current=Current(), current_W=(0.1, 0.0, 0.0))
+        attach(model, data, disturbance=Disturbance(amplitude=(1.0,) * 6, frequency_hz=(1e5,) * 6))
+    with pytest.raises(InputError, match=r"current_W: is no effect of the water.*did you mean 'current'"):
+        attach(model, data, current_W=(0.1, 0.0, 0.0))
 
 
 def test_the_mean_water_is_the_mean_with_shear_and_the_last_row():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters, matrix_acceleration, rotation
-from uvms_mj import attach
+from uvms_mj import Current, attach
 from uvms_mj.physics.frames import body_acceleration, quat_from_euler_deg
 from uvms_mj.plant.dissipation import damping_notes
 from vehicles import load, place, vehicle_xml
@@ -108,7 +108,7 @@ def test_accelerations_are_those_of_the_python_vehicle_simulator():
             quat_from_euler_deg(roll, -pitch, -yaw),
             FLIP_6 @ x["nu"],
             FLIP_6 @ x["tau"],
-            current_W=FLIP @ x["v_c_n"],
+            current=Current.of(FLIP @ x["v_c_n"]),
         )
         errors.append(np.linalg.norm(FLIP_6 @ ours - x["nu_dot"]) / np.linalg.norm(x["nu_dot"]))
     assert max(errors) <= 1e-12
@@ -142,7 +142,7 @@ def test_lauvs_cross_damping_is_that_of_the_matrix_equation(rng):
     for _ in range(200):
         quat, nu, tau = rng.normal(size=4), rng.normal(size=6) * [1.5, 0.5, 0.5, 0.5, 0.5, 0.5], rng.normal(size=6) * 10
         quat /= np.linalg.norm(quat)
-        ours = nu_dot(parameters, quat, nu, tau, current_W=parameters.v_c_W)
+        ours = nu_dot(parameters, quat, nu, tau, current=Current.of(parameters.v_c_W))
         expected, without = (
             matrix_acceleration(each, np.zeros(3), quat, nu, tau, 0.0)[[1, 2, 4, 5]] for each in (parameters, diagonal)
         )

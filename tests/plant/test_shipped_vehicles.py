@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from twin import TwinParameters, matrix_acceleration, rotation
-from uvms_mj import Scenario, attach, simulate
+from uvms_mj import Current, Scenario, attach, simulate
 from uvms_mj.files import shipped
 from uvms_mj.plant.dissipation import damping_notes
 from uvms_mj.plant.mjcf import Mjcf
@@ -116,7 +116,7 @@ def state_after(
     data = mujoco.MjData(model)
     R_WB = rotation(start[3:7])
     data.qpos[:], data.qvel[:3], data.qvel[3:] = start[:7], R_WB @ start[7:10], start[10:]
-    with attach(model, data, current_W=current):
+    with attach(model, data, current=Current.of(current)):
         mujoco.mj_step(model, data, round(duration / h))
     return np.concatenate([data.qpos, rotation(data.qpos[3:7]).T @ data.qvel[:3], data.qvel[3:]])
 

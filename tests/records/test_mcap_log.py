@@ -14,6 +14,7 @@ from mcap.records import Statistics
 
 from recorded import decoded, same
 from uvms_mj import McapLog, Scenario, Status, Trace, simulate
+from uvms_mj.physics.surfaces import SHAPES
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
 from uvms_mj.stages.signals import RUNNING
@@ -222,6 +223,27 @@ def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
     same(trace, loaded)
     for i, name in enumerate(states):
         np.testing.assert_allclose(loaded[name][-1], 0.05 * (i + 1))
+
+
+SIZES = {"radius": 0.2, "length": 0.5, "edges": [0.4, 0.5, 0.6]}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_wall_of_each_shape_is_in_the_log(tmp_path, name):
+    """With the length across the x of its attitude; a capsule is a cylinder and two spheres about its ends."""
+    size = {key: SIZES[key] for key in SHAPES[name].keys}
+    wall = {"shape": name, "position": [1.5, 0.2, 0.0], "attitude_deg": [0.0, 0.0, 30.0]} | size
+    bodies = [{"position": [0.1, 0.0, 0.0], "radius": 0.05}]
+    own = {"wall.present": False, "walls": [wall], "vehicle.contact_bodies": bodies, "simulation.duration": 0.01}
+    simulate(Scenario.load("push_wall", own)).save(tmp_path / "run.mcap")
+    ((_, message),) = decoded(tmp_path / "run.mcap")["/markers/surroundings"]
+    walls = [marker for marker in message.markers if marker.ns == "wall"]
+    assert len({marker.id for marker in walls}) == len(walls) == (3 if name == "capsule" else 1)
+    middle = np.mean([xyz(marker.pose.position) for marker in walls], axis=0)
+    if name != "plane":  # whose plate lies behind its face
+        assert np.allclose(middle, wall["position"], atol=1e-12)
+        widths = [marker.scale.x for marker in walls]
+        assert np.allclose(widths, size["edges"][0] if name == "box" else 2.0 * size["radius"])
 
 
 # Shipped files

@@ -337,8 +337,9 @@ def add_pulls(effects, R_WB, tau):
 
 
 @kernel
-def advance_effects(effects, tau_cmd, h):
-    """Advance the states of all effects by a time step h [s], in which tau_cmd (6,) is commanded [N, N m, B]."""
+def advance_effects(effects, nu_r, tau_cmd, h):
+    """Advance the states of all effects by a time step h [s], which begins with the velocity nu_r (6,) relative to the
+    water [m/s, rad/s, B], and in which tau_cmd (6,) is commanded [N, N m, B]."""
     for k in range(effects.fins.shape[0]):
         if effects.fins[k].limit > 0.0:
             effects.fins_state[k] = deflected(effects.fins[k], effects.fins_state[k], tau_cmd, h)

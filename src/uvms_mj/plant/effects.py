@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault
-from ..physics.effects import EFFECTS, FLOWS, PUSHES, add_pushes, counted, effects_dtype
+from ..physics.effects import EFFECTS, FLOWS, PUSHES, STATES, add_pushes, counted, effects_dtype
 from ..physics.flow import flow_along
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.hydrodynamics import WATER
@@ -138,9 +138,13 @@ def effect_faults(tables: Tables, world: World) -> list[Fault]:
     ]
 
 
-def advancing(tables: Tables) -> list[str]:
-    """The keys of the effects whose states advance from step to step."""
-    return [key for _, key, table in each_table(tables) if table.advances]
+def advancing(tables: Tables, world: World) -> list[str]:
+    """The keys of the effects in a world whose states advance from step to step."""
+    return [
+        key
+        for name, key, table in each_table(tables)
+        if (name in STATES and bool(table.records(world)) if table.advances is None else table.advances)
+    ]
 
 
 class MeanWater:

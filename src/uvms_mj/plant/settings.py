@@ -77,9 +77,9 @@ class EffectTable:
     """Keys that set a number of the record each in proportion, with their ranges."""
 
     @property
-    def advances(self) -> bool:
-        """Whether it has a state that advances from step to step."""
-        return False
+    def advances(self) -> bool | None:
+        """Whether it has a state that advances from step to step; None: if its records have one."""
+        return None
 
     @property
     def tables(self) -> Mapping[str, Rows]:

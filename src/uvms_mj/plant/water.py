@@ -7,7 +7,7 @@ effects is at the end.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -103,6 +103,12 @@ class Current(EffectTable):
 
     free = ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear")
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (0.0, 100.0), "vertical": (-100.0, 100.0)}
+
+    @classmethod
+    def of(cls, velocity_W: Sequence[float]) -> Self:
+        """The constant current with a velocity (3,) in W [m/s]. Raises ValueError unless it has three numbers."""
+        x, y, z = (float(each) for each in velocity_W)
+        return cls(speed=math.hypot(x, y), direction_deg=math.degrees(math.atan2(y, x)), vertical=z)
 
     @property
     def spacing(self) -> float:

@@ -91,7 +91,7 @@ class Setup:
     @property
     def advancing(self) -> list[str]:
         """The keys of the effects of the water whose states advance from step to step."""
-        return advancing(effect_tables(self.scenario))
+        return advancing(effect_tables(self.scenario), world_of(self.scenario, self.plant))
 
     @functools.cached_property
     def mean_water(self) -> MeanWater:

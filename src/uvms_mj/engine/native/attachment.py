@@ -9,9 +9,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from pydantic import ValidationError
 
-from ...errors import Fault, InputError, faults_of, suggestion
+from ...errors import Fault, InputError, suggestion
 from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
 from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
@@ -101,7 +100,13 @@ class Attachment:
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
         """Set the current. Raises InputError unless the value is three finite numbers."""
-        self.water.mean_W = finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+        try:
+            mean_W = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            mean_W = np.array(np.nan)
+        if mean_W.shape != (3,) or not np.isfinite(mean_W).all():
+            raise InputError([Fault("current_W", f"{value!r}: must be 3 finite numbers")], "attach")
+        self.water.mean_W = mean_W
 
     @property
     def detached(self) -> bool:
@@ -143,8 +148,6 @@ class Attachment:
             self._finalizer()
 
 
-_GIVEN_BY = {"current_W": "current", "bias": "disturbance", "amplitude": "disturbance", "frequency_hz": "disturbance"}
-"""The effects that a vector of :func:`attach` is a short form of."""
 STILL: Tables = {"current": Current(speed=0.0), "disturbance": Disturbance()}
 """The effects of still water."""
 WORLD = World()
@@ -155,14 +158,10 @@ def attach(
     data: mujoco.MjData,
     body: str | None = None,
     *,
-    current_W: Sequence[float] = (0.0, 0.0, 0.0),
-    bias: Sequence[float] = (0.0,) * 6,
-    amplitude: Sequence[float] = (0.0,) * 6,
-    frequency_hz: Sequence[float] = (0.0,) * 6,
     seed: int = 0,
     **effects: Any,
 ) -> Attachment:
-    """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
+    """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy and effects of the water.
 
     They act in every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
     ``mujoco.rollout`` or in your own loop, at native speed and from any thread. They do not act on copies of ``data``:
@@ -181,14 +180,11 @@ def attach(
         model: a compiled model that contains the vehicle's coefficients (:mod:`uvms_mj.plant.vehicle`).
         data: its data.
         body: the vehicle's body, which has a free joint; by default the only body with one.
-        current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
-        bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
-            (10).
         seed: of Gauss-Markov processes. It and the time of ``data`` alone decide them.
         effects: the effects of the water, each by the name of its table in a scenario: ``current=Current(speed=0.3,
-            deviation=(0.1, 0.1, 0.0))`` in place of ``current_W``, ``disturbance=Disturbance(...)`` in place of
-            ``bias``, ``amplitude`` and ``frequency_hz``, ``tether=Tether(...)``, ``fins=[Fin(...), ...]``,
-            ``drag=[Drag(...), ...]``; one table, or a list of them.
+            deviation=(0.1, 0.1, 0.0))``, by default still water, ``disturbance=Disturbance(...)``,
+            ``tether=Tether(...)``, ``fins=[Fin(...), ...]``, ``drag=[Drag(...), ...]``; one table, or a list of them.
+            A current that is known as a vector (3,) in W is ``Current.of(v_c_W)``.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -207,16 +203,20 @@ def attach(
     vehicle = Vehicle.from_model(model, body)
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
-    vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    tables = tables_checked(vectors, effects, seed)
+    tables = tables_checked(effects, seed)
     gravity, arm = float(np.linalg.norm(model.opt.gravity)), vehicle.arm
     world = World(seed, gravity, timestep=model.opt.timestep, links=arm.names)
-    if faults := effect_faults(tables, world):
+    faults = effect_faults(tables, world) or [
+        Fault(
+            key,
+            "moves from step to step of a run, which attach does not see; a fin without mixing_deg and a tether "
+            "without elements do not",
+        )
+        for key in advancing(tables, world)
+    ]
+    if faults:
         raise InputError(faults, "attach")
-    attachment = immerse(model, data, vehicle, tables=tables, world=world)
-    if effects.get("current") is None:
-        attachment.current_W = current_W
-    return attachment
+    return immerse(model, data, vehicle, tables=tables, world=world)
 
 
 def immerse(
@@ -333,16 +333,14 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
     return bool(np.allclose(L, scratch.qLD[block]) and np.allclose(D_inverse, scratch.qLDiagInv[dof : dof + 6]))
 
 
-def tables_checked(vectors: Mapping[str, Any], effects: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """The tables of the effects in arguments of :func:`attach`, in still water without them; the mean of the current
-    is set afterwards.
+def tables_checked(effects: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """The tables of the effects in arguments of :func:`attach`, in still water without them.
 
     Raises:
-        InputError: an argument is unknown or of another kind, an effect is given in two ways, or an attached vehicle
-            can't carry one.
+        InputError: an argument is unknown or of another kind.
     """
     tables = {name: given for name, given in effects.items() if given is not None}
-    choices, faults = (*EFFECT_TABLES, *vectors, "seed"), []
+    choices, faults = (*EFFECT_TABLES, "seed"), []
     for name, given in tables.items():
         if name not in EFFECT_TABLES:
             faults.append(Fault(name, f"is no effect of the water and no other argument; {suggestion(name, choices)}"))
@@ -354,40 +352,7 @@ def tables_checked(vectors: Mapping[str, Any], effects: Mapping[str, Any], seed:
         faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
     if faults:
         raise InputError(faults, "attach")
-    numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
-    faults += [
-        Fault(key, "moves from step to step of a run, which attach does not see: leave mixing_deg or elements out")
-        for key in advancing(tables)
-    ]
-    faults += [
-        Fault(name, f"is given by {_GIVEN_BY[name]} already; leave one of them out")
-        for name, vector in numbers.items()
-        if _GIVEN_BY[name] in tables and vector.any()
-    ]
-    if faults:
-        raise InputError(faults, "attach")
-    sines: dict[str, Any] = {
-        name: tuple(vector.tolist()) for name, vector in numbers.items() if _GIVEN_BY[name] == "disturbance"
-    }
-    try:
-        return {**STILL, "disturbance": Disturbance(**sines), **tables}
-    except ValidationError as error:
-        raise InputError(faults_of(error), "attach") from None
-
-
-def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
-    numbers, faults = {}, []
-    for name, value in given.items():
-        try:
-            numbers[name] = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            numbers[name] = np.array(np.nan)
-        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
-            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
-    if faults:
-        raise InputError(faults, "attach")
-    return numbers
+    return {**STILL, **tables}
 
 
 _INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}

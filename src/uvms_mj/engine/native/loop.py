@@ -319,7 +319,7 @@ def complete_step(run):
     if run.has_task != 0:
         run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)
     if run.plant.advancing.shape[0] != 0:
-        advance_effects(run.plant.effects, run.allocation.tau_cmd, run.timestep)
+        advance_effects(run.plant.effects, run.plant.nu_r, run.allocation.tau_cmd, run.timestep)
     run.step += 1
     run.next = 0
 

@@ -508,7 +508,8 @@ class Pipeline:
 
     def part(self, name: str, signals: tuple[Signal, ...]) -> Field:
         """Consecutive signals of a record of the run as a record of their own."""
-        return Field(Field.of(self._run, name, signals[0].name).offset, record_dtype(signals))
+        first = [signal.name for signal in signals[:1]]  # of no signals it is empty, as of a stage with states alone
+        return Field(Field.of(self._run, name, *first).offset, record_dtype(signals))
 
     def given_to(self, controller: Controller) -> Field:
         """The signals that a law is given: the record of signals, or the beginning of it and the truth."""
