@@ -450,6 +450,20 @@ def test_the_volume_of_a_closed_mesh_is_the_polyhedrons(tmp_path):
     np.testing.assert_allclose(vehicle.r_b, R_B + np.array([0.2, 0.6, 0.2]), atol=1e-6)
 
 
+def test_a_collision_mesh_that_would_stand_for_an_unread_one_is_named_too(tmp_path):
+    """The volume is a number in the UUV Simulator: the mesh would only be drawn."""
+    (tmp_path / "hull.stl").write_bytes(b"")
+    mesh = '<{0}><geometry><mesh filename="hull.{1}"/></geometry></{0}>'
+    text = urdf()
+    text = text.replace(
+        "</inertial>", "</inertial>" + mesh.format("visual", "dae") + mesh.format("collision", "stl"), 1
+    )
+    record, _ = read(tmp_path, ".urdf", text)
+    said = " ".join(record.left_out)
+    assert "hull.dae is not read: only STL and OBJ are: it is not drawn" in said
+    assert re.search(r"hull\.stl can't be read: .*it is not drawn", said)
+
+
 def test_an_open_mesh_has_no_volume(tmp_path):
     (tmp_path / "hull.stl").write_bytes(binary_stl(cube_stl(0.2, 0.1, hole=True)))
     with pytest.raises(Exception, match="is not closed: its volume is not defined"):
