@@ -21,6 +21,7 @@ from descriptions import (
     R_B,
     R_G,
     THRUSTERS,
+    inertia_elements,
     read,
     same,
     sdf,
@@ -448,6 +449,30 @@ def test_the_volume_of_a_closed_mesh_is_the_polyhedrons(tmp_path):
     _, vehicle = read(tmp_path, ".sdf", with_mesh("hull.stl", "1 3 1"))
     assert vehicle.displaced_mass == pytest.approx(1025 * 0.2**3 * 3, rel=1e-6)
     np.testing.assert_allclose(vehicle.r_b, R_B + np.array([0.2, 0.6, 0.2]), atol=1e-6)
+
+
+def test_an_inertia_of_sdf_in_attributes_is_read_and_said(tmp_path):
+    elements = inertia_elements()
+    attributes = re.sub(r"<(\w+)>(.*?)</\w+>", r'\1="\2" ', elements)
+    text = sdf().replace(f"<inertia>{elements}</inertia>", f"<inertia {attributes}/>")
+    assert text != sdf()
+    record, vehicle = read(tmp_path, ".sdf", text)
+    same(read(tmp_path, ".sdf", sdf())[1], vehicle)
+    assert any("its inertia is in attributes" in each for each in record.left_out)
+
+
+def test_a_collision_mesh_that_would_stand_for_an_unread_one_is_named_too(tmp_path):
+    """The volume is a number in the UUV Simulator: the mesh would only be drawn."""
+    (tmp_path / "hull.stl").write_bytes(b"")
+    mesh = '<{0}><geometry><mesh filename="hull.{1}"/></geometry></{0}>'
+    text = urdf()
+    text = text.replace(
+        "</inertial>", "</inertial>" + mesh.format("visual", "dae") + mesh.format("collision", "stl"), 1
+    )
+    record, _ = read(tmp_path, ".urdf", text)
+    said = " ".join(record.left_out)
+    assert "hull.dae is not read: only STL and OBJ are: it is not drawn" in said
+    assert re.search(r"hull\.stl can't be read: .*it is not drawn", said)
 
 
 def test_an_open_mesh_has_no_volume(tmp_path):

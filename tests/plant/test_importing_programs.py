@@ -252,3 +252,17 @@ def test_a_program_that_is_too_long_is_refused(tmp_path, name):
     suffix, text = {"Python": (".py", "m = 1\n"), "MATLAB": (".m", "m = 1;\n")}[name]
     with pytest.raises(InputError, match="is longer than"):
         read(tmp_path, suffix, text * 60_000)
+
+
+def test_a_script_has_no_number_of_a_function_in_it_and_a_function_none_of_the_script(tmp_path, by_table):
+    """MATLAB's functions in a script have names of their own: neither half is a vehicle."""
+    text = matlab()
+    head = text.index("\n") + 1
+    middle = text.index("\n", len(text) // 2) + 1
+    for name, parts in {"after": (text[head:middle], text[middle:]), "all": ("", text[head:])}.items():
+        script = parts[0] + "function tau = other(nu)\n" + parts[1]
+        if name == "all":  # a function alone is a vehicle, whatever it is called
+            read(tmp_path, ".m", script, thrusters=by_table[0].thrusters)
+            script = "t_end = 10;\n" + script
+        with pytest.raises(InputError, match="lacks"):
+            read(tmp_path, ".m", script, thrusters=by_table[0].thrusters)

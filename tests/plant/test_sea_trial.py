@@ -71,6 +71,21 @@ def test_an_axis_that_the_thrusters_do_not_have_is_not_there():
     assert [name for name, thrust in axes.items() if thrust is None] == ["sway", "heave", "roll", "pitch", "yaw"]
 
 
+def test_a_thruster_that_is_turned_by_a_rounding_takes_no_force_away():
+    """A BlueROV2 has no pitch. Turned by 1e-8 to 1e-4 rad, as by angles of a file, they give what they gave."""
+    vehicle = Mjcf.find("bluerov2").vehicle
+    exact = {axis.name: axis.thrust for axis in trial(vehicle).axes}
+    assert [name for name, thrust in exact.items() if thrust is None] == ["pitch"]
+    rng = np.random.default_rng(4)
+    for angle in (1e-8, 1e-6, 1e-4):
+        B = vehicle.B + angle * rng.uniform(-1.0, 1.0, vehicle.B.shape)
+        for axis in trial(dataclasses.replace(vehicle, B=B)).axes:
+            if axis.name == "pitch":
+                assert axis.thrust is None
+            else:
+                np.testing.assert_allclose(axis.thrust, exact[axis.name], rtol=30.0 * angle)
+
+
 def accelerations(name):
     """nu_dot of a shipped vehicle at quat and nu, in MuJoCo with our water."""
     model = mujoco.MjModel.from_xml_path(str(shipped("models")[name]))

@@ -50,6 +50,17 @@ def spanning(B: np.ndarray) -> np.ndarray:
     return kept
 
 
+def unreached(B: np.ndarray) -> np.ndarray:
+    """(6, k) an orthonormal basis of the wrenches of which thrusters with the allocation matrix (6, n) have no part."""
+    return np.linalg.svd(spanning(B))[0][:, axes_spanned(B) :]
+
+
+def is_unreached(B: np.ndarray) -> np.ndarray:
+    """(6,) whether the thrusters have no part of an axis, but for what the rounding of a file may have made."""
+    lost: np.ndarray = np.linalg.norm(unreached(B), axis=1) > 1.0 - LEAST**2 / 2.0
+    return lost
+
+
 def pseudoinverse(B: np.ndarray, rows: np.ndarray | None = None, columns: np.ndarray | None = None) -> np.ndarray:
     """The pseudoinverse (n, 6) over the axes that count, of B with weights of its rows (6,) and columns (n,) if given:
     the generalised inverse with the least weighted error, and of these the least weighted thrust."""

@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import Fault, InputError, number_hint, suggestion
 from ..files import text_of
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.spanned_axes import LEAST, axes_spanned, spanning
+from ..physics.spanned_axes import LEAST, axes_spanned, is_unreached, unreached
 from .mjcf import Mjcf, ModelFiles, parsed
 from .vehicle import AXES, Vehicle
 
@@ -225,8 +225,8 @@ def unreachable(vehicle: Vehicle) -> str:
     rank = axes_spanned(vehicle.B)
     if rank == 6:
         return ""
-    left = np.linalg.svd(spanning(vehicle.B))[0][:, rank:]  # of wrenches without any part that they produce
-    alone = [axis for i, axis in enumerate(AXES) if np.linalg.norm(left[i]) > 1.0 - LEAST**2 / 2.0]
+    left = unreached(vehicle.B)
+    alone = [axis for axis, lost in zip(AXES, is_unreached(vehicle.B), strict=True) if lost]
     n = len(vehicle.thrusters)
     spans = f"its {n} thruster{'s span' if n > 1 else ' spans'} {rank} of 6 axes"
     rest = 6 - rank - len(alone)

@@ -4,7 +4,7 @@ is seen before the first run.
 - Trim: the attitude at which :math:`d = m_d r_b - m r_g` points up. Small angles delta about it give the moment
   :math:`-g |d| (I - u u^T) \delta` with u the upward direction in B (Fossen (2021), 4.1).
 - Terminal speed of an axis: D v + Q v^2 = t with its diagonal damping, and the greatest force t in this axis that the
-  thrusters give without any in another one, by linear programming.
+  thrusters give without any in another one that they have, by linear programming.
 - Decay from v_0 to v_1 of M dv/dt = -(D v + Q v^2): :math:`(M/D) \ln(v_0 (D + Q v_1) / (v_1 (D + Q v_0)))`.
 - Stability in straight motion with the speed u: the eigenvalues of
   :math:`M \dot\nu = -C(\nu)\nu - D(\nu)\nu + f(\nu) - g` about it, with a force that holds u. The Munk moment
@@ -24,6 +24,7 @@ from scipy.optimize import linprog
 
 from ..files import shipped
 from ..physics.fossen import turned_momentum
+from ..physics.spanned_axes import is_unreached
 from .coefficients import DENSITY
 from .importing.moving import HERE, Pose, moved
 from .mjcf import Mjcf
@@ -200,19 +201,21 @@ def decay(M: float, D: float, Q: float, v_0: float, v_1: float) -> float:
 
 
 def _reach(vehicle: Vehicle, i: int) -> tuple[float, float] | None:
-    """Least and greatest force in one axis, with none in the others, within the limits of the thrusts; None if there is
-    no such force."""
+    """Least and greatest force in one axis, with none in the others that the thrusters have, within the limits of the
+    thrusts; None if there is no such force."""
     B, n = vehicle.B, len(vehicle.thrusters)
     if not n:
         return None
+    lost = is_unreached(B)
+    if lost[i]:
+        return None
     limits = list(zip(vehicle.u_min, vehicle.u_max, strict=True))
     bounds = [(None if low == -np.inf else low, None if high == np.inf else high) for low, high in limits]
-    others = np.delete(B, i, axis=0)
-    scale = np.maximum(np.abs(others).max(axis=1, keepdims=True), 1e-300)
-    rows = np.abs(others).max(axis=1) > 1e-9  # what no thruster gives needs no equation
+    others = B[~lost & (np.arange(6) != i)]  # what the thrusters can't give needs no equation
+    scale = np.abs(others).max(axis=1, keepdims=True)
     ends = []
     for sign in (-1.0, 1.0):
-        found = linprog(-sign * B[i], A_eq=(others / scale)[rows], b_eq=np.zeros(rows.sum()), bounds=bounds)
+        found = linprog(-sign * B[i], A_eq=others / scale, b_eq=np.zeros(len(others)), bounds=bounds)
         if found.status == 3:  # unbounded
             ends.append(sign * math.inf)
         elif found.success:

@@ -29,7 +29,7 @@ from ..guidance.base import samples
 from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
-from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, spanning
+from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, is_unreached
 from ..physics.surfaces import SHAPES
 from ..plant.contacts import impossible, walls_of
 from ..plant.effects import effect_faults, effect_tables, world_of
@@ -328,8 +328,7 @@ def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
     rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
     thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
     if rank < 6:
-        rows = np.abs(spanning(vehicle.B)).max(axis=1, initial=0.0)
-        missing = [axis for axis, row in zip(AXES, rows, strict=True) if row < 1e-3]
+        missing = [axis for axis, lost in zip(AXES, is_unreached(vehicle.B), strict=True) if lost]
         without = f", none gives {' or '.join(missing)}" if missing else ""
         yield f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
     least = float(strengths[rank - 1]) if rank else 1.0

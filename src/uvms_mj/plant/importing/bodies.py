@@ -236,9 +236,11 @@ def _part(about: Description, root: str, members: Mapping[str, Pose], base: bool
         displaced, lift = displaced + here, lift + here * pose.point(centre)
         drawn = link.drawn or link.solids
         shapes += [shape for each in drawn if (shape := each.shape(pose)) is not None]
-        for each in drawn:
-            if each.kind is None:
-                source.say(f"{each.reason}: it is not drawn", name)
+        unread = [each for each in drawn if each.kind is None]
+        if len(unread) == len(drawn):  # the collision shapes would stand for them
+            unread += [each for each in link.solids if each.kind is None]
+        for reason in dict.fromkeys(each.reason for each in unread):
+            source.say(f"{reason}: it is not drawn", name)
     if mass <= 0.0:
         what = "the base" if base else "a link that moves on a joint"
         raise source.fault(place, f"is {what} and has no mass")

@@ -1,11 +1,9 @@
 """SDF of Gazebo: a model with the Hydrodynamics of gz-sim, or with the plugins of the UUV Simulator.
 
-gz-sim's Hydrodynamics gives forces by derivatives as SNAME (1950), in the axes of the link, x forward, y left, z up,
-about its origin: ``xDotU`` is X_udot, ``nV`` is N_v, ``yVabsV`` is Y_vv on abs(v) v, ``yVabsR`` is Yv|r| and ``yUV`` is
-Yuv. ``<fluid_added_mass>`` is M_A of the link about its origin. Buoyancy acts on the volume of the collision shapes.
+The model with its frames, links and joints is read here, and its plugins in :mod:`.gz_sim` and :mod:`.uuv`. Buoyancy
+acts on the volume of the collision shapes.
 """
 
-import itertools
 import math
 import re
 from xml.etree.ElementTree import Element
@@ -14,21 +12,14 @@ import numpy as np
 
 from ..coefficients import DENSITY
 from ..record import word
-from .bodies import HINGES, SLIDES, Description, Joint, Link, Water, right_signs
+from .bodies import HINGES, SLIDES, Description, Joint, Link, Water
 from .elements import inertia_of, kind_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
 from .fins import lift_drag
+from .gz_sim import fluid_added_mass, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
 from .reading import Source, one_of, place_of, positive
 from .shapes import Solid
 from .uuv import uuv_fin, uuv_thruster, uuv_water
-
-_ENTRIES = "xyzpqr"
-_TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
-_OF_GZ_SIM = re.compile(r"hydrodynamics-system|systems::hydrodynamics")
-_LRAUV = re.compile(r"tethys::hydrodynamicsplugin")
-_NO_TERMS = ("link_name", "namespace", "water_density", "waterDensity", "disable_added_mass", "default_current")
-"""Elements of the Hydrodynamics plugin that are read, or mean nothing here, beside its coefficients."""
-_SIGNS = "derivatives of gz-sim are negative for added mass and damping"
 
 
 def described(source: Source, root: Element) -> Description:
@@ -191,7 +182,7 @@ class _Model:
             about.density = self._density()
         for plugin in plugins_of(self.model):
             self._plugin(about, plugin)
-        self._servos(about)
+        gz_servos(about, self.model)
         say_unread(source, self.model)
         return about
 
@@ -229,80 +220,12 @@ class _Model:
             )
             if name in found:
                 raise self.source.fault(place, f"is the second one of the link {name!r}")
-            found[name] = self._hydrodynamics(plugin, name, place)
+            found[name] = gz_water(self.source, plugin, self.links[name], place)
         base = next(iter(found))
         for name, link in self.links.items():
-            added = link.find("inertial/fluid_added_mass")
-            if added is not None and name not in found:
-                found[name] = Water(M_A=self._fluid_added_mass(added, place_of(link, added)))
+            if name not in found and link.find("inertial/fluid_added_mass") is not None:
+                found[name] = Water(M_A=fluid_added_mass(self.source, link))
         return found, base
-
-    def _hydrodynamics(self, plugin: Element, name: str, place: str) -> Water:
-        source, M_A, D, D_D = self.source, np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-        terms: dict[tuple[int, int, int, bool], float] = {}
-        given: set[str] = set()
-        lrauv = bool(_LRAUV.search(kind_of(plugin)))
-        if lrauv:
-            source.say("the plugin of the LRAUV has xUU on abs(u) u: it is damping in both directions")
-        elif not _OF_GZ_SIM.search(kind_of(plugin)):
-            known = "gz::sim::systems::Hydrodynamics and tethys::HydrodynamicsPlugin"
-            raise source.fault(place, f"is a plugin whose conventions are not known; known are {known}")
-        for each in plugin:
-            match = _TERM.fullmatch(each.tag)
-            if match is None:
-                if each.tag not in _NO_TERMS:
-                    source.say("elements of the Hydrodynamics plugin that are not read", f"<{each.tag}>")
-                continue
-            if each.tag in given:
-                raise source.fault(f"{place} <{each.tag}>", "is given twice")
-            given.add(each.tag)
-            value = source.number(each.text, f"{place} <{each.tag}>")
-            i, j = "xyzkmn".index(match[1]), "UVWPQR".index(match[3])
-            if match[2]:
-                M_A[i, j] -= value
-            elif match[5] is None:
-                D[i, j] -= value
-            elif (match[4] or lrauv) and match[5] == match[3]:
-                D_D[i, j] -= value
-            elif value:
-                k = "UVWPQR".index(match[5])
-                key = (i, j, k, True) if match[4] else (i, min(j, k), max(j, k), False)
-                terms[key] = terms.get(key, 0.0) + value
-        if source.truth(plugin.findtext("disable_added_mass"), f"{place} <disable_added_mass>") and M_A.any():
-            source.say("the added mass of the plugin is disabled in the source: it is left out")
-            M_A = np.zeros((6, 6))
-        M_A = right_signs(source, M_A, "added mass", place, _SIGNS)
-        D = right_signs(source, D, "linear damping", place, _SIGNS)
-        D_D = right_signs(source, D_D, "quadratic damping", place, _SIGNS)
-        if M_A.any():
-            source.say(
-                "gz-sim's plugin takes the added mass with the acceleration of the last step, and C_A from the "
-                "diagonal of M_A, with the other sign; here M_A is in the inertia, and C_A(nu_r) is Kirchhoff's"
-            )
-        added = self.links[name].find("inertial/fluid_added_mass")
-        if added is not None:
-            fluid = self._fluid_added_mass(added, place_of(self.links[name], added))
-            if fluid.any() and M_A.any():
-                raise source.fault(place, "has an added mass, and the link has a <fluid_added_mass>: keep one")
-            M_A = M_A + fluid
-        current = plugin.findtext("default_current")
-        if current and any(source.numbers(current, f"{place} <default_current>", 3)):
-            source.say(f"the current {current.strip()} m/s is a setting of a scenario: current.speed and its direction")
-        squares = [key for key in terms if not key[3] and key[1] == key[2]]
-        if squares:
-            source.say(
-                "damping without abs, such as xUU, is taken as it is in gz-sim, on u u: backwards it pushes. Names "
-                "with abs, xUabsU, are damping in both directions"
-            )
-        return Water(M_A, D, D_D, terms)
-
-    def _fluid_added_mass(self, element: Element, place: str) -> np.ndarray:
-        M = np.zeros((6, 6))
-        for a, b in itertools.combinations_with_replacement(range(6), 2):
-            tag = _ENTRIES[a] + _ENTRIES[b]
-            if element.find(tag) is not None:
-                M[a, b] = M[b, a] = self.source.number(element.findtext(tag), f"{place} <{tag}>")
-        return M
 
     def _link(self, name: str, element: Element) -> Link:
         place, source = place_of(element), self.source
@@ -319,7 +242,10 @@ class _Model:
             if link.mass < 0.0:
                 raise source.fault(f"{at} <mass>", f"{link.mass:g}: must not be negative")
             link.r_g = pose.p
-            link.I_g = pose.R @ inertia_of(source, inertial.find("inertia"), f"{at} <inertia>") @ pose.R.T
+            inertia = inertial.find("inertia")
+            if inertia is not None and inertia.attrib:
+                source.say("its inertia is in attributes, as in URDF: they are read here, and Gazebo reads none", name)
+            link.I_g = pose.R @ inertia_of(source, inertia, f"{at} <inertia>") @ pose.R.T
         for tag, solids in (("collision", link.solids), ("visual", link.drawn)):
             for each in element.findall(tag):
                 solid = self._solid(each, name, place_of(element, each))
@@ -427,7 +353,7 @@ class _Model:
         if "uuv_thruster" in kind or "thruster_ros" in kind:
             uuv_thruster(about, plugin)
         elif "thruster" in kind or "motormodel" in kind or "motor_model" in kind:
-            self._thruster(about, plugin, place)
+            gz_thruster(about, plugin)
         elif "liftdrag" in kind.replace("-", "") or "lift_drag" in kind:
             self._fin(about, plugin, place)
         elif "fin_ros" in kind:
@@ -435,46 +361,6 @@ class _Model:
         elif "buoyancy" in kind and "engine" in kind:
             name = plugin.findtext("link_name") or ""
             source.say(f"the buoyancy engine of {name!r} is left out: a volume that changes in a run is not computed")
-
-    def _thruster(self, about: Description, plugin: Element, place: str) -> None:
-        source = self.source
-        given = plugin.findtext("joint_name") or plugin.findtext("jointName") or ""
-        name = one_of(source, given.strip(), self.joints, f"{place} <joint_name>", "joint")
-        joint = next(each for each in about.joints if each.name == name)
-        joint.welded = "the propeller"
-        called, place = re.sub(r"_?joint$", "", name) or name, f"{place} of {name}"
-        generic = "motor" in kind_of(plugin)
-
-        def of(tag: str, default: float) -> float:
-            text = plugin.findtext(tag)
-            return default if text is None else source.number(text, f"{place} <{tag}>")
-
-        limits = None
-        if generic:
-            source.say(
-                "its curve, lag and torque are settings of a scenario, [thrusters]; here it obeys newtons", called
-            )
-        else:
-            low, high = of("min_thrust_cmd", -1000.0), of("max_thrust_cmd", 1000.0)
-            if source.truth(plugin.findtext("use_angvel_cmd"), f"{place} <use_angvel_cmd>"):
-                k = of("fluid_density", 1000.0) * of("thrust_coefficient", 1.0) * of("propeller_diameter", 0.02) ** 4
-                low, high = sorted((k * low * abs(low), k * high * abs(high)))
-                source.say(
-                    f"thrusters obey angular velocities in the source, thrust = {k:.4g} |w| w; here they obey newtons"
-                )
-            elif of("thrust_coefficient", 1.0) < 0.0:
-                source.say(
-                    "a negative thrust_coefficient: it turns the other way, and a command in newtons is the same",
-                    called,
-                )
-            if low >= high:
-                raise source.fault(place, f"its least thrust {low:g} N must be below the greatest, {high:g} N")
-            limits = low, high
-            if plugin.find("max_thrust_cmd") is None:
-                source.say(f"no limit in the file: {low:g} to {high:g} N, by the defaults of gz-sim", called)
-            if of("deadband", 0.0):
-                source.say("the dead band of the thrusters is a setting of a scenario: thrusters.name, with its curve")
-        about.thrusters.append((called, joint.child, np.zeros(3), joint.axis, limits))
 
     def _fin(self, about: Description, plugin: Element, place: str) -> None:
         name = one_of(
@@ -488,36 +374,6 @@ class _Model:
 
     def _to_base(self, about: Description, name: str) -> Pose:
         return self.in_model(about.base, about.base).inverse() @ self.in_model(name, name)
-
-    def _servos(self, about: Description) -> None:
-        """Limits of the motors of joints, from JointPositionController and its relatives."""
-        for plugin in plugins_of(self.model):
-            if not re.search(r"joint[-_]?(position|velocity)?[-_]?controller", kind_of(plugin).replace("::", " ")):
-                continue
-            place = place_of(plugin)
-            for given in plugin.findall("joint_name"):
-                joint = next((each for each in about.joints if each.name == (given.text or "").strip()), None)
-                if joint is None or joint.welded:
-                    continue
-                if joint.effort is None:
-                    joint.effort = math.inf
-                low, high = (plugin.findtext(tag) for tag in ("cmd_min", "cmd_max"))
-                speeds = self.source.truth(plugin.findtext("use_velocity_commands"), f"{place} <use_velocity_commands>")
-                if low is not None and high is not None:
-                    both = self.source.number(low, f"{place} <cmd_min>"), self.source.number(high, f"{place} <cmd_max>")
-                    most = max(map(abs, both))
-                    if both[0] != -both[1]:
-                        self.source.say(
-                            f"limits {low.strip()} and {high.strip()} differ; the motor has {most:g} both ways",
-                            joint.name,
-                        )
-                    if speeds:
-                        joint.speed_limit = most
-                    else:
-                        joint.effort = min(joint.effort, most)
-                gains = [tag for tag in ("p_gain", "i_gain", "d_gain") if plugin.find(tag) is not None]
-                if gains:
-                    self.source.say("gains of the servos of joints are settings of a scenario, [joints]")
 
 
 _LENGTHS = {
