@@ -111,6 +111,12 @@ def write_library(
         for each in (place, new):
             each.mkdir()
 
+        def prepare() -> None:
+            """While the run is translated, which is work for one core."""
+            for each in map(MACHINES.__getitem__, targets if test else ()):
+                if linking.emulator(each) is not None:
+                    linking.prepare(each, place)
+
         def begin(memory: RunMemory) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]]]:
             """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
             chain = Chain(memory, guided)
@@ -127,9 +133,11 @@ def write_library(
             return _compiled(MACHINES[target], parts.border.chain, own)
 
         def make(target: str) -> Made:
+            prepared.result()
             (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
             return _made(MACHINES[target], target, objects[target].result(), name, place / target, new, test)
 
+        prepared = pool.submit(prepare)
         sim = _Run(scenario, begin)
         stack.enter_context(sim)
         parts, stages, objects = sim.begun
@@ -190,6 +198,9 @@ class _Run(Simulation):
 
         self._begin = begin
         super().__init__(scenario, engine="mujoco" if refusals(set_up(scenario)) else "free_body", looks=False)
+
+    def _remembered(self) -> RunMemory:
+        return RunMemory(self.setup, self._engine, self._meanwhile)
 
     def _meanwhile(self, memory: RunMemory) -> None:
         self.begun: Any = self._begin(memory)
