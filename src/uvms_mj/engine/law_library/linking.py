@@ -299,9 +299,10 @@ def _of_program(machine: Machine, source: Path, folder: Path) -> str:
     return own_c(alone, source, folder, common)
 
 
-def prepare(machine: Machine, folder: Path) -> None:
-    """Compile what is in the program of each library, so that it is kept when a program is made."""
-    for each in _beside(machine):
+def prepare(machine: Machine, folder: Path, source: Path | None = None) -> None:
+    """Compile a source of a program, by default what is in the program of each library, so that it is kept when the
+    program is linked."""
+    for each in _beside(machine) if source is None else [source]:
         _of_program(machine, each, folder)
 
 
