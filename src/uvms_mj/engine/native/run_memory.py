@@ -224,7 +224,8 @@ class RunMemory:
             write(self, setup)
         if meanwhile is not None:
             meanwhile(self)
-            _ = self.code
+        for each in self.code.values():
+            each.wait()  # nobody copies this process while LLVM works in it
         self.stages.link()
         self._start = self.image.fixed.copy()
         self.chunk_steps = engine.chunk_steps
