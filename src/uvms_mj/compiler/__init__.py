@@ -24,4 +24,5 @@ It knows nothing of vehicles, stages or the loop. docs/inside/language.md is its
 - :mod:`.function`: all other statements, and the whole function
 - :mod:`.unit`: the translation of several functions to one module
 - :mod:`.targets`: its machine code, also for other processors
+- :mod:`.apart`: LLVM in a process of its own
 """

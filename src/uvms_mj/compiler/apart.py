@@ -108,6 +108,7 @@ def emit(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
     for text, target in jobs:
         end, into = os.pipe()
         if os.fork() == 0:
+            os.nice(10)  # what calls goes on with work that is waited for longer
             with os.fdopen(into, "wb") as out:
                 out.write(target.code(llvm.parse_assembly(text)))
             os._exit(0)

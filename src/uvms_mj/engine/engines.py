@@ -6,7 +6,9 @@ MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms
 """
 
 import dataclasses
+import functools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import mujoco
@@ -64,8 +66,8 @@ class Engine(ABC):
     def close(self) -> None: ...
 
     @abstractmethod
-    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
-        """Take the record of a run (1,), which is in an image, and its entry points."""
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: Callable[[], dict[str, Any]]) -> None:
+        """Take the record of a run (1,), which is in an image, and what gives its entry points."""
 
     def clear(self) -> None:  # noqa: B027  # free_body has nothing beside the record
         """Forget everything of the run but its initial state."""
@@ -153,7 +155,7 @@ class FreeEngine(Engine):
             raise InputError([Fault("engine", reason) for reason in reasons], "scenario")
         self._closed = False
 
-    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: Callable[[], dict[str, Any]]) -> None:
         vehicle, plant, self._body = setup.vehicle, run["plant"], run["body"]
         self.water = Water(image, plant, vehicle, setup.gravity_W)
         constants = {
@@ -168,17 +170,21 @@ class FreeEngine(Engine):
         for name, value in constants.items():
             self._body[name] = value
         self.qpos, self.qvel = plant["qpos"][0], plant["qvel"][0]
-        self._code, self._address = code["free_steps"], image.address
+        self._code, self._address = code, image.address
+
+    @functools.cached_property
+    def _step(self) -> Callable[..., Any]:
+        return self._code()["free_steps"].ctypes
 
     @property
     def closed(self) -> bool:
         return self._closed
 
     def step(self, n: int) -> None:
-        self._code.ctypes(self._address, n, 1)
+        self._step(self._address, n, 1)
 
     def evaluate(self) -> None:
-        self._code.ctypes(self._address, 1, 0)
+        self._step(self._address, 1, 0)
 
     def close(self) -> None:
         self._closed = True
@@ -207,9 +213,9 @@ class MujocoEngine(Engine):
         self._attachment: Attachment | None = None
         self._place()
 
-    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: Callable[[], dict[str, Any]]) -> None:
         plant, data = self._plant, self._data
-        self._attachment = immerse(self._model, data, plant.vehicle, image, code["evaluate"].address)
+        self._attachment = immerse(self._model, data, plant.vehicle, image, code()["evaluate"].address)
         self.water, self._run = self._attachment.water, run
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
         self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]

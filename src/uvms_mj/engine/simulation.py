@@ -92,7 +92,7 @@ class Simulation:
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
         try:
-            self._memory = RunMemory(self.setup, self._engine, self._meanwhile)
+            self._memory = self._remembered()
         except BaseException:
             self.close()
             raise
@@ -108,8 +108,8 @@ class Simulation:
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 
-    def _meanwhile(self, memory: RunMemory) -> None:
-        """What is done with the memory of the run while its machine code is made."""
+    def _remembered(self) -> RunMemory:
+        return RunMemory(self.setup, self._engine)
 
     @functools.cached_property
     def _reads(self) -> Reads:

@@ -66,8 +66,10 @@ def machine_code(function: Callable, *arrays: np.ndarray) -> Callable[..., Any] 
 def called_on(function: Callable, *arrays: np.ndarray) -> Callable[..., Any]:
     """A kernel on arrays that lie densely in memory, which Python calls with what follows, integers: its machine code,
     or itself where there is none. A record is an array (1,)."""
-    code = machine_code(function, *arrays)
-    if code is not None:
-        return code
+    return machine_code(function, *arrays) or plain_on(function, *arrays)
+
+
+def plain_on(function: Callable, *arrays: np.ndarray) -> Callable[..., Any]:
+    """As :func:`called_on`, the kernel itself, for a few calls: to make machine code takes a tenth of a second."""
     records = [each.view(np.dtype((Record, each.dtype))) if each.dtype.names else each for each in arrays]
     return functools.partial(function, *(each[0] if each.shape == (1,) else each for each in records))

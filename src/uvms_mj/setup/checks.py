@@ -136,7 +136,7 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
         return
     poses = setup.initial_poses()
     p, R = (np.array([poses[pair.carrier][k] for pair in pairs]) for k in (0, 1))
-    _, normal, depths = springs.wrenches(p, R)
+    _, normal, depths = springs.wrenches(p, R, once=True)
     for pair, force, depth in zip(pairs, normal, depths, strict=True):
         if force > START_FORCE:
             wall = "the wall" if pair.wall_key == "wall" else pair.wall_key

@@ -27,7 +27,7 @@ import numpy as np
 from ...physics.contacts import AT_REST, PAIR, press_at_rest
 from ...physics.fossen import IN_WATER, coriolis_added_mass, coriolis_rigid_body, damping, restoring, water_at_rest
 from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
-from ...physics.kernels import called_on
+from ...physics.kernels import called_on, plain_on
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import SHAPES, SURFACE
 from ...physics.vehicle import VehicleLike
@@ -78,7 +78,7 @@ class ContactSprings:
         return self._n
 
     def wrenches(
-        self, p_WC: np.ndarray, R_WC: np.ndarray, nu: np.ndarray | None = None
+        self, p_WC: np.ndarray, R_WC: np.ndarray, nu: np.ndarray | None = None, once: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The forces of all contacts on their bodies, by :func:`uvms_mj.physics.contacts.pair_force`.
 
@@ -86,6 +86,7 @@ class ContactSprings:
             p_WC: (..., n, 3) position in W of the frame C that the body of each contact is fixed to [m].
             R_WC: (..., n, 3, 3) its attitude.
             nu: (..., n, 6) its velocity, in its own axes [m/s, rad/s]; default: at rest.
+            once: whether nobody asks again, so that machine code is not worth its time.
 
         Returns:
             The wrench (..., n, 6) of each contact in C at its origin, its normal force (..., n) [N] and depth
@@ -98,7 +99,10 @@ class ContactSprings:
         moving = np.zeros((len(p), n, 6)) if nu is None else np.broadcast_to(nu, (*shape, n, 6)).reshape(-1, n, 6)
         found = np.empty((len(p), n), AT_REST)
         arrays = self.pairs, self.surfaces, self._at_rest
-        press = self._press = self._press or called_on(press_at_rest, *arrays)
+        if once:
+            press = plain_on(press_at_rest, *arrays)
+        else:
+            press = self._press = self._press or called_on(press_at_rest, *arrays)
         for first in range(0, len(p), _AT_ONCE):
             m = min(_AT_ONCE, len(p) - first)
             at = self._at_rest[:m, :n]

@@ -104,12 +104,17 @@ def write_library(
     with (
         Apart() as apart,
         tempfile.TemporaryDirectory() as where,
-        ThreadPoolExecutor(os.cpu_count()) as pool,
+        ThreadPoolExecutor(1 + (os.cpu_count() or 1)) as pool,  # one waits for LLVM
         ExitStack() as stack,
     ):
         place, new = Path(where, "work"), Path(where, "new")
         for each in (place, new):
             each.mkdir()
+
+        def prepare(target: str, source: Path | None = None) -> None:
+            """Compile what is in the program of a test, as long as a core has nothing else to do."""
+            if test and linking.emulator(MACHINES[target]) is not None:
+                linking.prepare(MACHINES[target], place / target, source)
 
         def begin(memory: RunMemory) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]]]:
             """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
@@ -121,15 +126,18 @@ def write_library(
 
         def compiled(target: str, parts: _Parts) -> list[str]:
             own = place / target
-            own.mkdir()
             for file, content in parts.sources.items():
                 (own / file).write_text(content, encoding="utf-8")
             return _compiled(MACHINES[target], parts.border.chain, own)
 
         def make(target: str) -> Made:
+            tests[target].result()
             (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
             return _made(MACHINES[target], target, objects[target].result(), name, place / target, new, test)
 
+        for target in targets:
+            (place / target).mkdir()
+            pool.submit(prepare, target)
         sim = _Run(scenario, begin)
         stack.enter_context(sim)
         parts, stages, objects = sim.begun
@@ -151,6 +159,7 @@ def write_library(
             files["loop.c"] = texts.loop(border, name, not not_asked)
         for file, content in files.items():
             _write(new / file, content)
+        tests = {target: pool.submit(prepare, target, new / "test.c") for target in targets}
         making = [pool.submit(make, target) for target in targets]
         notes = sim.notes
         made = [each.result() for each in making]
@@ -190,6 +199,9 @@ class _Run(Simulation):
 
         self._begin = begin
         super().__init__(scenario, engine="mujoco" if refusals(set_up(scenario)) else "free_body", looks=False)
+
+    def _remembered(self) -> RunMemory:
+        return RunMemory(self.setup, self._engine, self._meanwhile)
 
     def _meanwhile(self, memory: RunMemory) -> None:
         self.begun: Any = self._begin(memory)

@@ -287,16 +287,30 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
             yield section, code[names + name : end].decode()
 
 
+def _beside(machine: Machine) -> list[Path]:
+    """The sources of a program besides its own."""
+    return [_FREESTANDING / "libc.c", *([_FREESTANDING / "arm.c"] if machine.emulator == "arm" else [])]
+
+
+def _of_program(machine: Machine, source: Path, folder: Path) -> str:
+    """Compile a source of a program; the name of its object."""
+    common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
+    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
+    return own_c(alone, source, folder, common)
+
+
+def prepare(machine: Machine, folder: Path, source: Path | None = None) -> None:
+    """Compile a source of a program, by default what is in the program of each library, so that it is kept when the
+    program is linked."""
+    for each in _beside(machine) if source is None else [source]:
+        _of_program(machine, each, folder)
+
+
 def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path:
     """A static program of a file of C, test.c or loop.c, for an emulator or for this processor, with a C library of
     some functions: one that ziglang builds takes minutes the first time."""
-    common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
-    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
-    files = [source, _FREESTANDING / "libc.c"]
-    files += [_FREESTANDING / "arm.c"] if machine.emulator == "arm" else []
-    for each in files:
-        own_c(alone, each, folder, common)
-    objects = [*(f"{each.stem}.o" for each in files), str(archive.resolve())]
+    files = [source, *_beside(machine)]
+    objects = [*(_of_program(machine, each, folder) for each in files), str(archive.resolve())]
     places = ("-e", "_start") if machine.shared else ("-T", str(_FREESTANDING / "cortex_m7.ld"))
     run([*zig(), "ld.lld", "--gc-sections", *places, *objects, "-o", source.stem], folder)
     return folder / source.stem

@@ -238,6 +238,10 @@ class NativeFunction:
     def address(self) -> int:
         return self.code()
 
+    def wait(self) -> None:
+        """Wait until LLVM has made it."""
+        self.code()
+
     @functools.cached_property
     def ctypes(self) -> Any:
         """A ctypes function to call it from Python."""

@@ -200,12 +200,14 @@ class RunMemory:
         chunk_steps: largest number of steps before the rows must be taken.
     """
 
-    def __init__(
-        self, setup: Setup, engine: Any, meanwhile: Callable[["RunMemory"], None] = lambda memory: None
-    ) -> None:
-        """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads."""
+    def __init__(self, setup: Setup, engine: Any, meanwhile: Callable[["RunMemory"], None] | None = None) -> None:
+        """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads, and, with
+        an engine that has not asked for it, before the entry points are translated."""
         self.engine, self.shape = engine, shape_of(setup)
-        self.code, self.stages = entry_points(self.shape, engine.code), Pipeline(setup, self.shape)
+        self._entry_points = functools.partial(entry_points, self.shape, engine.code)
+        if meanwhile is None:
+            _ = self.code  # LLVM has the largest module while the stages are translated
+        self.stages = Pipeline(setup, self.shape)
         self._setup = setup
         self._tables, self._has_other_tables = tables_of(setup), False
         rooms = water_rooms() | {motion_room(k): MOST_ROWS * 4 for k in range(len(setup.contacts.walls))}
@@ -217,18 +219,25 @@ class RunMemory:
         self.address = self.image.address
         self._fill(setup)
         self.stages.bind(self.image)
-        engine.enter(self.image, self.run, setup, self.code)
+        engine.enter(self.image, self.run, setup, self._entry_points)
         self.recorded = recorded(self.run, self.stages, setup)
         self._without_bands = len(self.recorded)
         engine.write_time(setup)
         engine.write_wall(setup)
         for write in (write_time, write_initial, *WRITERS):
             write(self, setup)
-        meanwhile(self)
+        if meanwhile is not None:
+            meanwhile(self)
+        for each in self.code.values():
+            each.wait()  # nobody copies this process while LLVM works in it
         self.stages.link()
         self._start = self.image.fixed.copy()
         self.chunk_steps = engine.chunk_steps
         self.record(row_steps=1, rows=False)
+
+    @functools.cached_property
+    def code(self) -> dict[str, Any]:
+        return self._entry_points()
 
     def _fill(self, setup: Setup) -> None:
         """Set what no reset changes."""
@@ -323,7 +332,7 @@ class RunMemory:
         constants = self._fitting(setup)
         self.image.fixed[:] = self._start
         self._fill(setup)
-        self.engine.enter(self.image, self.run, setup, self.code)
+        self.engine.enter(self.image, self.run, setup, self._entry_points)
         write_time(self, setup)
         write_initial(self, setup)
         self._write(setup, constants)
