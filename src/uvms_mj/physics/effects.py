@@ -4,7 +4,8 @@ r"""Effects of the water beside added mass, damping and buoyancy. Each has a rec
   its way turns aside (:mod:`.obstacle`), and :mod:`.waves`;
 - push (:func:`add_pushes`): a wrench (6,) about B's origin in B of the time alone, added to tau: the disturbance of
   eq. (10), a vector that varies (:mod:`.varying`);
-- inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
+- inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`, and of a
+  vehicle at the surface :mod:`.buoyancy`;
 - wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
   base relative to the water in B. Closed forms call it, too;
 - pull (:func:`find_pulls`, :func:`add_pulls`): a force that is found once a time step, from pose, velocity and states:
@@ -78,6 +79,7 @@ from typing import Any
 
 import numpy as np
 
+from .buoyancy import VOLUME, dry_fraction
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .current import CURRENT, add_current
 from .frames import velocity_at
@@ -147,6 +149,7 @@ EFFECTS = {
     "sea": WAVE,
     "pads": PAD,
     "near_wall": HULL,
+    "buoyancy": VOLUME,
     "tether": TETHER,
     "cable": CABLE,
     "nodes": NODE,
@@ -157,7 +160,7 @@ EFFECTS = {
 """The records of the effects, by the names of their tables; products are of a vehicle's file, and a
 cable with its nodes is of the table of the tether."""
 
-FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall")
+FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall", "buoyancy")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
 PULLS = ("cable", "nodes")
 """The effects that pull at the vehicle with states of their own."""
@@ -244,19 +247,23 @@ def add_pushes(effects, numbers, t, tau):
 
 
 @kernel
-def add_inertias(effects, p_WB, R_WB, M):
-    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B."""
+def add_inertias(effects, t, p_WB, R_WB, M_A, M):
+    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B; M_A (6, 6) is in it already, as
+    deep below the surface."""
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
             add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
     for k in range(effects.near_wall.shape[0]):
         if effects.near_wall[k].radius > 0.0:
             add_hull_inertia(effects.near_wall[k], p_WB, R_WB, M)
+    if effects.buoyancy.shape[0] != 0:
+        M -= dry_fraction(effects, t, p_WB, R_WB) * M_A
 
 
 @kernel
 def add_inertia_wrenches(effects, p_WB, R_WB, nu, tau):
-    """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]."""
+    """Add to tau (6,) what the change of these inertias does at the velocity nu (6,) [N, N m, B]; the change at the
+    surface has the velocity in the water (:func:`.buoyancy.meet_surface`)."""
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:
             add_pad_wrench(effects.pads[k], p_WB, R_WB, nu, tau)

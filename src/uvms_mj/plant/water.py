@@ -1,7 +1,7 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), fins, drag and pads.
 
-:mod:`.sea` has the waves, :mod:`.obstacle` what the current meets, and :mod:`.tether` the tether. The list of all
-effects is at the end.
+:mod:`.sea` has the waves, :mod:`.obstacle` what the current meets, :mod:`.buoyancy` the volume of a vehicle at the
+surface, and :mod:`.tether` the tether. The list of all effects is at the end.
 """
 
 import dataclasses
@@ -20,6 +20,7 @@ from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import STRICT, Angle, Angles, Frequencies, Number, Position, Time, Wrench, doc, of_length, within
+from .buoyancy import Buoyancy
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -393,6 +394,7 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "sea": Sea,
     "pads": Pad,
     "near_wall": NearWall,
+    "buoyancy": Buoyancy,
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,

@@ -186,7 +186,8 @@ def _clipped(setup: SetupLike, thrust_map: ThrustMap) -> bool:
 _KNOWN = frozenset(
     (
         *("name", "description", "vehicle", "simulation", "initial", "wall"),
-        *(*EFFECTS, "effects"),
+        *({*EFFECTS} - {"buoyancy"}),
+        "effects",
         *("walls", "bumper", "reference", "impedance", "estimates", "navigation", "encoder", "wrist", "observer"),
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )

@@ -20,6 +20,7 @@ from ...stages.signals import (
     MANIPULABILITY,
     TOOL,
     UNSTEADY,
+    WET_FRACTION,
     Signal,
     contact_signals,
     deflection_signal,
@@ -145,6 +146,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]
         yield deflection_signal(deltas.size), deltas
+    if effects["buoyancy"].size:
+        yield WET_FRACTION, run["plant"]["wet"]["fraction"][0]
     if effects["cable"].size:
         cable = effects[state_of("cable")][0, :1]
         yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)

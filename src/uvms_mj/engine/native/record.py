@@ -16,6 +16,7 @@ import numpy as np
 
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
+from ...physics.buoyancy import WET
 from ...physics.contacts import CARRIER, CONTACT, PAIR
 from ...physics.effects import EFFECTS, INERTIAS, NO_EFFECTS, STATES, TABLES, WRENCHES
 from ...physics.hydrodynamics import WATER
@@ -159,6 +160,7 @@ def plant_dtype(n: int, effects: np.dtype = NO_EFFECTS, own_effects: int = 0, ow
             ("affected", "i8", (int(affected),)),  # empty without one of the velocity
             ("advancing", "i8", (int(advancing),)),  # empty without one with states
             ("inert", "i8", (inert,)),  # empty without one that has inertia
+            ("wet", WET, (int(effects["buoyancy"].shape[0] > 0),)),  # empty of a vehicle far below the surface
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
             ("nu", "f8", (6,)),
