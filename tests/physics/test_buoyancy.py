@@ -36,7 +36,7 @@ G, RHO = 9.81, 1000.0
 
 def volume(kind):
     size, whole = SIZES[kind]
-    return record_of(np.array([(kind, size, np.zeros(3), np.eye(3), whole, RHO, 0.0)], VOLUME))
+    return record_of(np.array([(kind, size, np.zeros(3), np.eye(3), whole, RHO, 0.0, 0.04)], VOLUME))
 
 
 def wet_part(kind, n, D):
@@ -492,3 +492,22 @@ def test_a_reset_takes_the_shapes_away_and_back():
         sim.step(600)
         fresh.step(600)
         assert np.array_equal(sim.signals.nu, fresh.signals.nu)
+
+
+def test_a_thruster_that_leaves_the_water_gives_no_thrust_and_the_law_does_not_know():
+    """By the share of a ball of the propeller's radius, for each thruster at its own place."""
+    over = LEAPING | {"vehicle.model": "bluerov2_heavy", "initial.velocity": [0.0] * 6, "buoyancy.propeller_radius": 0.05}
+    for z, roll in ((-0.5, 0.0), (0.02, 0.0), (0.0, 20.0), (0.6, 0.0)):
+        start = {"initial.position": [0.0, 0.0, z], "initial.attitude_deg": [roll, 0.0, 0.0]}
+        scenario = Scenario.load("push_wall", over | start | {"buoyancy.shapes": BOX})
+        with Simulation(scenario, engine="free_body") as sim:
+            vehicle, tau_cmd = sim.setup.vehicle, np.array([5.0, 3.0, 8.0, 0.0, 0.0, 0.0])
+            sim.tau_cmd[:] = tau_cmd
+            depth = -(np.array([0.0, 0.0, z]) + vehicle.places @ rotation_matrix(quat_from_euler_deg(roll, 0, 0)).T)[:, 2]
+            s = np.clip(depth / 0.05, -1.0, 1.0)
+            wanted = np.linalg.pinv(vehicle.B) @ tau_cmd
+            sim.step(1)
+            np.testing.assert_allclose(sim.signals.u, 0.25 * (1 + s) ** 2 * (2 - s) * wanted, rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(sim.signals.tau, vehicle.B @ sim.signals.u, rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(sim.signals.tau_hat, tau_cmd, rtol=0.0, atol=1e-9)
+

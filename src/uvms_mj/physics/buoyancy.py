@@ -36,6 +36,9 @@ kinetic energy is :math:`\tfrac12 \varphi\, \nu_r^\top M_A \nu_r`, and Lagrange'
 where :math:`\dot\varphi_\eta` is the surface's own motion. So the water gives back what it has taken. A real entry
 loses energy to the spray: by momentum alone (von Karman, NACA TN 321, 1929) the force is the first term.
 
+**Thrusters.** A propeller in the air gives no thrust. At the surface its thrust is scaled by the share of a ball of its
+radius that is wet, a smooth model without ventilation.
+
 **Waves.** Each shape has the tangent plane of the surface above its centre, by :math:`\eta` of linear theory.
 """
 
@@ -55,6 +58,7 @@ VOLUME = np.dtype(
         ("volume", "f8"),  # [m^3]; 0 of none, as a reset leaves it
         ("density", "f8"),  # displaced mass over volume [kg/m^3]
         ("surface", "f8"),  # z of the still surface in W [m]
+        ("propeller", "f8"),  # radius of the propellers [m]
     ],
     align=True,
 )
@@ -117,6 +121,18 @@ def dry_fraction(effects, t, p_WB, R_WB) -> float:
     """The share of the displaced mass above the surface at the time t [s]."""
     mass, whole, _ = find_wet(effects, t, p_WB, R_WB, np.zeros(3), np.zeros(6))
     return 1.0 - mass / whole if whole > 0.0 else 0.0
+
+
+@kernel
+def covered(effects, t, place_W) -> float:
+    """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a ball of its radius there,
+    the share below the surface."""
+    volume, n, rise = effects.buoyancy[0], np.zeros(3), np.zeros(1)
+    if volume.volume == 0.0:
+        return 1.0
+    below = volume.surface + surface_of(effects.sea, t, place_W, rise, n) - place_W[2]
+    s = min(1.0, max(-1.0, below / volume.propeller))
+    return 0.25 * (1.0 + s) * (1.0 + s) * (2.0 - s)
 
 
 @kernel

@@ -70,6 +70,9 @@ class Buoyancy(EffectTable):
         (),
     )
     density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
+    propeller_radius: Annotated[Number, within(1e-4, 10.0, "m")] = doc(
+        "of the propellers, whose thrust ends as a ball of it at their place leaves the water [m]", 0.038
+    )
 
     @property
     def volume(self) -> float:
@@ -93,7 +96,7 @@ class Buoyancy(EffectTable):
             (
                 *(KINDS[each.shape], each.size, each.place(world) - off),
                 rotation_matrix(quat_from_euler_deg(*each.attitude_deg)),
-                *(each.volume, density, world.surface),
+                *(each.volume, density, world.surface, self.propeller_radius),
             )
             for each in self.shapes
         ]

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.buoyancy import covered
 from ...physics.contacts import force_of_step, place_carriers, press_contacts
 from ...physics.effects import add_inertias, add_pulls, advance_effects, find_pulls
 from ...physics.flow import flow
@@ -229,7 +230,7 @@ def check_command(run):
 
 @kernel
 def limit_thrust(run):
-    """Set u to the thrusts within the limits of the vehicle's file, and tau = B u."""
+    """Set u to the thrusts within the limits of the vehicle's file, of propellers in the water, and tau = B u."""
     u_cmd, u_min, u_max = run.commands.u_cmd, run.allocation.u_min, run.allocation.u_max
     run.saturated = 0
     for k in range(run.u.shape[0]):
@@ -239,6 +240,8 @@ def limit_thrust(run):
         thrust = min(run.high[k], max(run.low[k], produced))
         if not abs(thrust) <= run.tau_bound:  # MuJoCo would ignore it
             stop_run(run, STOP_THRUST, k, thrust)
+        if run.places.shape[0] != 0:
+            thrust *= covered(run.plant.effects, run.t, run.true.p_WB + run.true.R_WB @ run.places[k])
         run.u[k] = thrust
         if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             run.saturated = 1

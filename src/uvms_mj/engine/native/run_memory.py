@@ -233,7 +233,10 @@ class RunMemory:
         run["ctrl_index"] = vehicle.actuator_ids
         run["allocation"]["B"], run["allocation"]["B_pinv"] = nominal.B, pseudoinverse(nominal.B)
         real = setup.scenario.thrusters.runs
-        run["ideal"], run["believed"] = not real, real or not np.array_equal(vehicle.B, nominal.B)
+        surfaces = bool(run["places"].size)
+        run["ideal"], run["believed"] = not real, real or surfaces or not np.array_equal(vehicle.B, nominal.B)
+        if surfaces:
+            run["places"] = vehicle.places
         place_carriers(run["carriers"][0], setup.contacts.carriers)
         if self.shape.own_frames:
             frames = [effect.carrier(vehicle) for effect in setup.scenario.effects]
