@@ -1,4 +1,4 @@
-"""docs/physics/surface.md: a sphere that heaves at the surface beside its formula, and a vehicle that leaps out of it."""
+"""docs/physics/surface.md: a sphere that heaves at the surface beside its formula, and a vehicle that leaps."""
 
 import functools
 import math
@@ -87,7 +87,16 @@ def main() -> None:
         figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_IN, 2.6))
         t, z, _ = heave(0.02)
         line(left, t, 1e3 * z, "run", color=COLOURS["x"], lw=1.4, label="run")
-        line(left, t, 20.0 * np.cos(2.0 * np.pi * t / sphere()[1]), "formula", color=BLACK, lw=1.0, ls="--", label="formula")
+        line(
+            left,
+            t,
+            20.0 * np.cos(2.0 * np.pi * t / sphere()[1]),
+            "formula",
+            color=BLACK,
+            lw=1.0,
+            ls="--",
+            label="formula",
+        )
         left.set(xlabel="time [s]", ylabel="heave of a sphere [mm]", xlim=(0.0, 3.0), ylim=(-30.0, 36.0))
         left.legend(loc="upper right", ncols=2)
         for drag, colour, words in ((0.0, COLOURS["z"], "without drag"), (1.0, COLOURS["x"], "with drag")):

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from twin import TwinParameters, skew
 from uvms_mj import Buoyancy, InputError, Scenario, Sea, Simulation, Volume, attach, simulate
+from uvms_mj.analysis.summary import ending, rows, summary
 from uvms_mj.physics.buoyancy import BALL, BLOCK, ROD, VOLUME, add_half_ball, cut, cut_ball, find_wet
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.kernels import record_of
@@ -19,6 +20,8 @@ from uvms_mj.plant.effects import effect_records
 from uvms_mj.plant.settings import World
 from uvms_mj.setup.checks import checked
 from vehicles import load, place
+
+pytestmark = pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 
 A_BALL, H_BLOCK, ROD_SIZE = 0.2, np.array([0.23, 0.17, 0.12]), (0.15, 0.3)
 SIZES = {
@@ -496,14 +499,17 @@ def test_a_reset_takes_the_shapes_away_and_back():
 
 def test_a_thruster_that_leaves_the_water_gives_no_thrust_and_the_law_does_not_know():
     """By the share of a ball of the propeller's radius, for each thruster at its own place."""
-    over = LEAPING | {"vehicle.model": "bluerov2_heavy", "initial.velocity": [0.0] * 6, "buoyancy.propeller_radius": 0.05}
+    over = LEAPING | {"vehicle.model": "bluerov2_heavy", "initial.velocity": [0.0] * 6}
+    over |= {"buoyancy.propeller_radius": 0.05}
     for z, roll in ((-0.5, 0.0), (0.02, 0.0), (0.0, 20.0), (0.6, 0.0)):
         start = {"initial.position": [0.0, 0.0, z], "initial.attitude_deg": [roll, 0.0, 0.0]}
         scenario = Scenario.load("push_wall", over | start | {"buoyancy.shapes": BOX})
         with Simulation(scenario, engine="free_body") as sim:
             vehicle, tau_cmd = sim.setup.vehicle, np.array([5.0, 3.0, 8.0, 0.0, 0.0, 0.0])
             sim.tau_cmd[:] = tau_cmd
-            depth = -(np.array([0.0, 0.0, z]) + vehicle.places @ rotation_matrix(quat_from_euler_deg(roll, 0, 0)).T)[:, 2]
+            depth = -(np.array([0.0, 0.0, z]) + vehicle.places @ rotation_matrix(quat_from_euler_deg(roll, 0, 0)).T)[
+                :, 2
+            ]
             s = np.clip(depth / 0.05, -1.0, 1.0)
             wanted = np.linalg.pinv(vehicle.B) @ tau_cmd
             sim.step(1)
@@ -511,3 +517,20 @@ def test_a_thruster_that_leaves_the_water_gives_no_thrust_and_the_law_does_not_k
             np.testing.assert_allclose(sim.signals.tau, vehicle.B @ sim.signals.u, rtol=0.0, atol=1e-12)
             np.testing.assert_allclose(sim.signals.tau_hat, tau_cmd, rtol=0.0, atol=1e-9)
 
+
+def test_a_run_says_that_the_vehicle_left_the_water():
+    """At every step, whatever the rows: thrown up from above, it falls into the water."""
+    over = {"wall.present": False, "sea.surface": 0.3, "buoyancy.shapes": BOX, "simulation.timestep": 1e-3}
+    over |= {"initial.velocity": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], "initial.position": [0.0, 0.0, 0.6]}
+    over |= {"reference.target": [0.0, 0.0, -0.5]}
+    scenario = Scenario.load("push_wall", over | {"simulation.duration": 3.0}, "impedance")
+    full, few = (simulate(scenario, engine="free_body", log_rate=rate) for rate in (1000, 2))
+    assert full.dry_time[-1] == pytest.approx(1e-3 * (full.wet_fraction[:-1] == 0.0).sum(), rel=1e-12)
+    assert full.dry_time[-1] > 0.1
+    assert few.dry_time[-1] == full.dry_time[-1]
+    assert few.wet_fraction_low.min() == 0.0
+    assert f"the vehicle was out of the water for {full.dry_time[-1]:.4g} s" in ending(full)
+    assert dict(rows(full, summary(full, {})))["out of the water"].startswith(f"{full.dry_time[-1]:.4g} s")
+    calm = simulate(scenario.updated({"initial.position": [0.0, 0.0, -0.5]}), engine="free_body", log_rate=100)
+    assert calm.dry_time[-1] == 0.0
+    assert not any("out of the water" in note for note in ending(calm))

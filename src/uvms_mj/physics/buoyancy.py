@@ -71,6 +71,7 @@ WET = np.dtype(
         ("moment", "f8", (3,)),  # and its first moment in B [kg m]
         ("slope", "f8", (6,)),  # of the fraction by a displacement and a rotation vector in B [1/m, 1]
         ("rate", "f8"),  # of the fraction by the motion of the surface [1/s]
+        ("dry_time", "f8"),  # with nothing below the surface, until t_k [s]
     ],
     align=True,
 )

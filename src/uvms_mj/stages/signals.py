@@ -233,7 +233,10 @@ UNSTEADY = (
 )
 """Recorded unless the current is constant."""
 
-WET_FRACTION = Signal("wet_fraction", (), "1", "-", "share of the displaced mass that is below the surface")
+AT_SURFACE = (
+    Signal("wet_fraction", (), "1", "-", "share of the displaced mass that is below the surface"),
+    Signal("dry_time", (), "s", "-", "time with nothing of the vehicle below the surface"),
+)
 """Recorded of a vehicle with ``buoyancy.shapes``."""
 
 FINAL_WINDOW_S = 0.5

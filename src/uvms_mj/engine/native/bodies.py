@@ -17,10 +17,10 @@ from ...plant.effects import set_places
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
 from ...stages.signals import (
+    AT_SURFACE,
     MANIPULABILITY,
     TOOL,
     UNSTEADY,
-    WET_FRACTION,
     Signal,
     contact_signals,
     deflection_signal,
@@ -147,7 +147,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         deltas = effects[state_of("fins")][0]
         yield deflection_signal(deltas.size), deltas
     if effects["buoyancy"].size:
-        yield WET_FRACTION, run["plant"]["wet"]["fraction"][0]
+        wet = run["plant"]["wet"][0]
+        yield from zip(AT_SURFACE, (wet["fraction"], wet["dry_time"]), strict=True)
     if effects["cable"].size:
         cable = effects[state_of("cable")][0, :1]
         yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)

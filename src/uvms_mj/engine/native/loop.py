@@ -315,6 +315,8 @@ def complete_step(run):
     write_row(run)
     if run.saturated != 0:  # for the coming step
         run.row.saturation_time += run.timestep
+    if run.plant.wet.shape[0] != 0 and run.plant.wet[0].fraction == 0.0:
+        run.plant.wet[0].dry_time += run.timestep
     run.row.effort += run.timestep * run.true.tau * run.true.tau
     if run.has_task != 0:
         run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)

@@ -248,7 +248,11 @@ def run_dtype(shape: Shape) -> np.dtype:
         *_whole("believed", "ideal"),  # whether tau_hat may differ from tau; whether the thrust is u_cmd
         ("tau_lost", "f8", (6,)),  # the actuation's tau_cmd - tau_hat
         *((name, "f8", (m,)) for name in ("low", "high", "thrust_of_ctrl")),  # limits of the vehicle's file
-        ("places", "f8", (m if shape.effects["buoyancy"].shape[0] else 0, 3)),  # in B, of thrusters that may leave water
+        (
+            "places",
+            "f8",
+            (m if shape.effects["buoyancy"].shape[0] else 0, 3),
+        ),  # in B, of a vehicle at the surface
         ("ctrl_index", "i8", (m,)),
         ("thrust", "f8", (m,)),  # as the thrusters set it
         ("u", "f8", (m,)),  # within the limits of the vehicle's file

@@ -23,6 +23,7 @@ from ...setup.base import Setup
 from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
+    AT_SURFACE,
     BAND,
     BANDED,
     DELAYED,
@@ -38,7 +39,6 @@ from ...stages.signals import (
     SCHEDULED,
     TOOL,
     UNSTEADY,
-    WET_FRACTION,
     Signal,
     band_signals,
     contact_signals,
@@ -101,7 +101,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, WET_FRACTION)
+    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *AT_SURFACE)
     taken = names | {signal.name for signal in (*recorded, *own)} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
