@@ -23,9 +23,9 @@ With the density :math:`\rho` of the displaced mass over the shapes' volumes, th
 waterplane's, :math:`\rho g A` in heave (Newman, "Marine Hydrodynamics", 1977, sec. 6.16; Faltinsen, "Sea Loads", 1990).
 
 **The other forces of the water.** The share :math:`\varphi` of the displaced mass that is wet scales added mass and
-drag, which is a model: for a sphere or any other body that is its own mirror image in the surface it is exact of the
-added mass in heave at half its depth, where a sudden motion leaves the surface flat (Faltinsen 1990, sec. 3.5). Its
-kinetic energy is :math:`\tfrac12 \varphi\, \nu_r^\top M_A \nu_r`, and Lagrange's equation adds
+drag, which is a model. Of a sphere half in the water it is exact in heave for sudden motions and in surge for slow
+ones, half of the wet displaced mass; the other limits are 0.83 and 0.27 of it (Hulme, J. Fluid Mech. 121, 1982,
+p. 443). The kinetic energy is :math:`\tfrac12 \varphi\, \nu_r^\top M_A \nu_r`, and Lagrange's equation adds
 
 .. math::
 

@@ -57,9 +57,8 @@ def perturbed(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     B, places = nominal.B.copy(), nominal.places
     if choice.thruster_offset is not None:
         _refuse(nominal, choice.thruster_offset)
-        offsets = np.array(choice.thruster_offset)
-        B[3:] += np.cross(offsets, nominal.B[:3].T).T
-        places = places + offsets
+        B[3:] += np.cross(np.array(choice.thruster_offset), nominal.B[:3].T).T
+        places = places + np.array(choice.thruster_offset)
     names = [nominal.body, *(link.name for link in nominal.arm.links)]
     if faults := payload_faults(choice.payloads, names):
         raise InputError(faults, "scenario")
