@@ -21,6 +21,7 @@ _NAMES = {
     "errors": "InputError",
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
+    "plant.buoyancy": "Buoyancy Volume",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.obstacle": "Obstacle",
@@ -74,6 +75,8 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Navigation as Navigation
     from .navigation import Observer as Observer
     from .navigation import Wrist as Wrist
+    from .plant.buoyancy import Buoyancy as Buoyancy
+    from .plant.buoyancy import Volume as Volume
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.obstacle import Obstacle as Obstacle

@@ -26,6 +26,7 @@ from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
+from .plant.buoyancy import Buoyancy, Volume
 from .plant.effect import Effect, numbers_of
 from .plant.obstacle import Obstacle
 from .plant.sea import Sea
@@ -84,6 +85,7 @@ class Scenario:
     tether: Tether = Tether()
     pads: tuple[Pad, ...] = ()
     near_wall: tuple[NearWall, ...] = ()
+    buoyancy: Buoyancy = Buoyancy()
     fins: tuple[Fin, ...] = ()
     drag: tuple[Drag, ...] = ()
     effects: tuple[Effect, ...] = ()
@@ -143,7 +145,7 @@ class Scenario:
     @property
     def with_inertia(self) -> list[str]:
         """The names of the effects that change the inertia of the vehicle."""
-        return [name for name in INERTIAS if getattr(self, name)]
+        return [name for name in INERTIAS if getattr(self, name) != getattr(Scenario, name)]
 
     @property
     def named_stages(self) -> dict[str, Stage]:
@@ -370,7 +372,7 @@ LISTS: dict[str, Any] = {
     "effects": Effect,
 }
 """The tables of each list of tables."""
-_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS}
+_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS, "buoyancy.shapes": Volume}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 _UNITS = {

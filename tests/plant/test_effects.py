@@ -21,6 +21,7 @@ SOME = {
     "sea": ("sea.height", 0.3),
     "pads": ("pads", [{"radius": 0.1, "position": [0.05, 0.0, 0.0]}]),
     "near_wall": ("near_wall", [{"radius": 0.2}]),
+    "buoyancy": ("buoyancy.shapes", [{"shape": "box", "edges": [0.2, 0.2, 5.0]}]),  # up to the surface
     "tether": ("tether.length", 3.0),
     "fins": ("fins", [{"area": 0.01, "position": [0.0, 0.0, 0.0]}]),
     "drag": ("drag", [{"forward": [1.0, 1.0, 1.0]}]),
@@ -79,8 +80,9 @@ def test_a_reset_changes_the_effects_there_are_and_adds_none(engine):
 
 
 def test_a_reset_may_take_each_effect_away_and_back():
-    scenario = Scenario.load("push_wall", TO_THE_WALL | dict(SOME.values()))
-    without = {key: [] if key in ("pads", "near_wall", "fins", "drag") else 0.0 for key, _ in SOME.values()}
+    together = {name: each for name, each in SOME.items() if name != "buoyancy"}  # which pads are refused beside
+    scenario = Scenario.load("push_wall", TO_THE_WALL | dict(together.values()))
+    without = {key: [] if key in ("pads", "near_wall", "fins", "drag") else 0.0 for key, _ in together.values()}
     without |= {"disturbance.bias": [0.0] * 6, "obstacle.half_width": None}
     with Simulation(scenario, engine="free_body") as sim, Simulation(scenario, engine="free_body") as fresh:
         sim.reset(without)

@@ -57,9 +57,16 @@ def ending(trace: "Trace") -> tuple[str, ...]:
 
     if trace.header.measured:
         return ()
+    found = [f"the vehicle was out of the water for {dry:.4g} s"] if (dry := _dry(trace)) else []
     distance = None if trace.scenario.controller.external else astray(trace)
     lost = "the vehicle is still moving at the end, up to {:.3g} m from its reference: the loop may be unstable"
-    return () if distance is None else (lost.format(distance),)
+    return (*found, *(() if distance is None else (lost.format(distance),)))
+
+
+def _dry(trace: "Trace") -> float | None:
+    """The time with nothing of the vehicle below the surface [s]; None where it is below the surface everywhere."""
+    time = _last("dry_time")(trace)
+    return None if time is None else _of_steps(trace, time)
 
 
 def fluctuates(scenario: "Scenario") -> bool:
@@ -276,6 +283,9 @@ NUMBERS: Mapping[str, Number] = {
         rows=LAST,
     ),
     "saturated_s": Number(saturated, "time with a thruster at its limit", rows=LAST),
+    "dry_s": _of_study(
+        _dry, "time with nothing of the vehicle below the surface; none without buoyancy.shapes", rows=LAST
+    ),
     "saturated_joints_s": _not_kept(_saturated_joints, _OF_JOINTS),
     "joints_off_target": _not_kept(_joints("off_target"), _OF_JOINTS),
     "joints_at_stops": _not_kept(_joints("at_stops"), _OF_JOINTS),
@@ -487,6 +497,8 @@ def _run_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, 
     if report["saturated_s"]:
         share = report["saturated_s"] / max(report["duration_s"], 1e-300)
         yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+    if dry := _dry(trace):
+        yield "out of the water", f"{dry:.4g} s, {dry / max(report['duration_s'], 1e-300):.2%} of the time"
     joints = report["saturated_joints_s"] or {}
     if any(joints.values()):
         shares = (f"{name} {time / report['duration_s']:.2%}" for name, time in joints.items() if time)

@@ -4,7 +4,8 @@ r"""Effects of the water beside added mass, damping and buoyancy. Each has a rec
   its way turns aside (:mod:`.obstacle`), and :mod:`.waves`;
 - push (:func:`add_pushes`): a wrench (6,) about B's origin in B of the time alone, added to tau: the disturbance of
   eq. (10), a vector that varies (:mod:`.varying`);
-- inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`;
+- inertia (:func:`add_inertias`): inertia of the base, and the wrench of its change: :mod:`.near_wall`, and of a
+  vehicle at the surface :mod:`.buoyancy`;
 - wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
   base relative to the water in B. Closed forms call it, too;
 - pull (:func:`find_pulls`, :func:`add_pulls`): a force that is found once a time step, from pose, velocity and states:
@@ -78,6 +79,7 @@ from typing import Any
 
 import numpy as np
 
+from .buoyancy import VOLUME, dry_fraction
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .current import CURRENT, add_current
 from .frames import velocity_at
@@ -147,6 +149,7 @@ EFFECTS = {
     "sea": WAVE,
     "pads": PAD,
     "near_wall": HULL,
+    "buoyancy": VOLUME,
     "tether": TETHER,
     "cable": CABLE,
     "nodes": NODE,
@@ -157,7 +160,7 @@ EFFECTS = {
 """The records of the effects, by the names of their tables; products are of a vehicle's file, and a
 cable with its nodes is of the table of the tether."""
 
-FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall")
+FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall", "buoyancy")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
 PULLS = ("cable", "nodes")
 """The effects that pull at the vehicle with states of their own."""
@@ -244,9 +247,9 @@ def add_pushes(effects, numbers, t, tau):
 
 
 @kernel
-def add_inertias(plant, R_WB, M):
-    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B, and to the composite inertias of
-    the links that carry them."""
+def add_inertias(plant, t, R_WB, M):
+    """Add the inertia of all effects that have one at the time t [s] to M (6, 6), about B's origin in B, and to the
+    composite inertias of the links that carry them. M has the added mass of the base as deep below the surface."""
     effects, p_WB, links, frames = plant.effects, plant.qpos[:3], plant.links, plant.frames
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
@@ -260,6 +263,8 @@ def add_inertias(plant, R_WB, M):
             for _ in range(frames[hull.link].depth):
                 add_inertia_to(links[above], own)
                 above = frames[above].parent
+    if effects.buoyancy.shape[0] != 0:  # of a vehicle without links
+        M -= dry_fraction(effects, t, p_WB, R_WB) * links[0].M
 
 
 @kernel
@@ -275,7 +280,8 @@ def add_inertia_to(link, M):
 @kernel
 def add_inertia_wrenches(plant, R_WB, nu):
     """Add to the wrenches F of the links what the change of these inertias does at the velocity nu (6,) of the base,
-    where the links have their motion relative to the water at B."""
+    where the links have their motion relative to the water at B; the change at the surface has the velocity in the
+    water (:func:`.buoyancy.meet_surface`)."""
     effects, p_WB, links, frames, water = plant.effects, plant.qpos[:3], plant.links, plant.frames, plant.water
     tau, V, A = links[0].F, np.zeros(6), np.zeros(6)
     for k in range(effects.pads.shape[0]):

@@ -1,5 +1,8 @@
 """The motion of the water at a vehicle, and the wrench of the effects, at one instant."""
 
+import numpy as np
+
+from .buoyancy import set_wet
 from .effects import add_effects, add_flows, add_pushes, in_the_way
 from .hydrodynamics import relative_velocity
 from .kernels import kernel
@@ -7,17 +10,24 @@ from .kernels import kernel
 
 @kernel
 def flow(plant, numbers, t, p_WB, R_WB, nu):
-    """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record: at time t [s], for a vehicle at p_WB (3,)
-    [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
+    """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record, and its WET record: at time t [s], for a
+    vehicle at p_WB (3,) [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
     water = plant.water
     water.t = t
     if water.unsteady != 0:
         flow_along(plant, numbers, t, p_WB, R_WB, nu)
+    if plant.wet.shape[0] != 0:
+        set_wet(plant.effects, plant.links[0], t, p_WB, R_WB, plant.wet[0])
     water.tau_dist[:] = 0.0
     add_pushes(plant.effects, numbers, t, water.tau_dist)
     if plant.affected.shape[0] != 0:
         relative_velocity(water, R_WB, nu, plant.nu_r)
-        add_effects(plant.effects, plant.nu_r, water.tau_dist)
+        if plant.wet.shape[0] != 0:
+            part = np.zeros(6)
+            add_effects(plant.effects, plant.nu_r, part)
+            water.tau_dist += plant.wet[0].fraction * part
+        else:
+            add_effects(plant.effects, plant.nu_r, water.tau_dist)
 
 
 @kernel

@@ -40,6 +40,7 @@ MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 
 import numpy as np
 
+from .buoyancy import meet_surface
 from .effects import add_inertia_wrenches, add_sea
 from .frames import add_wrench_from
 from .kernels import fused, kernel
@@ -134,8 +135,13 @@ def water_wrench(plant, R_WB, nu, out):
     if plant.effects.sea.shape[0] != 0:
         for k in range(1, links.shape[0]):
             meet_waves(plant, links[k], frames[k], R_WB, nu)
-    subtract_water(base, base.F)
-    add_buoyancy(base, plant, R_WB, base.r_b)
+    if plant.wet.shape[0] != 0:
+        subtract_water(base, part)
+        base.F += plant.wet[0].fraction * part
+        meet_surface(plant, base, R_WB, nu)
+    else:
+        subtract_water(base, base.F)
+        add_buoyancy(base, plant, R_WB, base.r_b)
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]
         part[:], link.F[:] = 0.0, link.f_ext

@@ -54,10 +54,11 @@ def perturbed(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     """
     if choice == VehicleChoice(choice.model, contact_bodies=choice.contact_bodies):
         return nominal
-    B = nominal.B.copy()
+    B, places = nominal.B.copy(), nominal.places
     if choice.thruster_offset is not None:
         _refuse(nominal, choice.thruster_offset)
         B[3:] += np.cross(np.array(choice.thruster_offset), nominal.B[:3].T).T
+        places = places + np.array(choice.thruster_offset)
     names = [nominal.body, *(link.name for link in nominal.arm.links)]
     if faults := payload_faults(choice.payloads, names):
         raise InputError(faults, "scenario")
@@ -67,7 +68,7 @@ def perturbed(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
         for link in nominal.arm.links
     )
     base = _perturbed(nominal, nominal.body, choice)
-    return dataclasses.replace(base, B=B, arm=dataclasses.replace(nominal.arm, links=links))
+    return dataclasses.replace(base, B=B, places=places, arm=dataclasses.replace(nominal.arm, links=links))
 
 
 def _perturbed(body: _Body, name: str, choice: VehicleChoice) -> _Body:

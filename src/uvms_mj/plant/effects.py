@@ -74,6 +74,26 @@ class _World:
     def inertia(self) -> np.ndarray:
         return self._plant.vehicle.M_RB + self._plant.vehicle.M_A
 
+    @property
+    def displaced_mass(self) -> float:
+        return self._plant.vehicle.displaced_mass
+
+    @property
+    def r_b(self) -> np.ndarray:
+        return self._plant.vehicle.r_b
+
+    @property
+    def surface(self) -> float:
+        return self._scenario.sea.surface
+
+    @property
+    def tilted(self) -> bool:
+        return bool(self._plant.mjcf.gravity_W[:2].any())
+
+    @property
+    def surfaces(self) -> bool:
+        return bool(self._scenario.buoyancy.shapes)
+
 
 def world_of(scenario: ScenarioLike, plant: Any) -> Any:
     """The :class:`.settings.World` of a scenario with a plant."""

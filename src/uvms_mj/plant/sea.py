@@ -157,7 +157,7 @@ class Sea(EffectTable):
             yield Fault("height", f"{wave} of {length:.4g} m breaks at {most:.4g} m; {self.height:g} m is more")
         if self.depth is not None and self.height >= 2.0 * self.depth:
             yield Fault("depth", f"{self.depth:g} m is not below the trough of a wave of {self.height:g} m")
-        if start_z > self.trough:
+        if start_z > self.trough and not world.surfaces:
             where = f"the trough is at z = {self.trough:g} m"
             yield Fault("surface", f"{where}, and the vehicle begins above it, at {start_z:g} m")
         elif start_z < self.bottom:
@@ -165,9 +165,11 @@ class Sea(EffectTable):
             yield Fault("depth", wrong)
 
 
-def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, sensors: str) -> Iterator[str]:
+def sea_notes(
+    sea: Sea, gravity: float, displaced_mass: float, start_z: float, sensors: str, surfaces: bool
+) -> Iterator[str]:
     """Warnings where linear waves end, for a vehicle that begins at ``start_z`` [m] and displaces so much water [kg];
-    ``sensors`` is the name of a navigation with a pressure sensor."""
+    ``sensors`` is the name of a navigation with a pressure sensor, and ``surfaces`` whether its volume is known."""
     if not sea.moves:
         return
     length, size = sea.length(gravity), 2.0 * (displaced_mass / RHO) ** (1.0 / 3.0)
@@ -183,9 +185,10 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
             f"{ursell:.3g}, and linear waves hold to {SHALLOW:g}"
         )
     if (below := sea.trough - start_z) < size:
+        leaves = "" if surfaces else ", and a vehicle that leaves the water keeps its buoyancy and drag"
         yield (
             f"the vehicle begins {below:.3g} m below the trough; linear waves hold from about one body length, here "
-            f"{size:.2g} m, and a vehicle that leaves the water keeps its buoyancy and drag"
+            f"{size:.2g} m{leaves}"
         )
     if size > SLENDER * length:
         yield (

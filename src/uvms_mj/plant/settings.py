@@ -43,7 +43,9 @@ class World(NamedTuple):
     its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
 
     An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s], the inertia (6, 6) with
-    added mass, and the duration of the run [s], too."""
+    added mass, and the duration of the run [s], too. One of a vehicle at the surface asks for the displaced mass [kg]
+    at the centre of buoyancy (3,) in B [m], the z of the surface in W [m], and whether gravity is not along -z;
+    ``surfaces`` says whether the vehicle is one."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -56,6 +58,11 @@ class World(NamedTuple):
     inertia: np.ndarray = np.eye(6)
     duration: float = 0.0
     walls: Mapping[str, Any] = MappingProxyType({})
+    displaced_mass: float = 0.0
+    r_b: np.ndarray = np.zeros(3)
+    surface: float = 0.0
+    tilted: bool = False
+    surfaces: bool = False
 
 
 Rows = tuple[tuple[float, ...], ...] | None

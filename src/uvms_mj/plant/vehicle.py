@@ -14,7 +14,7 @@ The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrust
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -34,7 +34,7 @@ def turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
     elsewhere.qpos[:] = data.qpos
     mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
     mujoco.mj_forward(model, elsewhere)
-    _, _, _, there, _, _ = read_thrusters(model, elsewhere, body_id, [])
+    there = read_thrusters(model, elsewhere, body_id, [])[3]
     if there.shape != B.shape:
         return [Fault("thrusters", "their number depends on the pose")]
     return [
@@ -48,15 +48,15 @@ def read_thrusters(model, data, body_id, faults):
     """Read the actuators that act on the body; errors are appended to ``faults``.
 
     Returns:
-        Names, indices in ctrl, thrust (n,) per unit of ctrl [N], B = T^-T moment^T (6, n) per newton of thrust, and
-        least and greatest thrust (n,) [N].
+        Names, indices in ctrl, thrust (n,) per unit of ctrl [N], B = T^-T moment^T (6, n) per newton of thrust, least
+        and greatest thrust (n,) [N], and places (n, 3) of their sites in B [m].
     """
     moment = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     dof = model.body_dofadr[body_id]
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
-    names, ids, thrusts, columns, limits = [], [], [], [], []
+    names, ids, thrusts, columns, limits, places = [], [], [], [], [], []
     for i in range(model.nu):
         wrench = T_inverse.T @ moment[i, dof : dof + 6]  # per unit of actuator force, which is gain times ctrl
         if not wrench.any():
@@ -81,9 +81,12 @@ def read_thrusters(model, data, body_id, faults):
         thrusts.append(gain * gear)
         columns.append(wrench / gear)
         limits.append((gear * low, gear * high))
+        of_site = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE
+        site = data.site_xpos[model.actuator_trnid[i, 0]] if of_site else data.xpos[body_id]
+        places.append((site - data.xpos[body_id]) @ T_inverse[:3, :3])
     u_min, u_max = np.array(limits).reshape(-1, 2).T.copy()
     B = np.array(columns).reshape(-1, 6).T.copy()
-    return tuple(names), tuple(ids), np.array(thrusts), B, u_min, u_max
+    return tuple(names), tuple(ids), np.array(thrusts), B, u_min, u_max, np.array(places).reshape(-1, 3)
 
 
 def _limits(model, i, gain, name, faults) -> tuple[float, float]:
@@ -126,6 +129,8 @@ class Vehicle(Body):
     """Its links."""
     products: tuple[Product, ...] = ()
     """Its products of velocities, which are forces beside D's."""
+    places: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) places of the thrusters in B [m]."""
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None, file: str = "") -> "Vehicle":
@@ -161,7 +166,7 @@ class Vehicle(Body):
         mujoco.mj_forward(model, data)
         arm = read_arm(model, body_id, prefix, faults)
         M_RB = rigid_inertia(model, data, body_id)
-        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
+        thrusters, ids, thrust_of_ctrl, B, u_min, u_max, places = read_thrusters(model, data, body_id, faults)
         if not np.isfinite(M_RB).all():
             faults.append(Fault("M_RB", "mass or inertia is not finite"))
         faults += [
@@ -174,11 +179,12 @@ class Vehicle(Body):
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults:
             raise InputError(faults, f"vehicle.model {file}" if file else f"vehicle {body!r}")
-        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
+        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max, places)
         for array in arrays:
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
-        return cls(M_RB, *water, body, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm, products)
+        own = thrusters, ids, thrust_of_ctrl, B, u_min, u_max
+        return cls(M_RB, *water, body, *own, arm, products, places)
 
 
 def refuse_slash(model: mujoco.MjModel, body: str, prefix: str, place: str) -> None:

@@ -1,7 +1,7 @@
 """Settings of the water: the ocean current, the disturbance of eq. (10), fins, drag and pads.
 
-:mod:`.sea` has the waves, :mod:`.obstacle` what the current meets, and :mod:`.tether` the tether. The list of all
-effects is at the end.
+:mod:`.sea` has the waves, :mod:`.obstacle` what the current meets, :mod:`.buoyancy` the volume of a vehicle at the
+surface, and :mod:`.tether` the tether. The list of all effects is at the end.
 """
 
 import dataclasses
@@ -33,6 +33,7 @@ from ..quantities import (
     of_length,
     within,
 )
+from .buoyancy import Buoyancy
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -441,6 +442,7 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "sea": Sea,
     "pads": Pad,
     "near_wall": NearWall,
+    "buoyancy": Buoyancy,
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,

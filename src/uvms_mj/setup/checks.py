@@ -381,7 +381,7 @@ def _afloat_notes(setup: Setup) -> Iterator[str]:
     bodies = (vehicle, *vehicle.arm.links)
     g, mass = float(np.linalg.norm(setup.gravity_W)), sum(body.mass for body in bodies)
     excess = sum(body.displaced_mass for body in bodies) - mass
-    if g == 0.0:
+    if g == 0.0 or (excess > 0.0 and setup.scenario.buoyancy.shapes):
         return
     against = (np.sign(excess) * setup.gravity_W / g) @ vehicle.B[:3]  # push of each thruster per newton of thrust
     by_caller = setup.scenario.controller.external
@@ -435,6 +435,37 @@ def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
             yield Fault(key, f"{what} {where}, which is not computed for an [obstacle]")
 
 
+def _surface_faults(setup: Setup) -> Iterator[Fault]:
+    """Errors for what does not know that a vehicle may leave the water."""
+    scenario = setup.scenario
+    if not scenario.buoyancy.shapes:
+        return
+    deep = {"near_wall": scenario.near_wall, "pads": scenario.pads, "tether.elements": scenario.tether.elements}
+    key = "buoyancy.shapes"
+    for name in (name for name, given in deep.items() if given):
+        yield Fault(key, f"the water of {name} is that far below the surface; leave one of them out")
+    if scenario.controller.uses_truth:
+        law = scenario.controller.label()
+        yield Fault(key, f"the law {law} is told the truth of a vehicle far below the surface; take another law")
+    if scenario.wrist.runs:
+        yield Fault(key, "the true wrench of the wrist's sensor is that far below the surface; take no wrist")
+
+
+_SHARE = 0.99
+"""A greater share of the shapes' volume that is displaced is all of it."""
+
+
+def _surface_notes(setup: Setup) -> Iterator[str]:
+    """A warning for shapes that hold more than the vehicle displaces."""
+    buoyancy, displaced = setup.scenario.buoyancy, setup.vehicle.displaced_mass
+    if buoyancy.shapes and (filled := buoyancy.filled(displaced)) < _SHARE:
+        litres = 1e3 * buoyancy.volume
+        yield (
+            f"buoyancy.shapes hold {litres:.4g} l, and the vehicle displaces {litres * filled:.4g} l: a share of "
+            f"{filled:.3g} of each of them displaces water"
+        )
+
+
 def _contact_notes(setup: Setup) -> Iterator[str]:
     for table, wall in setup.contacts.walls:
         if not wall.linear:
@@ -448,16 +479,17 @@ def _sea_faults(setup: Setup) -> Iterator[Fault]:
     if not sea.moves:
         return
     place, start_z = setup.rest_pose[0] or scenario.initial.position, scenario.initial.position[2]
-    if not sea.bottom <= start_z <= sea.trough:
+    surfaces = bool(scenario.buoyancy.shapes)
+    if start_z < sea.bottom or (start_z > sea.trough and not surfaces):
         return  # said by the sea
-    if place[2] > sea.trough:
+    if place[2] > sea.trough and not surfaces:
         yield Fault("reference", f"ends at z = {place[2]:g} m, above the trough of the waves, at {sea.trough:g} m")
     elif place[2] < sea.bottom:
         yield Fault("reference", f"ends at z = {place[2]:g} m, below the bottom, at {sea.bottom:g} m")
     for i, wall in enumerate(scenario.walls):
         endless = wall.shape in ("plane", "cylinder")
         z = float(wall.nearest(place)[1][2]) if endless else wall.position[2]
-        if z > sea.trough:
+        if z > sea.trough and not surfaces:
             wrong = f"z = {z:g} m{', where it is nearest to the vehicle,' if endless else ''} is above the trough"
             yield Fault(f"walls[{i}].position", f"{wrong} of the waves, at {sea.trough:g} m, where no water carries it")
     if tether.advances and (lowest := min(tether.way(scenario.simulation.duration)[:, 2])) < sea.bottom:
@@ -521,7 +553,8 @@ def _sea_notes(setup: Setup) -> Iterator[str]:
     scenario, navigation = setup.scenario, setup.scenario.navigation
     measured = "" if isinstance(navigation, Perfect) else navigation.label()
     g, start = float(np.linalg.norm(setup.gravity_W)), scenario.initial.position[2]
-    return sea_notes(scenario.sea, g, setup.vehicle.displaced_mass, start, measured)
+    surfaces = bool(scenario.buoyancy.shapes)
+    return sea_notes(scenario.sea, g, setup.vehicle.displaced_mass, start, measured, surfaces)
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:
@@ -537,14 +570,14 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
 Check = Callable[[Setup], Iterable[Fault]]
 CHECKS: tuple[Check, ...] = (
     *(_timing_faults, task_faults, wall_faults, _water_faults, _obstacle_faults, _sea_faults, _inertia_faults),
-    posture_faults,
+    *(_surface_faults, posture_faults),
 )
 """The errors of a run beside the errors of its stages."""
 NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
     *(_sampling_notes, posture_notes, task_notes, free_motion_notes),
-    *(_sea_notes, _inertia_notes, _tether_notes, _contact_notes),
+    *(_sea_notes, _surface_notes, _inertia_notes, _tether_notes, _contact_notes),
     deployment_notes,
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..errors import suggestion
 
-BANDED = ("tau", "s", "u", "push", "tau_q")
-"""Signals that may alternate from one step to the next. Where rows are further apart than steps, each has a band."""
+BANDED = ("tau", "s", "u", "push", "tau_q", "wet_fraction")
+"""Signals whose values between rows count, as they may alternate from one step to the next or pass a limit. Where rows
+are further apart than steps, each has a band."""
 BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
 """Names of the signals of a band: least and largest value since the row before."""
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
@@ -231,6 +232,12 @@ UNSTEADY = (
     Signal("a_c_W", (3,), "m/s^2", "W", "acceleration of the water at the vehicle"),
 )
 """Recorded unless the current is constant."""
+
+AT_SURFACE = (
+    Signal("wet_fraction", (), "1", "-", "share of the displaced mass that is below the surface"),
+    Signal("dry_time", (), "s", "-", "time with nothing of the vehicle below the surface"),
+)
+"""Recorded of a vehicle with ``buoyancy.shapes``."""
 
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""

@@ -14,6 +14,7 @@ from ...errors import Fault, InputError, suggestion
 from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
 from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
+from ...plant.sea import Sea
 from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import EFFECT_TABLES, Current, Disturbance
@@ -204,8 +205,16 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     tables = tables_checked(effects, seed)
-    gravity, arm = float(np.linalg.norm(model.opt.gravity)), vehicle.arm
-    world = World(seed, gravity, timestep=model.opt.timestep, links=arm.names)
+    world = World(
+        *(seed, float(np.linalg.norm(model.opt.gravity))),
+        timestep=model.opt.timestep,
+        links=vehicle.arm.names,
+        displaced_mass=vehicle.displaced_mass,
+        r_b=vehicle.r_b,
+        surface=getattr(tables.get("sea"), "surface", Sea().surface),
+        tilted=bool(model.opt.gravity[:2].any()),
+        surfaces="buoyancy" in tables,
+    )
     faults = effect_faults(tables, world) or [
         Fault(
             key,

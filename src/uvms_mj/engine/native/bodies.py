@@ -17,6 +17,7 @@ from ...plant.effects import set_places
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
 from ...stages.signals import (
+    AT_SURFACE,
     MANIPULABILITY,
     TOOL,
     UNSTEADY,
@@ -145,6 +146,9 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]
         yield deflection_signal(deltas.size), deltas
+    if effects["buoyancy"].size:
+        wet = run["plant"]["wet"][0]
+        yield from zip(AT_SURFACE, (wet["fraction"], wet["dry_time"]), strict=True)
     if effects["cable"].size:
         cable = effects[state_of("cable")][0, :1]
         yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)

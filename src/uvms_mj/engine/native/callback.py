@@ -65,7 +65,7 @@ def add_inertia(plant, model, data):
         return
     compose_links(links, frames)
     full_inertia(links[0].composite, plant.M_BB)
-    add_inertias(plant, R_WB, plant.M_BB)
+    add_inertias(plant, plant.time, R_WB, plant.M_BB)
     added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
         M[i] += plant.added[i]
@@ -176,7 +176,7 @@ def add_mass(plant, model, data):
 def flow_at_evaluation(plant, numbers):
     """Compute the motion of the water in an evaluation that is no step of a run."""
     plant.water.fresh = 0
-    flow(plant, numbers, plant.time, plant.qpos, plant.R_WB, plant.nu)
+    flow(plant, numbers, plant.time, plant.qpos[:3], plant.R_WB, plant.nu)
     add_pulls(plant.effects, plant.R_WB, plant.water.tau_dist)  # of the last step
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.buoyancy import covered
 from ...physics.contacts import force_of_step, move_walls, place_carriers, press_contacts
 from ...physics.effects import add_inertias, add_pulls, advance_effects, find_pulls
 from ...physics.flow import flow
@@ -232,7 +233,7 @@ def check_command(run):
 
 @kernel
 def limit_thrust(run):
-    """Set u to the thrusts within the limits of the vehicle's file, and tau = B u."""
+    """Set u to the thrusts within the limits of the vehicle's file, of propellers in the water, and tau = B u."""
     u_cmd, u_min, u_max = run.commands.u_cmd, run.allocation.u_min, run.allocation.u_max
     run.saturated = 0
     for k in range(run.u.shape[0]):
@@ -242,6 +243,8 @@ def limit_thrust(run):
         thrust = min(run.high[k], max(run.low[k], produced))
         if not abs(thrust) <= run.tau_bound:  # MuJoCo would ignore it
             stop_run(run, STOP_THRUST, k, thrust)
+        if run.places.shape[0] != 0:
+            thrust *= covered(run.plant.effects, run.t, run.true.p_WB + run.true.R_WB @ run.places[k])
         run.u[k] = thrust
         if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             run.saturated = 1
@@ -315,6 +318,8 @@ def complete_step(run):
     write_row(run)
     if run.saturated != 0:  # for the coming step
         run.row.saturation_time += run.timestep
+    if run.plant.wet.shape[0] != 0 and run.plant.wet[0].fraction == 0.0:
+        run.plant.wet[0].dry_time += run.timestep
     run.row.effort += run.timestep * run.true.tau * run.true.tau
     if run.has_task != 0:
         run.row.boundary_layer_time += np.where(np.abs(run.signals.s) < run.epsilon, run.timestep, 0.0)
@@ -410,7 +415,7 @@ def free_step(run, moving) -> bool:
         tau += plant.tau_applied_B
     if plant.inert.shape[0] != 0:
         M, open_water = body.M_RB + plant.links[0].M, body.M_RB + plant.links[0].M
-        add_inertias(plant, true.R_WB, M)
+        add_inertias(plant, run.t, true.R_WB, M)
         if np.array_equal(M, open_water):  # a reset has taken these effects away
             body.M_inv[:] = body.M_inv_open
         else:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...control.model import model_dtype
 from ...errors import Fault, InputError
+from ...physics.buoyancy import WET
 from ...physics.contacts import CARRIER, CONTACT, PAIR
 from ...physics.effects import EFFECTS, INERTIAS, NO_EFFECTS, STATES, TABLES, WRENCHES
 from ...physics.hydrodynamics import WATER
@@ -160,6 +161,7 @@ def plant_dtype(n: int, effects: np.dtype = NO_EFFECTS, own_effects: int = 0, ow
             ("affected", "i8", (int(affected),)),  # empty without one of the velocity
             ("advancing", "i8", (int(advancing),)),  # empty without one with states
             ("inert", "i8", (inert,)),  # empty without one that has inertia
+            ("wet", WET, (int(effects["buoyancy"].shape[0] > 0),)),  # empty of a vehicle far below the surface
             ("tau_effects", "f8", (own_effects, 6)),  # wrenches of a user's effects, held over a step, in their frames
             ("effect_frames", CARRIER, (own_frames,)),  # these frames, empty if all are B
             ("nu", "f8", (6,)),
@@ -247,6 +249,11 @@ def run_dtype(shape: Shape) -> np.dtype:
         *_whole("believed", "ideal"),  # whether tau_hat may differ from tau; whether the thrust is u_cmd
         ("tau_lost", "f8", (6,)),  # the actuation's tau_cmd - tau_hat
         *((name, "f8", (m,)) for name in ("low", "high", "thrust_of_ctrl")),  # limits of the vehicle's file
+        (
+            "places",
+            "f8",
+            (m if shape.effects["buoyancy"].shape[0] else 0, 3),
+        ),  # in B, of a vehicle at the surface
         ("ctrl_index", "i8", (m,)),
         ("thrust", "f8", (m,)),  # as the thrusters set it
         ("u", "f8", (m,)),  # within the limits of the vehicle's file

@@ -23,6 +23,7 @@ from ...setup.base import Setup
 from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
+    AT_SURFACE,
     BAND,
     BANDED,
     CLOCK,
@@ -104,8 +105,8 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
-    taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
+    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *AT_SURFACE)
+    taken = names | {signal.name for signal in (*recorded, *own)} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:
@@ -250,7 +251,10 @@ class RunMemory:
         run["ctrl_index"] = vehicle.actuator_ids
         run["allocation"]["B"], run["allocation"]["B_pinv"] = nominal.B, pseudoinverse(nominal.B)
         real = setup.scenario.thrusters.runs
-        run["ideal"], run["believed"] = not real, real or not np.array_equal(vehicle.B, nominal.B)
+        surfaces = bool(run["places"].size)
+        run["ideal"], run["believed"] = not real, real or surfaces or not np.array_equal(vehicle.B, nominal.B)
+        if surfaces:
+            run["places"] = vehicle.places
         place_carriers(run["carriers"][0], setup.contacts.carriers)
         for signal in effect_given(0)[len(CLOCK) :]:
             run["around"][signal.name] = np.nan  # until it is filled, so that none is read that is not
