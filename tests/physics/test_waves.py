@@ -271,5 +271,5 @@ def test_a_wave_that_is_long_for_its_depth_is_named(height, said):
     assert G * 2.0 * math.pi / length * math.tanh(6.0 * math.pi / length) == pytest.approx(
         (math.pi / 4.0) ** 2, rel=1e-5
     )
-    notes = list(sea_notes(sea, G, 12.0, 0.0, ""))
+    notes = list(sea_notes(sea, G, 12.0, 0.0))
     assert any("Ursell number" in note for note in notes) is said is (height * length**2 / 27.0 > 40.0)

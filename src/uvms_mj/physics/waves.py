@@ -20,9 +20,15 @@ Both are sums of exponentials that stay finite in any depth, :math:`c, s = (e^{k
 :math:`\partial_z u = \partial_e w`. Above the mean surface the water moves as at the surface, without a gradient along
 z.
 
-The surface is at :math:`\eta = a \cos\theta`. The theory is linear in the steepness; the water's acceleration is taken
-whole, with :math:`(v \cdot \nabla) v`, which measured loads on a submerged vehicle ask for (Sayer, Ocean Engineering
-35, 2008, p. 41).
+The surface is at :math:`\eta = a \cos\theta`. The pressure is above that of still water by
+
+.. math::
+
+    p = \rho g a\, \frac{\cosh k(z + d)}{\cosh k d} \cos\theta = \rho\, \frac{\omega}{k}\, u,
+
+and :math:`p / \rho g` is its head: a sensor of the pressure reads so much more depth. The theory is linear in the
+steepness; the water's acceleration is taken whole, with :math:`(v \cdot \nabla) v`, which measured loads on a submerged
+vehicle ask for (Sayer, Ocean Engineering 35, 2008, p. 41).
 """
 
 import numpy as np
@@ -38,6 +44,7 @@ WAVE = np.dtype(
         ("phase", "f8"),  # [rad]
         ("surface", "f8"),  # z of the mean surface in W [m]
         ("bottom", "f8"),  # b; 0 for deep water
+        ("head", "f8"),  # omega / (g k), pressure head over u [s]
     ],
     align=True,
 )
@@ -96,27 +103,35 @@ def decayed(x):
 
 
 @kernel
-def add_waves(waves, t, p_W, v, v_dot, gradient):
+def add_waves(waves, t, p_W, v, v_dot, gradient) -> float:
     """Add the motion of the water by the components (n,) of a sea at the place p_W (3,) [m, W] and the time t [s]: its
     velocity to v (3,) [m/s, W], the time derivative at this place to v_dot (3,), and the derivatives of v_i by x_j to
-    gradient (3, 3) [1/s]. All components of a sea have one surface."""
+    gradient (3, 3) [1/s]. All components of a sea have one surface. Returns the pressure head of the waves [m]."""
     x, y, z = p_W[0], p_W[1], min(p_W[2] - waves[0].surface, 0.0)
-    u, u_side, w, w_side = np.empty((4, waves.shape[0]))  # along e and up, each with its part a quarter turn away
-    for n in range(waves.shape[0]):
+    count = waves.shape[0]
+    full = (count + 3) // 4 * 4 if count > 1 else 1  # whole vectors: a rest of them would take as long as they do
+    theta, down, up, cosine, sine = np.zeros((5, full))
+    for n in range(count):
         wave = waves[n]
-        cosine, sine = turned(wave.k * (wave.e[0] * x + wave.e[1] * y) - wave.omega * t + wave.phase)
-        down = decayed(wave.k * z)
-        falling, rising = wave.rate * down, wave.rate * (wave.bottom / down)
-        c, s = falling + rising, falling - rising
-        u[n], u_side[n], w[n], w_side[n] = c * cosine, c * sine, s * sine, s * cosine
-    v_x, v_y, v_z, a_x, a_y, a_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        theta[n] = wave.k * (wave.e[0] * x + wave.e[1] * y) - wave.omega * t + wave.phase
+        down[n] = wave.k * z
+    for n in range(full):
+        cosine[n], sine[n] = turned(theta[n])
+        decay = decayed(down[n])
+        down[n], up[n] = decay, 1.0 / decay
+    head, v_x, v_y, v_z, a_x, a_y, a_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g_xx, g_xy, g_yy, g_xz, g_yz = 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(waves.shape[0]):
-        k, omega, e_x, e_y = waves[n].k, waves[n].omega, waves[n].e[0], waves[n].e[1]
-        v_x, v_y, v_z = v_x + u[n] * e_x, v_y + u[n] * e_y, v_z + w[n]
-        along, up = u_side[n], w_side[n]
-        a_x, a_y, a_z = a_x + omega * (along * e_x), a_y + omega * (along * e_y), a_z - omega * up
-        s_x, s_y, shear = k * along * e_x, k * along * e_y, k * up  # of -du/de = dw/dz, and du/dz = dw/de
+    for n in range(count):
+        wave = waves[n]
+        k, omega, e_x, e_y = wave.k, wave.omega, wave.e[0], wave.e[1]
+        falling, rising = wave.rate * down[n], wave.rate * (wave.bottom * up[n])
+        c, s = falling + rising, falling - rising
+        u, w = c * cosine[n], s * sine[n]  # along e, and up
+        head += wave.head * u
+        v_x, v_y, v_z = v_x + u * e_x, v_y + u * e_y, v_z + w
+        u, w = c * sine[n], s * cosine[n]  # a quarter turn later
+        a_x, a_y, a_z = a_x + omega * (u * e_x), a_y + omega * (u * e_y), a_z - omega * w
+        s_x, s_y, shear = k * u * e_x, k * u * e_y, k * w  # of -du/de = dw/dz, and du/dz = dw/de
         g_xx, g_xy, g_yy = g_xx - s_x * e_x, g_xy - s_x * e_y, g_yy - s_y * e_y
         g_xz, g_yz = g_xz + shear * e_x, g_yz + shear * e_y
     v[0], v[1], v[2] = v[0] + v_x, v[1] + v_y, v[2] + v_z
@@ -131,3 +146,4 @@ def add_waves(waves, t, p_W, v, v_dot, gradient):
         gradient[0, 2] += g_xz
         gradient[1, 2] += g_yz
         gradient[2, 2] -= g_xx + g_yy
+    return head

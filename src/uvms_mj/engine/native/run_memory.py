@@ -38,6 +38,7 @@ from ...stages.signals import (
     SCHEDULED,
     TOOL,
     UNSTEADY,
+    WAVES,
     Signal,
     band_signals,
     contact_signals,
@@ -100,7 +101,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
+    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *WAVES, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
