@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+import uvms_mj.engine.native.compilation  # noqa: F401  # machine code for called_on
 from twin import TwinParameters
 from uvms_mj import InputError, Scenario, Sea, attach, simulate
 from uvms_mj.engine.simulation import Simulation
-from uvms_mj.physics.waves import WAVE, add_waves, turned
+from uvms_mj.physics.kernels import called_on, kernel
+from uvms_mj.physics.waves import WAVE, add_waves, decayed, turned
 from uvms_mj.plant.sea import sea_notes, spectral_density, wave_number
 from uvms_mj.plant.settings import World
 from uvms_mj.setup.checks import checked
@@ -87,6 +89,32 @@ def test_cosine_and_sine_of_a_phase_at_all_quarters_and_far_away():
             cosine, sine = turned(float(theta))
             assert abs(cosine - math.cos(theta)) < 1e-14 + 1e-16 * abs(theta)
             assert abs(sine - math.sin(theta)) < 1e-14 + 1e-16 * abs(theta)
+
+
+def test_decay_with_depth_is_the_exponential_and_ends_where_no_motion_is_left():
+    for x in [0.0, -1e-300, -40.0, *np.random.default_rng(1).uniform(-40.0, 0.0, 5000)]:
+        assert decayed(float(x)) == pytest.approx(math.exp(x), rel=1e-14)
+    assert decayed(-41.0) == decayed(-1e6) == decayed(-40.0)
+
+
+@kernel
+def sea_at(waves, instant, found):
+    """The motion (5, 3) of the water at a time and a place (4,)."""
+    add_waves(waves, instant[0], instant[1:], found[0], found[1], found[2:])
+
+
+@pytest.mark.parametrize("components", [2, 7, 30])
+def test_machine_code_has_the_bits_of_plain_python_for_any_number_of_components(components):
+    """Also where a processor computes several of them at once, and some alone."""
+    sea = Sea(height=0.5, period=4.0, spectrum="jonswap", spreading=3.0, depth=12.0, components=components)
+    waves = np.array(sea.records(World(5, G)), WAVE)
+    for t in np.linspace(0.0, 600.0, 13):
+        instant = np.array([t, 0.3, -1.0, -0.1 * t])
+        compiled, plain = np.zeros((5, 3)), np.zeros((5, 3))
+        called_on(sea_at, waves, instant, compiled)()
+        sea_at(waves.view(np.recarray), instant, plain)
+        assert compiled.tobytes() == plain.tobytes()
+        assert np.abs(plain).max() > 0.0
 
 
 @pytest.mark.parametrize(("gamma", "height", "ratio"), [(1.0, 2.0, 0.7107), (3.3, 2.0024, 0.7777), (5.0, None, 0.8055)])
@@ -271,5 +299,5 @@ def test_a_wave_that_is_long_for_its_depth_is_named(height, said):
     assert G * 2.0 * math.pi / length * math.tanh(6.0 * math.pi / length) == pytest.approx(
         (math.pi / 4.0) ** 2, rel=1e-5
     )
-    notes = list(sea_notes(sea, G, 12.0, 0.0, "", False))
+    notes = list(sea_notes(sea, G, 12.0, 0.0, False))
     assert any("Ursell number" in note for note in notes) is said is (height * length**2 / 27.0 > 40.0)

@@ -53,7 +53,7 @@ def test_the_announced_deviation_is_the_runs_over_ten_minutes(law, spectrum, hei
 
 def test_oblique_waves_and_a_current_with_noise_of_a_sensor():
     """The wave's share and the noise's add up as variances; the drag is that of current and waves together."""
-    noise = {"navigation.name": "sensors", "navigation.force_noise": 0.2}
+    noise = {"navigation.name": "sensors", "navigation.force_noise": 0.2, "navigation.pressure_depth": False}
     waves = {"sea.height": 0.15, "sea.spectrum": "jonswap", "sea.direction_deg": 50.0, "current.speed": 0.2}
     both, alone = (deviations(setup_of(each, "admittance")) for each in (noise | waves, waves))
     quiet = deviations(setup_of(noise | {"current.speed": 0.2}, "admittance"))
@@ -113,6 +113,7 @@ def test_answers_to_all_frequencies_are_the_covariance_of_white_noise():
         ("impedance", {"sea.height": 0.4}, "would lose contact at times"),
         ("ideal", {}, "the law is told the truth"),
         ("admittance", {"navigation.name": "ekf"}, "the way through ekf is not known"),
+        ("admittance", {"navigation.name": "sensors"}, "navigation.pressure_depth"),
         ("impedance", {"current.amplitude": [0.1, 0.0, 0.0], "current.frequency_hz": [0.1, 0.0, 0.0]}, "current"),
     ],
 )

@@ -198,7 +198,8 @@ def measure_increments(settings, state, given):
 @kernel
 def sense(settings, state, given, sample):
     """Set what the sensors measure at a sample of the inertial unit, from the truth: turn and push, dvl (3,) in B,
-    depth, heading and fix (3,) in W, and which of the last four are new. The first sample has the first estimate."""
+    depth by the pressure, which the waves have a part in, heading and fix (3,) in W, and which of the last four are
+    new. The first sample has the first estimate."""
     key, instant, present, R = given.key, given.instant, state.present, given.R_WB
     present[:] = 0.0
     if sample == 0:
@@ -211,7 +212,7 @@ def sense(settings, state, given, sample):
             state.dvl[i] = given.nu[i] + settings.dvl_noise * standard_normal(key, instant, _DVL + i)
     if due(sample, settings.depth_samples):
         present[1] = 1.0
-        state.depth[0] = given.p_WB[2] + settings.depth_noise * standard_normal(key, instant, _DEPTH)
+        state.depth[0] = given.p_WB[2] - given.wave_head + settings.depth_noise * standard_normal(key, instant, _DEPTH)
     if due(sample, settings.heading_samples) and R[:2, 0] @ R[:2, 0] >= _LEVEL:
         present[2] = 1.0
         noise = settings.heading_noise * standard_normal(key, instant, _HEADING)

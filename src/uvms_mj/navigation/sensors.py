@@ -1,7 +1,8 @@
 r"""Sensors of the vehicle: a channel for each measured quantity, and a force sensor with something behind it.
 
-Position is measured in W, everything else in B; velocity and the wrench of the contact are given at B's origin.
-:mod:`.channel` has the errors of a channel.
+Position is measured in W, by default with z from the pressure, in which the waves have a part
+(:mod:`uvms_mj.physics.waves`). Everything else is measured in B; velocity and the wrench of the contact are given at
+B's origin. :mod:`.channel` has the errors of a channel.
 
 The force sensor is between the vehicle and a tool of the mass m at r, the water that moves with it included. With the
 acceleration a of the tool's centre, m a = f_c + f_s, where f_s is the force of the vehicle on the tool. The sensor
@@ -119,6 +120,9 @@ class Sensors(_Channels):
         0.0, "kg", "inertia of the parts behind the force sensor, the water that moves with them included"
     )
     mass_behind_at: Vector3 = setting(_NONE, "m", "centre of the parts behind the force sensor, in B")
+    pressure_depth: bool = setting(
+        True, "-", "whether z of the position is from the pressure, in which the pressure of the waves is"
+    )
     depth_drift: Axes = setting(_NONE, "N/m", "drift of the force per metre of depth below the start, in B")
 
     period: Step | None = shared(
@@ -147,7 +151,9 @@ class Sensors(_Channels):
         """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
         step = self.period or setup.scenario.simulation.timestep
         channels = {quantity: self.channel(quantity).pack(step) for quantity in QUANTITIES}
-        kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
+        kept = {
+            name: getattr(self, name) for name in ("pressure_depth", "mass_behind", "mass_behind_at", "depth_drift")
+        }
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 
     def faults(self, setup: SetupLike) -> Iterator[Fault]:
@@ -200,8 +206,10 @@ class Sensors(_Channels):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        k, key, nu = given.instant, given.key, given.nu
-        measure(settings.position, state.position, given.p_WB, 0, k, key, 0, out.p_WB)
+        k, key, nu, p_WB = given.instant, given.key, given.nu, given.p_WB.copy()
+        if settings.pressure_depth:
+            p_WB[2] -= given.wave_head
+        measure(settings.position, state.position, p_WB, 0, k, key, 0, out.p_WB)
         measure_attitude(settings.attitude, state.attitude, given.quat_WB, k, key, 1, out.quat_WB)
         measure(settings.velocity, state.velocity, nu, 0, k, key, 2, out.nu)
         measure(settings.angular_velocity, state.angular_velocity, nu, 3, k, key, 3, out.nu)

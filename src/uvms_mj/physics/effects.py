@@ -211,23 +211,24 @@ NO_EFFECTS = effects_dtype(())
 
 
 @kernel
-def add_flows(effects, numbers, t, p_W, v, v_dot, gradient):
+def add_flows(effects, numbers, t, p_W, v, v_dot, gradient) -> float:
     """Add the motion of the water by all effects that move it, at the place p_W (3,) [m, W] and the time t [s]: its
     velocity to v (3,) [m/s, W], the time derivative there to v_dot (3,), and dv_i/dx_j to gradient (3, 3) [1/s].
-    ``numbers`` has the tables."""
+    ``numbers`` has the tables. Returns the pressure head of the waves [m]."""
     for k in range(effects.current.shape[0]):
         add_current(effects.current[k], numbers, t, p_W, v, v_dot, gradient)
     for k in range(effects.obstacle.shape[0]):
         if in_the_way(effects.obstacle[k]):
             turn_aside(effects.obstacle[k], p_W, v, v_dot, gradient)
-    add_sea(effects, t, p_W, v, v_dot, gradient)
+    return add_sea(effects, t, p_W, v, v_dot, gradient)
 
 
 @kernel
-def add_sea(effects, t, p_W, v, v_dot, gradient):
+def add_sea(effects, t, p_W, v, v_dot, gradient) -> float:
     """As :func:`add_flows`, of the waves alone."""
-    if effects.sea.shape[0] != 0:
-        add_waves(effects.sea, t, p_W, v, v_dot, gradient)
+    if effects.sea.shape[0] == 0:
+        return 0.0
+    return add_waves(effects.sea, t, p_W, v, v_dot, gradient)
 
 
 @kernel

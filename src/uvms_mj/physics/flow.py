@@ -10,8 +10,8 @@ from .kernels import kernel
 
 @kernel
 def flow(plant, numbers, t, p_WB, R_WB, nu):
-    """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record, and its WET record: at time t [s], for a
-    vehicle at p_WB (3,) [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
+    """Set v_c_W, v_c_dot_W, a_c_W, wave_head and tau_dist of a plant's WATER record, and its WET record: at time t [s],
+    for a vehicle at p_WB (3,) [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
     water = plant.water
     water.t = t
     if water.unsteady != 0:
@@ -32,15 +32,15 @@ def flow(plant, numbers, t, p_WB, R_WB, nu):
 
 @kernel
 def flow_along(plant, numbers, t, p_WB, R_WB, nu):
-    """Set v_c_W, v_c_dot_W and a_c_W of water that is not constant: along the vehicle's path and along that of the
-    water its velocity changes by v_dot + (dv/dx) times the velocity of the vehicle, or of the water.
+    """Set v_c_W, v_c_dot_W, a_c_W and wave_head of water that is not constant: along the vehicle's path and along that
+    of the water its velocity changes by v_dot + (dv/dx) times the velocity of the vehicle, or of the water.
 
     Where the current meets an obstacle, the added mass is given the water's own acceleration in place of the rate along
     the vehicle's path: the force on a body in a flow that is not uniform is M_A (Dv_c/Dt - dv/dt) with the
     Froude-Krylov force (Auton, Hunt and Prud'homme, J. Fluid Mech. 197, 1988, p. 241; for a sphere)."""
     water = plant.water
     water.v_c_W[:], water.a_c_W[:], water.gradient_W[:] = 0.0, 0.0, 0.0
-    add_flows(plant.effects, numbers, t, p_WB, water.v_c_W, water.a_c_W, water.gradient_W)
+    water.wave_head = add_flows(plant.effects, numbers, t, p_WB, water.v_c_W, water.a_c_W, water.gradient_W)
     water.v_c_dot_W[:] = water.a_c_W + water.gradient_W @ (R_WB @ nu[:3])
     water.a_c_W += water.gradient_W @ water.v_c_W
     for k in range(plant.effects.obstacle.shape[0]):

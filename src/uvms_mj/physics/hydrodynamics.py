@@ -56,6 +56,7 @@ WATER = np.dtype(
         ("v_c_dot_W", "f8", (3,)),  # its time derivative along the vehicle's path [m/s^2]; zero if it is constant
         ("a_c_W", "f8", (3,)),  # acceleration of the water [m/s^2]; zero if the current is constant
         ("gradient_W", "f8", (3, 3)),  # of its velocity, dv_i/dx_j [1/s]
+        ("wave_head", "f8"),  # pressure of the waves over rho g; zero without waves [m]
         ("tau_dist", "f8", (6,)),  # disturbance in B, with the effects [N, N m]
     ],
     align=True,

@@ -126,10 +126,11 @@ class Sea(EffectTable):
         face, found = world.face if self.reflecting else None, []
         for amplitude, omega, k, e_x, e_y, phase in self.waves(world):
             bottom = 0.0 if self.depth is None else math.exp(-2.0 * k * self.depth)
-            rate = amplitude * omega / (1.0 - bottom)
-            found.append((rate, k, (e_x, e_y), omega, phase, self.surface, bottom))
+            rate, head = amplitude * omega / (1.0 - bottom), omega / (world.gravity * k)
+            found.append((rate, k, (e_x, e_y), omega, phase, self.surface, bottom, head))
             if face is not None:  # the wave from the mirror image: no water crosses x = face
-                found.append((rate, k, (-e_x, e_y), omega, phase + 2.0 * k * e_x * face, self.surface, bottom))
+                back = (-e_x, e_y), omega, phase + 2.0 * k * e_x * face
+                found.append((rate, k, *back, self.surface, bottom, head))
         return found
 
     def waves(self, world: World) -> list[tuple[float, float, float, float, float, float]]:
@@ -165,11 +166,9 @@ class Sea(EffectTable):
             yield Fault("depth", wrong)
 
 
-def sea_notes(
-    sea: Sea, gravity: float, displaced_mass: float, start_z: float, sensors: str, surfaces: bool
-) -> Iterator[str]:
+def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, surfaces: bool) -> Iterator[str]:
     """Warnings where linear waves end, for a vehicle that begins at ``start_z`` [m] and displaces so much water [kg];
-    ``sensors`` is the name of a navigation with a pressure sensor, and ``surfaces`` whether its volume is known."""
+    ``surfaces`` is whether its volume is known."""
     if not sea.moves:
         return
     length, size = sea.length(gravity), 2.0 * (displaced_mass / RHO) ** (1.0 / 3.0)
@@ -198,8 +197,6 @@ def sea_notes(
     many_only = ("gamma", "components", "spreading", "seed") if sea.spectrum == "regular" else ("gamma",)
     if sea.spectrum != "jonswap" and (idle := [key for key in many_only if getattr(sea, key) != getattr(Sea(), key)]):
         yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
-    if sensors:
-        yield f"the depth of {sensors} has no pressure of the waves in it, as in still water"
 
 
 def wave_number(omega: float, gravity: float, depth: float | None) -> float:

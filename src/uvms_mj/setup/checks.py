@@ -26,7 +26,6 @@ from ..control.theory.task_motion import Track
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
-from ..navigation import Perfect
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, is_unreached
@@ -550,11 +549,9 @@ def _inertia_notes(setup: Setup) -> Iterator[str]:
 
 
 def _sea_notes(setup: Setup) -> Iterator[str]:
-    scenario, navigation = setup.scenario, setup.scenario.navigation
-    measured = "" if isinstance(navigation, Perfect) else navigation.label()
-    g, start = float(np.linalg.norm(setup.gravity_W)), scenario.initial.position[2]
-    surfaces = bool(scenario.buoyancy.shapes)
-    return sea_notes(scenario.sea, g, setup.vehicle.displaced_mass, start, measured, surfaces)
+    scenario, start = setup.scenario, setup.scenario.initial.position[2]
+    g, surfaces = float(np.linalg.norm(setup.gravity_W)), bool(scenario.buoyancy.shapes)
+    return sea_notes(scenario.sea, g, setup.vehicle.displaced_mass, start, surfaces)
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

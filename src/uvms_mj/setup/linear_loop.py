@@ -279,6 +279,8 @@ def deviations(setup: Setup) -> Deviations | str | None:
         return reason
     if waves and scenario.effects:
         return f"the waves' way through the effect {scenario.effects[0].label()} is not known"
+    if waves and getattr(scenario.navigation, "pressure_depth", False):
+        return "the way of the waves' pressure through the depth is not known: navigation.pressure_depth"
     rest = steady_state(calm)
     if not isinstance(rest, SteadyState) or rest.tau is None:
         return getattr(rest, "reason", "the law's theory gives no whole state at rest")

@@ -84,6 +84,7 @@ TRUE = (
     Signal("f_springs_W", (3,), "N", "W", "force of the walls' springs at the instant: k_c depth + b_c v"),
     Signal("tau_springs_B", (6,), _WRENCH, "B", "f_springs_W as a wrench at B's origin"),
     Signal("v_c_W", (3,), "m/s", "W", "velocity of the current at the vehicle"),
+    Signal("wave_head", (), "m", "W", "pressure of the waves at B's origin, over rho g: a pressure sensor's z is less"),
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
 )
@@ -238,6 +239,9 @@ AT_SURFACE = (
     Signal("dry_time", (), "s", "-", "time with nothing of the vehicle below the surface"),
 )
 """Recorded of a vehicle with ``buoyancy.shapes``."""
+
+WAVES = (_SET["wave_head"],)
+"""Recorded with a sea."""
 
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""

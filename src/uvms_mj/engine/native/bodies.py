@@ -21,6 +21,7 @@ from ...stages.signals import (
     MANIPULABILITY,
     TOOL,
     UNSTEADY,
+    WAVES,
     Signal,
     contact_signals,
     deflection_signal,
@@ -136,7 +137,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
     the joints and the tool."""
     contacts, u, true = setup.contacts, run["u"], run["true"]
     if not setup.scenario.constant_flow:
-        yield from ((signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY)
+        of_water = (*UNSTEADY, *WAVES) if run["plant"]["effects"]["sea"].size else UNSTEADY
+        yield from ((signal, run["plant"]["water"][signal.name]) for signal in of_water)
     if n := len(contacts.springs):
         first = int(contacts.paper)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
@@ -190,7 +192,7 @@ class Water:
         self.keep(drawn)
         water = self._water
         water["unsteady"], water["fresh"] = moving(self._effects), False
-        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"] = self.mean_W, 0.0, 0.0
+        water["v_c_W"], water["v_c_dot_W"], water["a_c_W"], water["wave_head"] = self.mean_W, 0.0, 0.0, 0.0
 
     def drawn(self) -> dict[str, np.ndarray]:
         """The records of the processes whose nodes are in memory."""

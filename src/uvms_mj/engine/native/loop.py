@@ -112,6 +112,7 @@ def observe_anew(run):
         move_walls(run)
     flow_of_step(run)
     true.v_c_W[:] = plant.water.v_c_W
+    true.wave_head = plant.water.wave_head
     if run.carried.shape[0] != 0:
         place_carriers(run)
     if run.pairs.shape[0] != 0:

@@ -40,6 +40,7 @@ from ...stages.signals import (
     SCHEDULED,
     TOOL,
     UNSTEADY,
+    WAVES,
     Signal,
     band_signals,
     contact_signals,
@@ -105,7 +106,17 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *AT_SURFACE)
+    recorded = (
+        *RECORDED,
+        *MEASURED_MOTION,
+        *UNSTEADY,
+        *WAVES,
+        *DELAYED,
+        *SCHEDULED,
+        *TOOL,
+        MANIPULABILITY,
+        *AT_SURFACE,
+    )
     taken = names | {signal.name for signal in (*recorded, *own)} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
