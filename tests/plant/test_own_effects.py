@@ -230,6 +230,12 @@ def test_mistakes_are_named_with_their_place(tmp_path):
         sim.reset({"effects": []})
 
 
+def test_an_array_as_a_setting_is_told_what_to_write(tmp_path):
+    text = effect("Wide", "tau[:] = 0.0").replace("k: float = setting(1.0,", "k: np.ndarray = setting(np.eye(3),")
+    with pytest.raises(InputError, match=r"my_effect.py, line \d: TypeError: a setting begins with .* a tuple"):
+        Scenario.load("push_wall", {"effects": [{"name": f"{effect_file(tmp_path, text)}:Wide"}]})
+
+
 def test_an_effect_that_is_not_finite_stops_the_run_with_its_name(tmp_path):
     lines = "tau[:] = 0.0\nif given.t > 0.0099:\n    tau[0] = np.sqrt(-given.t)"
     name = f"{effect_file(tmp_path, effect('Bad', lines))}:Bad"

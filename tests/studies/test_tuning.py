@@ -37,6 +37,21 @@ def gap(trace):
 """
 
 
+DRAG = """
+from dataclasses import dataclass
+from uvms_mj import Effect, setting
+
+@dataclass(frozen=True)
+class Drag(Effect):
+    k: float = setting(1.0, "N s/m", "drag")
+
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        tau[:] = 0.0
+        tau[0] = -settings.k * given.nu_r[0]
+"""
+
+
 @pytest.fixture
 def tuning_file(tmp_path):
     """A function that writes a tuning file and returns its path."""
@@ -254,6 +269,25 @@ trial = 3
     assert "did you mean 'trials'?" in text
     assert "give one gain for each that is tuned, impedance.K_d[0]" in text
     assert "wall.position is 1 in the file, outside low to high, 2 to 3" in text
+
+
+@pytest.mark.slow
+def test_a_key_of_a_list_is_tuned(tuning_file, tmp_path):
+    """A wall of a list, and an effect of a user's own: the search begins with their values."""
+    path = tuning_file(duration=0.05)
+    (tmp_path / "drag.py").write_text(DRAG)
+    lists = {"drag": [{"forward": [20.0, 1.0, 1.0]}], "effects": [{"name": f"{tmp_path / 'drag.py'}:Drag", "k": 100.0}]}
+    scenario = Scenario.load("push_wall", lists)
+    (tmp_path / "base.toml").write_text(scenario.to_toml())
+    text = path.read_text().replace('scenario = "push_wall"', 'scenario = "base.toml"')
+    path.write_text(text.replace("impedance.K_d[0]", "effects[0].k"))
+    tuning = Tuning.load(path, {"tune.trials": 2})
+    tuning.run(tmp_path / "out", executor=HERE)
+    first, second = tuning.trials(tmp_path / "out")
+    assert first.gains == {"effects[0].k": 100.0}
+    assert 50.0 <= second.gains["effects[0].k"] <= 400.0
+    path.write_text(text.replace("impedance.K_d[0]", "drag[0].forward[0]").replace("low = 50.0", "low = 10.0"))
+    assert Tuning.load(path).start == {"drag[0].forward[0]": 20.0}
 
 
 @pytest.mark.parametrize(

@@ -60,11 +60,11 @@ def line_of_print(function: types.FunctionType) -> int:
         tree = parsed("".join(linecache.getlines(code.co_filename)))
     except SyntaxError:
         return 0
-    named: dict[str, list[ast.AST]] = {}
-    waiting, met = list[ast.AST](), list[ast.AST]()
+    named: dict[str, list[Any]] = {}
+    waiting, met = list[Any](), list[Any]()
     for each in _functions(tree):
         named.setdefault(getattr(each, "name", ""), []).append(each)
-        first = min(at.lineno for at in (each, *getattr(each, "decorator_list", ())))  # type: ignore[attr-defined]
+        first = min(at.lineno for at in (each, *getattr(each, "decorator_list", ())))
         waiting += [each] if first == code.co_firstlineno else []
     lines = []
     while waiting:
@@ -88,7 +88,7 @@ def _changes(source: str) -> Changes:
     return found
 
 
-def _functions(tree: ast.AST) -> Iterator[ast.AST]:
+def _functions(tree: ast.AST) -> Iterator[Any]:
     """The functions of a file that are in no other function."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):

@@ -42,7 +42,7 @@ def overlap(one: str, other: str) -> bool:
     return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
 
 
-def _table_of(name: str, tables: Mapping[str, Any]) -> Any:
+def table_in(name: str, tables: Mapping[str, Any]) -> Any:
     """The table of a key's first word, also of one wall, ``walls[0]``; None if there is none."""
     if (found := _LISTED.fullmatch(name)) is None:
         return tables.get(name)
@@ -54,7 +54,7 @@ def value_at(place: str, tables: Mapping[str, Any]) -> Any:
     """The value of a place in the tables of a scenario."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")
-    return functools.reduce(operator.getitem, parts, _table_of(table, tables)[word])
+    return functools.reduce(operator.getitem, parts, table_in(table, tables)[word])
 
 
 def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
             overrides[key] = value
             continue
         table, _, word = key.partition(".")
-        whole = overrides.setdefault(key, copy.deepcopy(_table_of(table, tables)[word]))
+        whole = overrides.setdefault(key, copy.deepcopy(table_in(table, tables)[word]))
         functools.reduce(operator.getitem, parts[:-1], whole)[parts[-1]] = value
     return overrides
 
@@ -76,7 +76,7 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
     """The reason why the tables of a scenario lack a component; empty for a whole key, which the scenario checks."""
     key, parts = parsed(place)
     table, _, word = key.partition(".")
-    own = _table_of(table, tables)
+    own = table_in(table, tables)
     if own is None and (found := _LISTED.fullmatch(table)):
         return f"the scenario has {len(tables.get(found[1], []))} [[{found[1]}]]"
     if not parts:

@@ -22,7 +22,7 @@ from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, absolute, below_high, entries, read, used_with, valid, words_of
 from ..plan.laws import Law, base_of, laws_of, split_overrides
 from ..plan.metrics import METRICS, columns_of, kept_column, metric_of
-from ..plan.places import Place, missing, overlap, overrides_at, parsed, unit_of, value_at
+from ..plan.places import Place, missing, overlap, overrides_at, parsed, table_in, unit_of, value_at
 from ..pool.execution import run_by_run
 from ..pool.executors import WorkerLost, each_call, size_of
 from ..rows import lost_row, one_row
@@ -420,7 +420,8 @@ def _range_faults(place: str, gain: Gain, law: Law) -> list[Fault]:
             found |= {fault.message: end for fault in error.faults if fault.message not in found}
     key = parsed(gain.key)[0]
     table, _, word = key.partition(".")
-    if table not in law.tables or word not in law.tables[table]:
+    own = table_in(table, law.tables)
+    if own is None or word not in own:
         return [Fault(f"{place}.key", f"{key}: {message}") for message in found] or [
             Fault(f"{place}.key", f"{gain.key} has no value in the base scenario, where the search begins: give it one")
         ]
