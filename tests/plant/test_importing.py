@@ -30,6 +30,7 @@ from descriptions import (
     words,
 )
 from uvms_mj import attach
+from uvms_mj.errors import InputError
 from uvms_mj.physics.effects import RHO
 from uvms_mj.physics.frames import body_acceleration, rotation_matrix
 from uvms_mj.plant.coefficients import DERIVATIVES
@@ -449,6 +450,38 @@ def test_the_volume_of_a_closed_mesh_is_the_polyhedrons(tmp_path):
     _, vehicle = read(tmp_path, ".sdf", with_mesh("hull.stl", "1 3 1"))
     assert vehicle.displaced_mass == pytest.approx(1025 * 0.2**3 * 3, rel=1e-6)
     np.testing.assert_allclose(vehicle.r_b, R_B + np.array([0.2, 0.6, 0.2]), atol=1e-6)
+
+
+BUMPER = '<collision name="bumper"><geometry><box><size>0.7 0.5 0.2</size></box></geometry></collision>'
+MARK = 'xmlns:gz="http://gazebosim.org/schema" gz:buoyancy="true"'
+
+
+@pytest.mark.parametrize(
+    ("enable", "marks", "counts"),
+    [
+        ("", {}, "both"),
+        ("<enable>fish</enable>", {}, "both"),
+        ("<enable>other</enable><enable>fish::hull</enable>", {}, "both"),
+        ("<enable>fish::hull::volume</enable>", {}, "volume"),
+        ("", {"volume": MARK}, "volume"),
+        ("<enable>fish</enable>", {"volume": MARK, "bumper": MARK.replace("true", "false")}, "volume"),
+        ("<enable>other</enable>", {}, "none"),
+    ],
+)
+def test_the_shapes_that_the_source_makes_buoyant_displace_water_and_no_others(tmp_path, enable, marks, counts):
+    """gz-sim's Buoyancy enables scoped names, and others mark the shapes. The bumper alone is 0.07 m^3."""
+    text = sdf().replace("</uniform_fluid_density>", f"</uniform_fluid_density>{enable}")
+    text = text.replace('<collision name="volume">', f'{BUMPER}<collision name="volume">')
+    for name, mark in marks.items():
+        text = text.replace(f'<collision name="{name}">', f'<collision name="{name}" {mark}>')
+    if counts == "none":
+        with pytest.raises(InputError, match=r"displaces no water: .*its shape volume is not among what the Buoyancy"):
+            read(tmp_path, ".sdf", text)
+        return
+    record, vehicle = read(tmp_path, ".sdf", text)
+    expected = DISPLACED + (1025.0 * 0.07 if counts == "both" else 0.0)
+    assert vehicle.displaced_mass == pytest.approx(expected, rel=1e-12)
+    assert (counts == "volume") == any("its shape bumper is not" in each for each in record.left_out)
 
 
 def test_an_inertia_of_sdf_in_attributes_is_read_and_said(tmp_path):

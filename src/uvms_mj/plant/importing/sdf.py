@@ -4,6 +4,7 @@ The model with its frames, links and joints is read here, and its plugins in :mo
 acts on the volume of the collision shapes.
 """
 
+import dataclasses
 import math
 import re
 from xml.etree.ElementTree import Element
@@ -32,6 +33,15 @@ def _waters(model: Element) -> list[Element]:
     return [
         each for each in plugins_of(model) if "hydrodynamics" in kind_of(each) or "underwater_object" in kind_of(each)
     ]
+
+
+def _buoyancies(root: Element) -> list[Element]:
+    return [each for each in plugins_of(root) if "buoyancy" in kind_of(each) and "engine" not in kind_of(each)]
+
+
+def _mark(collision: Element) -> str | None:
+    """The attribute gz:buoyancy of a collision shape, in whatever namespace."""
+    return next((value for key, value in collision.attrib.items() if key.rpartition("}")[2] == "buoyancy"), None)
 
 
 def _the_model(source: Source, root: Element) -> Element:
@@ -75,7 +85,8 @@ def _included(source: Source, include: Element) -> Element:
     refuse_twice(source, root)
     model = root.find("model")
     if model is None:
-        raise source.fault(place, f"{path.name} has no <model>")
+        way = ": it is URDF, and `gz sdf -p FILE` writes the whole as SDF" if root.tag == "robot" else ""
+        raise source.fault(place, f"{path.name} has no <model>{way}")
     model.extend([each for each in include if each.tag == "plugin"])
     if include.findtext("name"):
         model.set("name", (include.findtext("name") or "").strip())
@@ -96,6 +107,11 @@ class _Model:
         """Of each frame: the prefix of the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
+        enabled = [each for plugin in _buoyancies(root) for each in plugin.findall("enable")]
+        self._enabled = {(each.text or "").strip() for each in enabled}
+        self._marked = any(
+            _mark(each) is not None for link in self.links.values() for each in link.findall("collision")
+        )
 
     def _collect(self, model: Element, prefix: str, top: str = "__model__") -> None:
         """Collect the elements of a model whose names get a prefix; ``top`` is the frame of the model."""
@@ -188,12 +204,11 @@ class _Model:
 
     def _density(self) -> float:
         """Density of the water, from the Buoyancy of the world or from the plugin."""
-        for plugin in plugins_of(self.root):
-            if "buoyancy" in kind_of(plugin) and "engine" not in kind_of(plugin):
-                for tag in ("uniform_fluid_density", "graded_buoyancy/default_density"):
-                    if plugin.find(tag) is not None:
-                        place = f"{place_of(plugin)} <{tag}>"
-                        return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
+        for plugin in _buoyancies(self.root):
+            for tag in ("uniform_fluid_density", "graded_buoyancy/default_density"):
+                if plugin.find(tag) is not None:
+                    place = f"{place_of(plugin)} <{tag}>"
+                    return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
         for plugin in _waters(self.model):
             for tag in ("water_density", "waterDensity"):
                 if plugin.find(tag) is not None:
@@ -250,10 +265,23 @@ class _Model:
             for each in element.findall(tag):
                 solid = self._solid(each, name, place_of(element, each))
                 if solid is not None:
-                    solids.append(solid)
+                    solids.append(solid if tag == "visual" else self._afloat(each, name, solid))
         if any(each.kind is None for each in link.drawn) and any(each.kind for each in link.solids):
             link.drawn = []  # the collision shapes stand for meshes that are not read
         return link
+
+    def _afloat(self, collision: Element, link: str, solid: Solid) -> Solid:
+        """A collision shape, without a volume if the source has buoyancy for others alone: those that a Buoyancy plugin
+        enables by their scoped names, or those with the attribute gz:buoyancy if any has it."""
+        why = ""
+        scopes = f"{self.name}::{link}::{collision.get('name')}".split("::")
+        if self._enabled and not {"::".join(scopes[: i + 1]) for i in range(len(scopes))} & self._enabled:
+            why = "is not among what the Buoyancy plugin enables"
+        if self._marked and not self.source.truth(_mark(collision), f"{place_of(collision)} buoyancy"):
+            why = "is not marked with gz:buoyancy, as others are"
+        if not why:
+            return solid
+        return dataclasses.replace(solid, volume=None, reason=f"its shape {collision.get('name')} {why}")
 
     def _solid(self, element: Element, link: str, place: str) -> Solid | None:
         pose, relative = self._pose(element, place)
