@@ -6,19 +6,17 @@ acts on the volume of the collision shapes.
 
 import dataclasses
 import math
-import re
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..coefficients import DENSITY
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water
-from .elements import inertia_of, kind_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
+from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
 from .fins import lift_drag
-from .gz_sim import fluid_added_mass, gz_servos, gz_thruster, gz_water
+from .gz_sim import buoyancies, fluid_added_mass, gz_density, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
-from .reading import Source, one_of, place_of, positive
+from .reading import Source, one_of, place_of
 from .shapes import Solid
 from .uuv import uuv_fin, uuv_thruster, uuv_water
 
@@ -33,10 +31,6 @@ def _waters(model: Element) -> list[Element]:
     return [
         each for each in plugins_of(model) if "hydrodynamics" in kind_of(each) or "underwater_object" in kind_of(each)
     ]
-
-
-def _buoyancies(root: Element) -> list[Element]:
-    return [each for each in plugins_of(root) if "buoyancy" in kind_of(each) and "engine" not in kind_of(each)]
 
 
 def _mark(collision: Element) -> str | None:
@@ -107,7 +101,7 @@ class _Model:
         """Of each frame: the prefix of the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
-        enabled = [each for plugin in _buoyancies(root) for each in plugin.findall("enable")]
+        enabled = [each for plugin in buoyancies(root) for each in plugin.findall("enable")]
         self._enabled = {(each.text or "").strip() for each in enabled}
         self._marked = any(
             _mark(each) is not None for link in self.links.values() for each in link.findall("collision")
@@ -195,27 +189,12 @@ class _Model:
         about = Description(source, word(self.name or base), base, links, joints, water)
         about.from_volume = not any("underwater_object" in kind_of(each) for each in _waters(self.model))
         if about.from_volume:
-            about.density = self._density()
+            about.density = gz_density(source, self.root, _waters(self.model))
         for plugin in plugins_of(self.model):
             self._plugin(about, plugin)
         gz_servos(about, self.model)
         say_unread(source, self.model)
         return about
-
-    def _density(self) -> float:
-        """Density of the water, from the Buoyancy of the world or from the plugin."""
-        for plugin in _buoyancies(self.root):
-            for tag in ("uniform_fluid_density", "graded_buoyancy/default_density"):
-                if plugin.find(tag) is not None:
-                    place = f"{place_of(plugin)} <{tag}>"
-                    return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
-        for plugin in _waters(self.model):
-            for tag in ("water_density", "waterDensity"):
-                if plugin.find(tag) is not None:
-                    place = f"{place_of(plugin)} <{tag}>"
-                    return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
-        self.source.say(f"the file gives no density of the water: {DENSITY:g} kg/m^3, as gz-sim's Buoyancy")
-        return DENSITY
 
     def _water(self) -> tuple[dict[str, Water], str]:
         """The water of each link, and the name of the first one, the base."""
@@ -324,21 +303,10 @@ class _Model:
         if axis is None:
             return joint
 
-        def limit(tag: str) -> float | None:
-            text = axis.findtext(f"limit/{tag}")
-            words = (text or "").strip().lower()
-            if text is None or re.fullmatch(r"[+-]?inf(inity)?", words):
-                return None
-            value = float("nan")
-            try:
-                value = float(words)
-            except ValueError:
-                source.number(text, f"{place} <axis> <limit> <{tag}>")
-            if math.isnan(value):
-                source.number(text, f"{place} <axis> <limit> <{tag}>")
-            return value if abs(value) < 1e6 else None
-
-        lower, upper, effort, speed = (limit(tag) for tag in ("lower", "upper", "effort", "velocity"))
+        lower, upper, effort, speed = (
+            limit_of(source, axis.findtext(f"limit/{tag}"), f"{place} <axis> <limit> <{tag}>")
+            for tag in ("lower", "upper", "effort", "velocity")
+        )
         if lower is not None and upper is not None:
             if lower > upper:
                 raise source.fault(
