@@ -30,6 +30,7 @@ from descriptions import (
     words,
 )
 from uvms_mj import attach
+from uvms_mj.errors import InputError
 from uvms_mj.physics.effects import RHO
 from uvms_mj.physics.frames import body_acceleration, rotation_matrix
 from uvms_mj.plant.coefficients import DERIVATIVES
@@ -449,6 +450,88 @@ def test_the_volume_of_a_closed_mesh_is_the_polyhedrons(tmp_path):
     _, vehicle = read(tmp_path, ".sdf", with_mesh("hull.stl", "1 3 1"))
     assert vehicle.displaced_mass == pytest.approx(1025 * 0.2**3 * 3, rel=1e-6)
     np.testing.assert_allclose(vehicle.r_b, R_B + np.array([0.2, 0.6, 0.2]), atol=1e-6)
+
+
+def urdf_of_gz_sim() -> str:
+    """The vehicle as URDF whose <gazebo> blocks have the plugins of its SDF, and its volume as a collision shape."""
+    head = re.sub(r"<gazebo>.*?</gazebo>", "", urdf(), flags=re.S).removesuffix("</robot>").replace("fish/", "")
+    box = f'<collision><origin xyz="{words(R_B)}"/><geometry><box size="{words(EDGES)}"/></geometry></collision>'
+    head = head.replace("</inertial></link>", f"</inertial>{box}</link>", 1)
+    plugins = re.findall(r"<plugin .*?</plugin>", sdf(), flags=re.S)
+    blocks = "".join(f"<gazebo>{each}</gazebo>" for each in plugins).replace(">hull<", ">base_link<")
+    return f"{head}{blocks}</robot>"
+
+
+def test_a_urdf_with_the_plugins_of_gz_sim_is_its_sdf(tmp_path):
+    record, vehicle = read(tmp_path, ".urdf", urdf_of_gz_sim())
+    other, by_sdf = read(tmp_path, ".sdf", sdf())
+    same(vehicle, by_sdf)
+    assert record.base.shapes == other.base.shapes
+    assert not any("not read" in each for each in record.left_out)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("</robot>", '<gazebo><link name="float"/></gazebo></robot>', r"<gazebo> <link name='float'>: is SDF in URDF"),
+        (">base_link</link_name>", ">hull</link_name>", r"<link_name>.*'hull'"),
+        ("systems::Hydrodynamics", "systems::Waves", r"gz-sim-hydrodynamics-system|conventions"),
+        (
+            "</robot>",
+            '<gazebo><plugin filename="gz-sim-lift-drag-system" name="gz::sim::systems::LiftDrag"/></gazebo></robot>',
+            "is read from SDF",
+        ),
+    ],
+)
+def test_what_a_urdf_of_gz_sim_has_beside_is_refused_by_its_place(tmp_path, old, new, said):
+    text = urdf_of_gz_sim()
+    assert old in text
+    if "Waves" in new:
+        text = text.replace("gz-sim-hydrodynamics-system", "waves-hydrodynamics")
+    with pytest.raises(InputError, match=said):
+        read(tmp_path, ".urdf", text.replace(old, new, 1))
+
+
+def test_a_hinge_of_urdf_that_turns_for_ever_may_be_revolute(tmp_path):
+    """As propellers have it for gz-sim: a limit of a million radians is none, and one of 180 is in degrees."""
+    text = urdf_of_gz_sim().replace(
+        'type="continuous">', 'type="revolute"><limit lower="-1e6" upper="1e16" effort="9"/>'
+    )
+    same(read(tmp_path, ".urdf", text)[1], read(tmp_path, ".sdf", sdf())[1])
+    with pytest.raises(InputError, match="-180 to 180 is more than two turns: URDF has radians, and a continuous"):
+        read(tmp_path, ".urdf", text.replace('"-1e6" upper="1e16"', '"-180" upper="180"'))
+
+
+BUMPER = '<collision name="bumper"><geometry><box><size>0.7 0.5 0.2</size></box></geometry></collision>'
+MARK = 'xmlns:gz="http://gazebosim.org/schema" gz:buoyancy="true"'
+
+
+@pytest.mark.parametrize(
+    ("enable", "marks", "counts"),
+    [
+        ("", {}, "both"),
+        ("<enable>fish</enable>", {}, "both"),
+        ("<enable>other</enable><enable>fish::hull</enable>", {}, "both"),
+        ("<enable>fish::hull::volume</enable>", {}, "volume"),
+        ("", {"volume": MARK}, "volume"),
+        ("<enable>fish</enable>", {"volume": MARK, "bumper": MARK.replace("true", "false")}, "volume"),
+        ("<enable>other</enable>", {}, "none"),
+    ],
+)
+def test_the_shapes_that_the_source_makes_buoyant_displace_water_and_no_others(tmp_path, enable, marks, counts):
+    """gz-sim's Buoyancy enables scoped names, and others mark the shapes. The bumper alone is 0.07 m^3."""
+    text = sdf().replace("</uniform_fluid_density>", f"</uniform_fluid_density>{enable}")
+    text = text.replace('<collision name="volume">', f'{BUMPER}<collision name="volume">')
+    for name, mark in marks.items():
+        text = text.replace(f'<collision name="{name}">', f'<collision name="{name}" {mark}>')
+    if counts == "none":
+        with pytest.raises(InputError, match=r"displaces no water: .*its shape volume is not among what the Buoyancy"):
+            read(tmp_path, ".sdf", text)
+        return
+    record, vehicle = read(tmp_path, ".sdf", text)
+    expected = DISPLACED + (1025.0 * 0.07 if counts == "both" else 0.0)
+    assert vehicle.displaced_mass == pytest.approx(expected, rel=1e-12)
+    assert (counts == "volume") == any("its shape bumper is not" in each for each in record.left_out)
 
 
 def test_an_inertia_of_sdf_in_attributes_is_read_and_said(tmp_path):

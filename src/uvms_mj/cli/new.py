@@ -72,10 +72,10 @@ def new(
     In C, NAME.c has the function, NAME.toml its settings and states, and uvms_stage.h the records that it is given;
     uvms-mj new header NAME.toml writes that header anew. It has the number of thrusters of the BlueROV1, or of --from.
 
-    --from reads SDF of Gazebo, URDF and xacro of the UUV Simulator, a table in TOML or CSV that says its axes, points
-    and signs, and the numbers of a program of PythonVehicleSimulator (.py) or MSS (.m). All numbers are converted to
-    B, forward, left, up, about its origin. What was left out and what was decided is printed, and stands in the file.
-    Nothing of a file is executed, and no other folder is read.
+    --from reads SDF of Gazebo, URDF and xacro with the plugins of the UUV Simulator or of gz-sim, a table in TOML or
+    CSV that says its axes, points and signs, and the numbers of a program of PythonVehicleSimulator (.py) or MSS (.m).
+    All numbers are converted to B, forward, left, up, about its origin. What was left out and what was decided is
+    printed, and stands in the file. Nothing of a file is executed, and no other folder is read.
 
     A table of thrusters has a row for each, and these columns, with the unit in the head:
 

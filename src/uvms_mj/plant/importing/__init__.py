@@ -1,5 +1,5 @@
-"""Vehicles of other formats: SDF of Gazebo, URDF and xacro of the UUV Simulator, plain tables, and
-the numbers of programs of PythonVehicleSimulator and MSS, as our MJCF.
+"""Vehicles of other formats: SDF of Gazebo, URDF and xacro with the plugins of the UUV Simulator or of gz-sim, plain
+tables, and the numbers of programs of PythonVehicleSimulator and MSS, as our MJCF.
 
 Losses and decisions are a list of sentences. It is printed, and stands in the file.
 """

@@ -1,5 +1,6 @@
 """Elements that SDF and URDF have in common: plugins, inertia, shapes and meshes."""
 
+import math
 import re
 from xml.etree.ElementTree import Element
 
@@ -9,6 +10,8 @@ from .moving import Pose
 from .reading import Source, place_of, positive
 from .shapes import Solid, mesh, primitive
 
+_UNLIMITED = 1e6
+"""From this on a limit of a joint is none [rad, m, N, N m, rad/s]."""
 _WHOLE = re.compile(
     r"inertial|inertia|fluid_added_mass|axis|limit|dynamics|geometry|box|sphere|cylinder|capsule|ellipsoid"
 )
@@ -76,6 +79,20 @@ def inertia_of(source: Source, element: Element | None, place: str) -> np.ndarra
     ixx, iyy, izz = (of(key, "1") for key in ("ixx", "iyy", "izz"))
     ixy, ixz, iyz = (of(key, "0") for key in ("ixy", "ixz", "iyz"))
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
+def limit_of(source: Source, text: str | None, place: str) -> float | None:
+    """A limit of a joint; None without one, and for a number so large or infinite that it is none."""
+    words = (text or "").strip().lower()
+    if text is None or re.fullmatch(r"[+-]?inf(inity)?", words):
+        return None
+    try:
+        value = float(words)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        value = source.number(text, place)  # its message
+    return value if abs(value) < _UNLIMITED else None
 
 
 def shape_of(source: Source, kind: str, lengths: list[float], pose: Pose, name: str, place: str) -> Solid:

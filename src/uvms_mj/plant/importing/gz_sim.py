@@ -8,13 +8,15 @@ origin: ``xDotU`` is X_udot, ``nV`` is N_v, ``yVabsV`` is Y_vv on abs(v) v, ``yV
 import itertools
 import math
 import re
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from ..coefficients import DENSITY
 from .bodies import Description, Water, right_signs
 from .elements import kind_of, plugins_of
-from .reading import Source, one_of, place_of
+from .reading import Source, one_of, place_of, positive
 
 _ENTRIES = "xyzpqr"
 _TERM = re.compile(r"([xyzkmn])(Dot)?([UVWPQR])(?:(abs)?([UVWPQR]))?")
@@ -23,6 +25,27 @@ _LRAUV = re.compile(r"tethys::hydrodynamicsplugin")
 _NO_TERMS = ("link_name", "namespace", "water_density", "waterDensity", "disable_added_mass", "default_current")
 """Elements of the Hydrodynamics plugin that are read, or mean nothing here, beside its coefficients."""
 _SIGNS = "derivatives of gz-sim are negative for added mass and damping"
+
+
+def buoyancies(root: Element) -> list[Element]:
+    """The Buoyancy plugins of a file."""
+    return [each for each in plugins_of(root) if "buoyancy" in kind_of(each) and "engine" not in kind_of(each)]
+
+
+def gz_density(source: Source, root: Element, waters: Sequence[Element]) -> float:
+    """Density of the water [kg/m^3], from a Buoyancy plugin, or from the Hydrodynamics plugins ``waters``."""
+    known = (
+        (buoyancies(root), ("uniform_fluid_density", "graded_buoyancy/default_density")),
+        (waters, ("water_density", "waterDensity")),
+    )
+    for plugins, tags in known:
+        for plugin in plugins:
+            for tag in tags:
+                if plugin.find(tag) is not None:
+                    place = f"{place_of(plugin)} <{tag}>"
+                    return positive(source, source.number(plugin.findtext(tag), place), place)
+    source.say(f"the file gives no density of the water: {DENSITY:g} kg/m^3, as gz-sim's Buoyancy")
+    return DENSITY
 
 
 def gz_water(source: Source, plugin: Element, link: Element, place: str) -> Water:

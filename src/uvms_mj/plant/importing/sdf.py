@@ -4,20 +4,19 @@ The model with its frames, links and joints is read here, and its plugins in :mo
 acts on the volume of the collision shapes.
 """
 
+import dataclasses
 import math
-import re
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..coefficients import DENSITY
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water
-from .elements import inertia_of, kind_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
+from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
 from .fins import lift_drag
-from .gz_sim import fluid_added_mass, gz_servos, gz_thruster, gz_water
+from .gz_sim import buoyancies, fluid_added_mass, gz_density, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
-from .reading import Source, one_of, place_of, positive
+from .reading import Source, one_of, place_of
 from .shapes import Solid
 from .uuv import uuv_fin, uuv_thruster, uuv_water
 
@@ -32,6 +31,11 @@ def _waters(model: Element) -> list[Element]:
     return [
         each for each in plugins_of(model) if "hydrodynamics" in kind_of(each) or "underwater_object" in kind_of(each)
     ]
+
+
+def _mark(collision: Element) -> str | None:
+    """The attribute gz:buoyancy of a collision shape, in whatever namespace."""
+    return next((value for key, value in collision.attrib.items() if key.rpartition("}")[2] == "buoyancy"), None)
 
 
 def _the_model(source: Source, root: Element) -> Element:
@@ -75,7 +79,8 @@ def _included(source: Source, include: Element) -> Element:
     refuse_twice(source, root)
     model = root.find("model")
     if model is None:
-        raise source.fault(place, f"{path.name} has no <model>")
+        way = ": it is URDF, and `gz sdf -p FILE` writes the whole as SDF" if root.tag == "robot" else ""
+        raise source.fault(place, f"{path.name} has no <model>{way}")
     model.extend([each for each in include if each.tag == "plugin"])
     if include.findtext("name"):
         model.set("name", (include.findtext("name") or "").strip())
@@ -96,6 +101,11 @@ class _Model:
         """Of each frame: the prefix of the names of its model, and the frame of that model."""
         self._resolved: dict[str, Pose] = {"__model__": HERE, "": HERE, "world": HERE}
         self._collect(model, "")
+        enabled = [each for plugin in buoyancies(root) for each in plugin.findall("enable")]
+        self._enabled = {(each.text or "").strip() for each in enabled}
+        self._marked = any(
+            _mark(each) is not None for link in self.links.values() for each in link.findall("collision")
+        )
 
     def _collect(self, model: Element, prefix: str, top: str = "__model__") -> None:
         """Collect the elements of a model whose names get a prefix; ``top`` is the frame of the model."""
@@ -179,28 +189,12 @@ class _Model:
         about = Description(source, word(self.name or base), base, links, joints, water)
         about.from_volume = not any("underwater_object" in kind_of(each) for each in _waters(self.model))
         if about.from_volume:
-            about.density = self._density()
+            about.density = gz_density(source, self.root, _waters(self.model))
         for plugin in plugins_of(self.model):
             self._plugin(about, plugin)
         gz_servos(about, self.model)
         say_unread(source, self.model)
         return about
-
-    def _density(self) -> float:
-        """Density of the water, from the Buoyancy of the world or from the plugin."""
-        for plugin in plugins_of(self.root):
-            if "buoyancy" in kind_of(plugin) and "engine" not in kind_of(plugin):
-                for tag in ("uniform_fluid_density", "graded_buoyancy/default_density"):
-                    if plugin.find(tag) is not None:
-                        place = f"{place_of(plugin)} <{tag}>"
-                        return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
-        for plugin in _waters(self.model):
-            for tag in ("water_density", "waterDensity"):
-                if plugin.find(tag) is not None:
-                    place = f"{place_of(plugin)} <{tag}>"
-                    return positive(self.source, self.source.number(plugin.findtext(tag), place), place)
-        self.source.say(f"the file gives no density of the water: {DENSITY:g} kg/m^3, as gz-sim's Buoyancy")
-        return DENSITY
 
     def _water(self) -> tuple[dict[str, Water], str]:
         """The water of each link, and the name of the first one, the base."""
@@ -250,10 +244,23 @@ class _Model:
             for each in element.findall(tag):
                 solid = self._solid(each, name, place_of(element, each))
                 if solid is not None:
-                    solids.append(solid)
+                    solids.append(solid if tag == "visual" else self._afloat(each, name, solid))
         if any(each.kind is None for each in link.drawn) and any(each.kind for each in link.solids):
             link.drawn = []  # the collision shapes stand for meshes that are not read
         return link
+
+    def _afloat(self, collision: Element, link: str, solid: Solid) -> Solid:
+        """A collision shape, without a volume if the source has buoyancy for others alone: those that a Buoyancy plugin
+        enables by their scoped names, or those with the attribute gz:buoyancy if any has it."""
+        why = ""
+        scopes = f"{self.name}::{link}::{collision.get('name')}".split("::")
+        if self._enabled and not {"::".join(scopes[: i + 1]) for i in range(len(scopes))} & self._enabled:
+            why = "is not among what the Buoyancy plugin enables"
+        if self._marked and not self.source.truth(_mark(collision), f"{place_of(collision)} buoyancy"):
+            why = "is not marked with gz:buoyancy, as others are"
+        if not why:
+            return solid
+        return dataclasses.replace(solid, volume=None, reason=f"its shape {collision.get('name')} {why}")
 
     def _solid(self, element: Element, link: str, place: str) -> Solid | None:
         pose, relative = self._pose(element, place)
@@ -296,21 +303,10 @@ class _Model:
         if axis is None:
             return joint
 
-        def limit(tag: str) -> float | None:
-            text = axis.findtext(f"limit/{tag}")
-            words = (text or "").strip().lower()
-            if text is None or re.fullmatch(r"[+-]?inf(inity)?", words):
-                return None
-            value = float("nan")
-            try:
-                value = float(words)
-            except ValueError:
-                source.number(text, f"{place} <axis> <limit> <{tag}>")
-            if math.isnan(value):
-                source.number(text, f"{place} <axis> <limit> <{tag}>")
-            return value if abs(value) < 1e6 else None
-
-        lower, upper, effort, speed = (limit(tag) for tag in ("lower", "upper", "effort", "velocity"))
+        lower, upper, effort, speed = (
+            limit_of(source, axis.findtext(f"limit/{tag}"), f"{place} <axis> <limit> <{tag}>")
+            for tag in ("lower", "upper", "effort", "velocity")
+        )
         if lower is not None and upper is not None:
             if lower > upper:
                 raise source.fault(

@@ -1,4 +1,4 @@
-"""URDF, also expanded from xacro: links, joints, and the numbers of the UUV Simulator's plugins."""
+"""URDF, also expanded from xacro: links, joints, and the numbers of the plugins of the UUV Simulator or of gz-sim."""
 
 import math
 from xml.etree.ElementTree import Element
@@ -7,11 +7,14 @@ import numpy as np
 
 from ..record import word
 from .bodies import Description, Joint, Link, Water
-from .elements import inertia_of, kind_of, mesh_of, plugins_of, say_unread, shape_of
+from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, say_unread, shape_of
+from .gz_sim import gz_density, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
-from .reading import Source, place_of
+from .reading import Source, one_of, place_of
 from .shapes import Solid
 from .uuv import uuv_fin, uuv_thruster, uuv_water
+
+_AS_SDF = "`gz sdf -p FILE` writes the whole as SDF"
 
 
 def described(source: Source, root: Element) -> Description:
@@ -20,28 +23,48 @@ def described(source: Source, root: Element) -> Description:
     if len(links) < len(root.findall("link")):
         raise source.fault("<robot>", "has two links of one name, or one without a name")
     joints = [_joint(source, each) for each in root.findall("joint")]
+    elements = {each.get("name", ""): each for each in root.findall("link")}
     models = [each for each in plugins_of(root) if "underwater_object" in kind_of(each)]
-    if not models:
-        hydro = [each for each in plugins_of(root) if "hydrodynamics" in kind_of(each)]
+    hydro = [] if models else [each for each in plugins_of(root) if "hydrodynamics" in kind_of(each)]
+    if not models and not hydro:
         names = sorted({each.get("filename") or each.get("name") or "one without a name" for each in plugins_of(root)})
         said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
-        if hydro:
-            said = "gz-sim's Hydrodynamics is read from SDF: `gz sdf -p FILE` writes one"
-        raise source.fault("<robot>", f"has no libuuv_underwater_object plugin with hydrodynamics: {said}")
+        known = "libuuv_underwater_object plugin and no Hydrodynamics of gz-sim"
+        raise source.fault("<robot>", f"has no {known}: {said}")
     water: dict[str, Water] = {}
-    elements = {each.get("name", ""): each for each in root.findall("link")}
     for plugin in models:
         water |= uuv_water(source, plugin, elements)
+    for plugin in hydro:
+        place = place_of(plugin)
+        name = one_of(source, (plugin.findtext("link_name") or "").strip(), elements, f"{place} <link_name>", "link")
+        if name in water:
+            raise source.fault(place, f"is the second one of the link {name!r}")
+        water[name] = gz_water(source, plugin, elements[name], place)
     base = next(iter(water))
     about = Description(source, word(root.get("name") or base), base, links, joints, water)
+    if hydro:
+        _refuse_sdf(source, root)
+        about.from_volume, about.density = True, gz_density(source, root, hydro)
     for plugin in plugins_of(root):
         kind = kind_of(plugin)
-        if "thruster" in kind and "uuv" in kind:
-            uuv_thruster(about, plugin)
+        if "thruster" in kind and ("uuv" in kind or hydro):
+            (uuv_thruster if "uuv" in kind else gz_thruster)(about, plugin)
         elif "fin_ros" in kind or "uuv_fin" in kind:
             uuv_fin(about, plugin)
+        elif hydro and "lift" in kind and "drag" in kind:
+            raise source.fault(place_of(plugin), f"is read from SDF: {_AS_SDF}")
+    if hydro:
+        gz_servos(about, root)
     say_unread(source, root)
     return about
+
+
+def _refuse_sdf(source: Source, root: Element) -> None:
+    """Raise InputError for elements of SDF in a <gazebo> block, which gz-sim would take over as they are."""
+    for block in root.findall("gazebo"):
+        for each in block:
+            if each.tag in ("link", "joint", "model", "collision", "frame", "include"):
+                raise source.fault(f"<gazebo> {place_of(each)}", f"is SDF in URDF: {_AS_SDF}")
 
 
 def _pose(source: Source, element: Element | None, place: str) -> Pose:
@@ -125,12 +148,14 @@ def _joint(source: Source, element: Element) -> Joint:
         return default if text is None else source.number(text, f"{place} <limit> {key}")
 
     if limit is not None and kind in ("revolute", "prismatic"):
-        lower, upper = of("lower", 0.0), of("upper", 0.0)
-        if lower > upper:
-            raise source.fault(f"{place} <limit>", f"its lower limit {lower:g} is above the upper one {upper:g}")
-        if kind == "revolute" and max(abs(lower), abs(upper)) > 4.0 * math.pi:
-            raise source.fault(f"{place} <limit>", f"{lower:g} to {upper:g} is more than two turns: URDF has radians")
-        joint.limits = lower, upper
+        lower, upper = (limit_of(source, limit.get(key, "0"), f"{place} <limit> {key}") for key in ("lower", "upper"))
+        if lower is not None and upper is not None:
+            if lower > upper:
+                raise source.fault(f"{place} <limit>", f"its lower limit {lower:g} is above the upper one {upper:g}")
+            if kind == "revolute" and max(abs(lower), abs(upper)) > 4.0 * math.pi:
+                way = "URDF has radians, and a continuous joint no limit"
+                raise source.fault(f"{place} <limit>", f"{lower:g} to {upper:g} is more than two turns: {way}")
+            joint.limits = lower, upper
     if limit is not None:
         joint.effort = of("effort", 0.0) or None
         joint.speed_limit = of("velocity", 0.0) or None
