@@ -33,7 +33,7 @@ from uvms_mj.compiler.targets import WASM
 from uvms_mj.control.task import natural_damping
 from uvms_mj.engine.native.intrinsics import kernel_module
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
-from uvms_mj.engine.native.record import Shape, integers_of, run_dtype, with_numbers
+from uvms_mj.engine.native.record import Shape, integers_of, with_numbers
 from uvms_mj.views.colours import LAWS as COLOURS
 from uvms_mj.views.colours import legible
 
@@ -201,12 +201,12 @@ def _code(stage: Any) -> tuple[Any, str]:
 @functools.cache
 def _integers(shape: Shape) -> set[int]:
     """The places of the integers of a run's record."""
-    return {at // 8 for at in integers_of(run_dtype(shape))}
+    return {at // 8 for at in integers_of(shape.layout)}
 
 
 def module(loops: Loops) -> bytes:
     """The closed loop with the stages of all laws, and :func:`damping`, as a WebAssembly module."""
-    run = with_numbers(run_dtype(loops.shape))
+    run = with_numbers(loops.shape.layout)
     kernels: dict[str, Any] = {DAMPING: (damping, [run])}
     kernel = WASM.code(llvm.parse_assembly(str(kernel_module(kernels))))
     with tempfile.TemporaryDirectory() as folder:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, Scenario, Simulation
-from uvms_mj.engine.native.record import MOST_ROWS, Field, Shape, room_for, run_dtype, with_numbers
+from uvms_mj.engine.native.record import MOST_ROWS, Field, Shape, room_for, with_numbers
 from uvms_mj.engine.native.run_memory import shape_of
 from uvms_mj.setup.base import set_up
 
@@ -58,7 +58,7 @@ def test_a_table_that_is_too_long_for_a_reset_is_refused_and_nothing_changes():
 
 
 def test_all_numbers_of_the_image_are_fields_of_the_record_for_kernels():
-    dtype = run_dtype(Shape(joints=2, thrusters=6, carriers=2, carried=True, surfaces=8, pairs=8, resolves=True))
+    dtype = Shape(joints=2, thrusters=6, carriers=2, carried=True, surfaces=8, pairs=8, resolves=True).layout
     whole = with_numbers(dtype)
     place = Field.of(dtype, "plant", "links").place
     assert {name: dtype.fields[name][1] for name in dtype.names} == {

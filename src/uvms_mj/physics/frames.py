@@ -193,7 +193,7 @@ def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:
     )
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The products a x b of vectors (..., 3); np.cross takes two to three times as long."""
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     i, j, k = b[..., 0], b[..., 1], b[..., 2]
@@ -204,4 +204,4 @@ def quat_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The attitudes (..., 4) a b of unit quaternions (..., 4): first the turn b, then a."""
     w_a, w_b, v_a, v_b = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
     w = w_a * w_b - (v_a * v_b).sum(axis=-1, keepdims=True)
-    return np.concatenate([w, w_a * v_b + w_b * v_a + cross(v_a, v_b)], axis=-1)
+    return np.concatenate([w, w_a * v_b + w_b * v_a + cross_products(v_a, v_b)], axis=-1)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .frames import cross
+from .frames import cross_products
 from .vehicle import VehicleLike
 
 
@@ -108,7 +108,7 @@ class Statics:
         J[:, 0, 4], J[:, 0, 5], J[:, 1, 3], J[:, 1, 5], J[:, 2, 3], J[:, 2, 4] = z, -y, -z, x, y, -x
         slides = np.array([link.slide for link in self.vehicle.arm.links], dtype=bool)
         a, arm = self.axes, p[:, None] - self.anchors
-        turning = np.swapaxes(cross(a, arm), 1, 2)
+        turning = np.swapaxes(cross_products(a, arm), 1, 2)
         J[:, :3, 6:] = np.where(slides, a.T, turning) * carried[:, None]
         J[:, 3:, 6:] = np.where(slides, 0.0, a.T) * carried[:, None]
         R_T = np.swapaxes(R, 1, 2)
@@ -133,7 +133,7 @@ class Statics:
     def restoring(self, R_WB: np.ndarray, gravity_W: np.ndarray, factors: Sequence[float] | None = None) -> np.ndarray:
         """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for each body."""
         g = gravity_W @ R_WB @ self.R  # in the links' axes
-        wrenches = np.hstack([self._bodies.buoyant[:, None] * g, cross(g, self._bodies.lever)])
+        wrenches = np.hstack([self._bodies.buoyant[:, None] * g, cross_products(g, self._bodies.lever)])
         return self._generalised(wrenches if factors is None else np.array(factors)[:, None] * wrenches)
 
     def stream(self, R_WB: np.ndarray, v_c_W: np.ndarray) -> np.ndarray:
@@ -143,7 +143,7 @@ class Statics:
         wrenches = bodies.D_linear @ nu_r[..., None] + bodies.D_quadratic @ (np.abs(nu_r) * nu_r)[..., None]
         momentum = (bodies.M_A @ nu_r[..., None])[:, :3, 0]
         wrenches = wrenches[..., 0]
-        wrenches[:, 3:] += cross(nu_r[:, :3], momentum)
+        wrenches[:, 3:] += cross_products(nu_r[:, :3], momentum)
         return -self._generalised(wrenches)
 
     def _generalised(self, wrenches: np.ndarray) -> np.ndarray:

@@ -110,23 +110,6 @@ LINK = np.dtype(
 DAMPING = ("D_linear", "D_quadratic")
 
 
-def frame_records(vehicle: Any) -> np.ndarray:
-    """FRAME records (1 + n,) of a vehicle and its arm."""
-    frames = np.zeros(1 + len(vehicle.arm.links), FRAME)
-    frames["R_BL"][0] = np.eye(3)
-    for record, link in zip(frames[1:], vehicle.arm.links, strict=True):
-        record["parent"], record["depth"] = link.parent + 1, frames["depth"][link.parent + 1] + 1
-        record["axis"], record["p_0"], record["R_still"] = link.S, link.p_0, link.R_0
-        if link.slide:
-            record["slope"] = link.R_0 @ link.axis
-        else:  # Rodrigues' formula
-            along = link.R_0 @ np.outer(link.axis, link.axis)
-            record["R_still"], record["R_cos"] = along, link.R_0 - along
-            record["R_sin"] = link.R_0 @ np.cross(link.axis, np.eye(3)).T
-            record["anchor"], record["p_0"] = link.anchor, link.p_0 + link.R_0 @ link.anchor
-    return frames
-
-
 def link_records(vehicle: Any) -> np.ndarray:
     """LINK records (1 + n,) of a vehicle and its arm; the coefficients are zero."""
     links = np.zeros(1 + len(vehicle.arm.links), LINK)

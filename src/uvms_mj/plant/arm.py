@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault
-from ..physics.tree import MOST_JOINTS
+from ..physics.tree import FRAME, MOST_JOINTS
 from .coefficients import numeric, water_of
 
 
@@ -166,6 +166,24 @@ class Arm:
         if joints is not None:
             return np.array(joints, float)
         return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.links])
+
+    @functools.cached_property
+    def frames(self) -> np.ndarray:
+        """FRAME records (1 + n,) of the base and the links."""
+        frames = np.zeros(1 + len(self.links), FRAME)
+        frames["R_BL"][0] = np.eye(3)
+        for record, link in zip(frames[1:], self.links, strict=True):
+            record["parent"], record["depth"] = link.parent + 1, frames["depth"][link.parent + 1] + 1
+            record["axis"], record["p_0"], record["R_still"] = link.S, link.p_0, link.R_0
+            if link.slide:
+                record["slope"] = link.R_0 @ link.axis
+            else:  # Rodrigues' formula
+                along = link.R_0 @ np.outer(link.axis, link.axis)
+                record["R_still"], record["R_cos"] = along, link.R_0 - along
+                record["R_sin"] = link.R_0 @ np.cross(link.axis, np.eye(3)).T
+                record["anchor"], record["p_0"] = link.anchor, link.p_0 + link.R_0 @ link.anchor
+        frames.setflags(write=False)
+        return frames
 
     @property
     def names(self) -> tuple[str, ...]:

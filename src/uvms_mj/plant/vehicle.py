@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.effects import PRODUCT
 from ..physics.frames import rotation_matrix
+from ..physics.tree import DAMPING, find_diagonals, link_records
 from .arm import Arm, Body, read_arm, rigid_inertia
 from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric, wrong_numerics
 from .dissipation import damping_notes
@@ -131,6 +132,18 @@ class Vehicle(Body):
     """Its products of velocities, which are forces beside D's."""
     places: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     """(n, 3) places of the thrusters in B [m]."""
+
+    @functools.cached_property
+    def links_in_water(self) -> np.ndarray:
+        """LINK records (1 + n,) for the water: the inertia is the added mass, and only displaced water has weight."""
+        links = link_records(self)
+        for record, body in zip(links, (self, *self.arm.links), strict=True):
+            record["M"] = body.M_A
+            for name in (*DAMPING, "displaced_mass", "r_b"):
+                record[name] = getattr(body, name)
+        find_diagonals(links)
+        links.setflags(write=False)
+        return links
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None, file: str = "") -> "Vehicle":

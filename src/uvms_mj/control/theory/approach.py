@@ -29,8 +29,8 @@ MOST_HALVES = 12
 """Number of times that a step of Newton's method is halved where the set of contacts changes."""
 _FASTEST = 1e4
 """Walls and algebraic rows have rates above this [1/s]."""
-GROWS = 1e-3
-"""A slower growth is not seen in a run of minutes [1/s]."""
+SLOWEST = 1e-3
+"""A slower rate or frequency is not seen in a run of minutes [1/s, rad/s]."""
 LOST = "the motion from the start can't be followed"
 ENDLESS = "the motion from the start comes to no rest"
 NO_ROOT = "the static balance has no solution where the motion ends"
@@ -155,4 +155,4 @@ def decays(J: np.ndarray, inertia: np.ndarray) -> bool:
     """Whether inertia y' = J y does not grow, which is algebraic in the rows without inertia."""
     inverses = np.linalg.eigvals(np.linalg.solve(J - inertia, inertia))  # of the rates minus one
     rates = 1.0 + 1.0 / inverses[np.abs(inverses) > 1.0 / _FASTEST]
-    return bool(rates.real.max(initial=-np.inf) < GROWS)
+    return bool(rates.real.max(initial=-np.inf) < SLOWEST)

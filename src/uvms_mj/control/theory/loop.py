@@ -29,6 +29,7 @@ import numpy as np
 
 from ...physics.frames import skew
 from ...stages.setup import SetupLike
+from .approach import SLOWEST
 from .contacts_about_rest import ContactsAtRest
 from .own_effects import OwnEffects
 
@@ -189,8 +190,6 @@ _MOST_STEPS = 5_000
 _MOST_MODELLED = 200_000
 """Longest common period of a loop, with the holds that stand for long delays [steps]: some 60 MB. A loop with a longer
 one is not known."""
-_LASTS = 1e-3
-"""A slower rate or frequency is not seen in a run of minutes [1/s, rad/s]."""
 _LARGE = 2.0**300
 """Matrices are scaled where they have larger entries: over many periods a fast motion grows beyond any double."""
 
@@ -438,9 +437,9 @@ class Loop:
         its value has a rate of zero, too."""
         whole, exponents, _ = self._whole
         values = np.linalg.eigvals(whole[0])
-        values = values[np.abs(np.angle(values)) > _LASTS * self.period * self.h]
+        values = values[np.abs(np.angle(values)) > SLOWEST * self.period * self.h]
         largest = np.log(np.abs(values).max(initial=1e-300)) + exponents[0] * math.log(2.0)
-        return bool(largest > -_LASTS * self.period * self.h)
+        return bool(largest > -SLOWEST * self.period * self.h)
 
     def force_per_s(self, which: int) -> float:
         """Force of the fastest growing motion over its s at an amplitude, by the largest of a common period [N s/m]."""

@@ -23,11 +23,10 @@ import numpy as np
 
 from ...stages.setup import SetupLike
 from ..base import SteadyState
+from .approach import SLOWEST
 from .loop import About, ForceAge, Loop, Timing
 from .own_effects import OwnEffects
 
-GROWS = 1e-3
-"""A growth rate above this is more than rounding [1/s]."""
 SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
 _SEEN = 0.01
@@ -107,7 +106,7 @@ class Stability:
         if self.layer == 0.0:
             own = OwnEffects(setup.scenario.effects, setup)
             return any(own.feed(setup, state.force * each.normal) for each in contacts)
-        return any(self._growth(each, push=state.force) > GROWS for each in contacts)
+        return any(self._growth(each, push=state.force) > SLOWEST for each in contacts)
 
     def _grows_about(self, state: SteadyState) -> bool:
         """Whether the motion about a rest among shapes grows, with one of the sets of contacts that it meets.
@@ -117,16 +116,16 @@ class Stability:
         amplitudes = () if math.isinf(self.layer) else (self.layer,)
         rest, about = state.contacts, (*self.about, *self.held(state))
         loops = (Loop(self.setup, None, about, amplitudes, rest=rest, springs=k) for k in range(len(rest.springs)))
-        return any(loop.growths[0] > GROWS or loop.swings for loop in loops)
+        return any(loop.growths[0] > SLOWEST or loop.swings for loop in loops)
 
     def _ends(self, contact: Any) -> tuple[float, bool, float]:
         if math.isinf(self.layer):
             growth = self._growth(contact)
-            return math.inf if growth > GROWS else 0.0, False, growth
+            return math.inf if growth > SLOWEST else 0.0, False, growth
         S = np.geomspace(self.layer or _SMALLEST, max(_LARGEST, 10.0 * self.layer), _AMPLITUDES)
         loop = Loop(self.setup, contact, self.about, tuple(S.tolist()))
         growths = loop.growths
-        grows, i = growths > GROWS, int((growths > GROWS).argmin())
+        grows, i = growths > SLOWEST, int((growths > SLOWEST).argmin())
         if grows.all():
             return math.inf, True, float(growths[0])
         swing = 0.0
@@ -146,7 +145,7 @@ class Stability:
         if self.unknown or self._of_effects:
             return self.unknown or self._of_effects
         what = "is unstable" if math.isinf(self.layer) else "chatters"
-        return f"the sampled law {what} without contact" if self.free > GROWS else ""
+        return f"the sampled law {what} without contact" if self.free > SLOWEST else ""
 
     def checked(self, state: SteadyState | str) -> SteadyState | str:
         """The state at rest, or the reason why the sampled law does not come to rest there."""
@@ -180,7 +179,7 @@ class Stability:
             )
         swing, bounces, growth, contact = self.at_wall
         old = self.age is not None and self.age.share > SLOWLY_DAMPED
-        if self.free > GROWS:
+        if self.free > SLOWEST:
             what = "oscillates" if math.isinf(self.layer) else "chatters"
             yield f"{label} {what} without contact: {self._growing(None, self.free)}"
         elif self.age and old and (self._too_old or swing > _SEEN):
@@ -203,7 +202,7 @@ class Stability:
 
     def _quiet(self, contact: Any, period: float) -> bool:
         """Whether a small motion is known not to grow at a control period [s]."""
-        return not Timing.of(self.setup, period).too_long and self._growth(contact, period) <= GROWS
+        return not Timing.of(self.setup, period).too_long and self._growth(contact, period) <= SLOWEST
 
     def _growing(self, contact: Any, growth: float) -> str:
         """Growth rate of a small motion, and a control period or a boundary layer with which it does not grow."""
@@ -222,7 +221,7 @@ class Stability:
         chatters, quiet = self.layer, 1e4 * self.layer
         for _ in range(_HALVINGS):
             middle = math.sqrt(chatters * quiet)
-            if Loop(self.setup, None, self.about, (middle,)).growths[0] > GROWS:
+            if Loop(self.setup, None, self.about, (middle,)).growths[0] > SLOWEST:
                 chatters = middle
             else:
                 quiet = middle

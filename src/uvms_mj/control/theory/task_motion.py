@@ -16,7 +16,7 @@ import numpy as np
 from ...physics.frames import quat_error, quat_turned, rotation_matrix, skew
 from ...stages.setup import SetupLike
 from ..task import Schedule
-from .approach import FIRST_STEP, GROWS, LAST_STEP, MOST_STEPS, UNSTABLE, approach, decays
+from .approach import FIRST_STEP, LAST_STEP, MOST_STEPS, SLOWEST, UNSTABLE, approach, decays
 from .terms import DIFFERENCE, Balance, Memory, Pose, ThrustMap
 
 _CIRCLES = "a thruster is next to its limit, and motions that take it across the limit do not decay"
@@ -283,7 +283,7 @@ class TaskMotion:
         u, least, most = self.thrust_map.thrusts(self._commanded(pose, force, still))
         limited = (u < least) | (most < u)
         rates = np.vstack([np.eye(6, 12, 6), M_inv @ (law - self.thrust_map.lost(limited) @ (needs + law) - damped)])
-        if np.linalg.eigvals(rates).real.max() >= -GROWS:
+        if np.linalg.eigvals(rates).real.max() >= -SLOWEST:
             return UNSTABLE
         pushes = np.vstack([np.zeros((6, len(u))), M_inv @ self.balance.setup.vehicle.B])
         return "" if comes_back(rates, pushes, shares, u, least, most) else _CIRCLES

@@ -26,7 +26,7 @@ import numpy as np
 
 from ...physics.contacts import AT_REST, PAIR, press_at_rest
 from ...physics.fossen import IN_WATER, coriolis_added_mass, coriolis_rigid_body, damping, restoring, water_at_rest
-from ...physics.frames import cross, quat_error, quat_turned, rotation_matrix
+from ...physics.frames import cross_products, quat_error, quat_turned, rotation_matrix
 from ...physics.kernels import called_on, plain_on
 from ...physics.spanned_axes import pseudoinverse
 from ...physics.surfaces import SHAPES, SURFACE
@@ -338,7 +338,7 @@ class Balance:
             return np.zeros(6)
         quat_error(self.quat_d, measured.quat, quat_e)
         v, omega = measured.nu[:3], measured.nu[3:]
-        turning = 0.5 * (quat_e[0] * omega + cross(quat_e[1:], omega))
+        turning = 0.5 * (quat_e[0] * omega + cross_products(quat_e[1:], omega))
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
     def sliding(self, x: Pose, limited: bool = False) -> np.ndarray | None:

@@ -17,7 +17,7 @@ from ...physics.frames import attitude
 from ...physics.kernels import called_on, kernel
 from ...physics.linear_algebra import backward, cholesky, forward, inverse
 from ...physics.operational import free_of_base, posture, task_inertia
-from ...physics.tree import frame_records, link_records, place_links
+from ...physics.tree import link_records, place_links
 from ...stages.setup import SetupLike
 from ..design import Estimates
 from ..model import estimate, estimate_inertia, estimate_wrenches, model_dtype, move_model, place_tool
@@ -175,7 +175,7 @@ class TreeAtRest:
         self.rest["delivered"], self.rest["at_tool"] = thrust_map.T, setup.at_tool
         self.tool = self._trees[MODEL]["tool"]
         self._own = OwnEffects(setup.scenario.effects, setup) if setup.scenario.effects else None
-        arrays = self._rest, frame_records(setup.nominal), self._trees, levels, setup.effects
+        arrays = self._rest, setup.nominal.arm.frames.copy(), self._trees, levels, setup.effects
         self._asked: Callable[[int], Any] = called_on(asked, *arrays)
 
     @property

@@ -10,7 +10,6 @@ import numpy as np
 from ...control.model import estimate_links
 from ...physics.effects import EFFECTS, moving, state_of
 from ...physics.frames import BODY
-from ...physics.tree import DAMPING, find_diagonals, frame_records, link_records
 from ...plant.arm import Link
 from ...plant.contacts import Carrier
 from ...plant.effects import set_places
@@ -34,18 +33,6 @@ from ...stages.signals import (
 from .record import Image
 
 
-def water_links(vehicle: Vehicle) -> np.ndarray:
-    """LINK records (1 + n,) for the water: the inertia is the added mass, and only displaced water has weight."""
-    links = link_records(vehicle)
-    bodies: tuple[Vehicle | Link, ...] = (vehicle, *vehicle.arm.links)
-    for record, body in zip(links, bodies, strict=True):
-        record["M"] = body.M_A
-        for name in (*DAMPING, "displaced_mass", "r_b"):
-            record[name] = getattr(body, name)
-    find_diagonals(links)
-    return links
-
-
 def fill_joints(run: np.ndarray, setup: Setup) -> None:
     """Set the motors and the limits of the joints in the record of a run (1,)."""
     links, given = setup.vehicle.arm.links, run["joints"]
@@ -55,7 +42,7 @@ def fill_joints(run: np.ndarray, setup: Setup) -> None:
         given[name] = [link.range[i] for link in links]
     run["motor_index"] = [link.actuator_id for link in links]
     run["torque_of_ctrl"] = [link.torque_of_ctrl for link in links]
-    run["encoded"], run["frames_m"] = setup.scenario.encoder.runs, frame_records(setup.nominal)
+    run["encoded"], run["frames_m"] = setup.scenario.encoder.runs, setup.nominal.arm.frames
 
 
 def fill_model(model: np.ndarray, setup: Setup) -> None:
@@ -73,7 +60,7 @@ def fill_wrist(record: np.ndarray, setup: Setup) -> None:
     bodies: tuple[Vehicle | Link, ...] = (setup.vehicle, *setup.vehicle.arm.links)
     for link, body in zip(record["rigid"][0], bodies, strict=True):
         link["M"], link["mass"], link["r_g"] = body.M_RB, body.mass, body.r_g
-    record["wet"], record["gravity_W"] = water_links(setup.vehicle), setup.gravity_W
+    record["wet"], record["gravity_W"] = setup.vehicle.links_in_water, setup.gravity_W
 
 
 def write_wrist(record: np.ndarray, setup: Setup) -> None:
@@ -175,7 +162,8 @@ class Water:
         self._effects = plant["effects"]
         self._there = [name for name in EFFECTS if self._effects[name].size]
         self._noisy = [name for name in self._there if "nodes" in (EFFECTS[name].names or ())]
-        plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
+        plant["links"], plant["frames"] = vehicle.links_in_water, vehicle.arm.frames
+        plant["gravity_W"] = gravity_W
 
     def affect(self, effects: np.ndarray, rows: Mapping[str, np.ndarray]) -> None:
         """Set the records (1,) of the effects, at most as many of each as there is room for, and their tables of

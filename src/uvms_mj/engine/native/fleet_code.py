@@ -38,7 +38,7 @@ from .loop import (
     run_stages,
 )
 from .pipeline import CompiledStage
-from .record import STOP_NONE, Shape, run_dtype, with_numbers
+from .record import STOP_NONE, Shape, with_numbers
 from .user_stage import between_copies
 
 STEPS, AHEAD, END = "uvms_mj_fleet_steps", "uvms_mj_fleet_ahead", "uvms_mj_fleet_end"
@@ -80,7 +80,7 @@ def without_addresses(template: np.ndarray, shape: Shape, stages: int) -> np.nda
     """A copy of the bytes of a run's records, which begin at 0, with the numbers of the stages, 1 for the first one, in
     place of the addresses of their code."""
     template = template.copy()
-    kind = run_dtype(shape)
+    kind = shape.layout
     record = template[: kind.itemsize].view(kind)
     record["address"] = 0
     record["stages"]["code_at"][0, :stages] = range(1, stages + 1)
@@ -111,7 +111,7 @@ class FleetSource:
     _trees: dict = field(default_factory=dict, init=False)  # each function is translated some times
 
     def __post_init__(self) -> None:
-        self.run = run_dtype(self.shape)
+        self.run = self.shape.layout
         template = without_addresses(self.template, self.shape, len(self.stages))
         self.cells = Cells(template, {*self.varying, *self.given})
         self.cells.used |= {*self.signals}

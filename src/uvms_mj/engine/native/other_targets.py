@@ -12,7 +12,7 @@ from .callback import evaluate_alone
 from .intrinsics import kernel_module, stage_module
 from .loop import free_steps
 from .pipeline import CompiledStage
-from .record import Shape, run_dtype, with_numbers
+from .record import Shape, with_numbers
 from .user_stage import between_copies
 
 STEPS = "uvms_mj_free_steps"
@@ -49,7 +49,7 @@ def loop_for(
         else:
             settings, state, given, out = stage.kinds
             kernels[symbol] = function, [settings, state, given, state, out]
-    run = with_numbers(run_dtype(shape))
+    run = with_numbers(shape.layout)
     kernels[STEPS] = free_steps, [run, INT, INT]  # after the stages that it calls
     kernels |= {symbol: (function, [run, INT]) for symbol, function in (entries or {}).items()}
     module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols)))

@@ -63,7 +63,7 @@ from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, pl
 from .memory import OwnMemory, at_address, layout
 from .net import account
 from .plain_stage import PlainStage, StageFault, called
-from .record import Field, Image, Shape, run_dtype, with_numbers
+from .record import Field, Image, Shape, with_numbers
 from .shared_library import Library
 from .unit_instance import UnitInstance
 from .user_stage import compile_user_stage, is_check
@@ -483,7 +483,7 @@ class Pipeline:
     def __init__(self, setup: Setup, shape: Shape) -> None:
         scenario, self._setup, self.shape = setup.scenario, setup, shape
         self.controller = scenario.controller
-        self._run = run_dtype(shape)
+        self._run = shape.layout
         self._named = scenario.named_stages.keys()
         self.scenario, self.interface = scenario, setup.interface if shape.joints else None
         self.stages: dict[str, CompiledStage] = {}

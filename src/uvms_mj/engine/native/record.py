@@ -105,33 +105,6 @@ STAGE = np.dtype(
 """One stage of the loop. What it is given begins with a clock: time, period, instant and key."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """The numbers on which the layout of a record depends, and with it the machine code.
-
-    Attributes:
-        joints, thrusters: how many the vehicle has.
-        carriers: frames that contact bodies are fixed to.
-        carried: whether one of them may be not B.
-        surfaces, pairs: room for so many walls and contacts.
-        resolves: whether the law's command is resolved, at a tool or with joints.
-        effects: the arrays of records of the effects of the water, with the room for each.
-        own_effects: how many effects of a user's own there are.
-        own_frames: their number again if one of them acts in another frame than B, otherwise 0.
-    """
-
-    joints: int = 0
-    thrusters: int = 0
-    carriers: int = 0
-    carried: bool = False
-    surfaces: int = 0
-    pairs: int = 0
-    resolves: bool = False
-    effects: np.dtype = NO_EFFECTS
-    own_effects: int = 0
-    own_frames: int = 0
-
-
 def room_for(n: int) -> int:
     """Room for n entries: vehicles among more or fewer walls share their machine code."""
     return n and max(8, 1 << (n - 1).bit_length())
@@ -205,98 +178,124 @@ def wrist_dtype(n: int) -> np.dtype:
     )
 
 
-@functools.cache
-def run_dtype(shape: Shape) -> np.dtype:
-    """A run: the plant, and the closed loop around it."""
-    n, m, pairs = shape.joints, shape.thrusters, shape.pairs
-    fields = [
-        ("plant", plant_dtype(n, shape.effects, shape.own_effects, shape.own_frames)),
-        ("body", BODY),
-        ("address", "i8"),  # of this record, for the machine code of stages
-        # settings
-        ("timestep", "f8"),
-        *_whole("steps", "window_step"),  # number of time steps of the run, and the first one of the final window
-        ("epsilon", "f8", (6,)),
-        ("speed_bound", "f8", (6,)),
-        ("position_bound", "f8"),
-        ("tau_bound", "f8"),
-        # contacts
-        ("surfaces", SURFACE, (shape.surfaces,)),
-        ("pairs", PAIR, (pairs,)),
-        *_whole("surface_count", "pair_count"),
-        ("f_pairs", "f8", (pairs, 3)),  # force of each pair in W
-        ("depths", "f8", (pairs,)),
-        ("carriers", CARRIER, (shape.carriers,)),
-        ("carried", "i8", (int(shape.carried),)),  # empty if all of them are B
-        ("no_contact", CONTACT),
-        ("push", "f8", (1,)),  # sum of all normal forces of the step
-        # stages
-        ("stages", STAGE, (MOST_STAGES,)),
-        *_whole("stage_count", "actuation", "next"),  # index of the first one that is given tau_cmd, and of the next
-        ("signals", record_dtype(GIVEN + TRUTH)),  # the signals that the law is given
-        ("base", record_dtype(CLOCK + MEASURED)),  # the measurements at B, if the law is at a tool
-        ("sensed", record_dtype(CLOCK + MEASURED)),  # the measurements, if an observer replaces the force among them
-        ("command", record_dtype((*CLOCK, WRENCH_COMMAND))),  # of the law, where something is before the actuation
-        ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
-        ("allocation", record_dtype(actuation_given(m))),
-        ("commands", record_dtype(thrusters_given(m))),
-        ("around", record_dtype(effect_given(m)), (max(1, shape.own_frames),)),  # what effects are given, by frames
-        ("tau_cmd", "i8"),  # place of the law's command
-        ("has_task", "i8"),  # whether the impedance task sets s
-        # thrusters
-        ("columns", "f8", (m, 6)),  # the columns of B
-        ("columns_hat", "f8", (m, 6)),  # and of the file's
-        *_whole("believed", "ideal"),  # whether tau_hat may differ from tau; whether the thrust is u_cmd
-        ("tau_lost", "f8", (6,)),  # the actuation's tau_cmd - tau_hat
-        *((name, "f8", (m,)) for name in ("low", "high", "thrust_of_ctrl")),  # limits of the vehicle's file
-        (
-            "places",
-            "f8",
-            (m if shape.effects["buoyancy"].shape[0] else 0, 3),
-        ),  # in B, of a vehicle at the surface
-        ("ctrl_index", "i8", (m,)),
-        ("thrust", "f8", (m,)),  # as the thrusters set it
-        ("u", "f8", (m,)),  # within the limits of the vehicle's file
-        ("saturated", "i8"),  # whether a command is at its limit
-        ("tau_before", "f8", (6,)),
-        # joints
-        ("model", model_dtype(n)),
-        ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
-        ("joints", record_dtype(joints_given(n))),  # what their interface is given
-        ("encoded", "i8"),  # whether the encoder is not perfect
-        ("frames_m", FRAME, (1 + n,)),  # of the links at the measured positions, if it is not
-        ("q_ddot", "f8", (n,)),  # of the last step
-        ("tau_q_demand", "f8", (n,)),  # torque that the interface sets
-        ("tau_q", "f8", (n,)),  # and the torque of the motors
-        ("motor_index", "i8", (n,)),  # index in ctrl, -1 without a motor
-        ("torque_of_ctrl", "f8", (n,)),
-        ("saturation", "f8", (n,)),  # time at the motors' limits until t_k
-        ("saturation_next", "f8", (n,)),  # and until t_(k+1)
-        ("q_safe", "f8", (n,)),  # initial positions
-        # the current step
-        ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word
-        ("step", "i8"),  # number of steps begun
-        ("observed", "i8"),  # the step for which state and contact were read, plus one
-        ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration
-        ("t", "f8"),
-        ("true", TRUTHS),
-        ("quat_WT", "f8", (4,)),  # attitude of the true tool
-        ("qpos_safe", "f8", (7,)),  # initial pose
-        # rows
-        ("row", ROW),
-        ("row_steps", "i8"),  # time steps from row to row
-        ("spans", "i8", (MOST_SPANS, 2)),  # place and size of each part of a row
-        ("banded", "i8", (MOST_BANDS, 2)),  # place and size of each signal with a band
-        *_whole("span_count", "banded_count"),
-        *_whole("bands", "band_steps"),  # place of their least and largest values; steps since the last row
-        *_whole("rows", "row_width", "row_capacity", "row_count"),  # their place; the last counts the written ones
-        # why the run stops: divergence or an error of a stage
-        *_whole("stop", "stop_index"),
-        ("stop_value", "f8"),
-    ]
-    if n:
-        fields.append(("wrist", wrist_dtype(n)))
-    return np.dtype(fields, align=True)
+@dataclass(frozen=True)
+class Shape:
+    """The numbers on which the layout of a record depends, and with it the machine code.
+
+    Attributes:
+        joints, thrusters: how many the vehicle has.
+        carriers: frames that contact bodies are fixed to.
+        carried: whether one of them may be not B.
+        surfaces, pairs: room for so many walls and contacts.
+        resolves: whether the law's command is resolved, at a tool or with joints.
+        effects: the arrays of records of the effects of the water, with the room for each.
+        own_effects: how many effects of a user's own there are.
+        own_frames: their number again if one of them acts in another frame than B, otherwise 0.
+    """
+
+    joints: int = 0
+    thrusters: int = 0
+    carriers: int = 0
+    carried: bool = False
+    surfaces: int = 0
+    pairs: int = 0
+    resolves: bool = False
+    effects: np.dtype = NO_EFFECTS
+    own_effects: int = 0
+    own_frames: int = 0
+
+    @property
+    @functools.cache  # noqa: B019  # they are few
+    def layout(self) -> np.dtype:
+        """The record of a run: the plant, and the closed loop around it."""
+        n, m, pairs = self.joints, self.thrusters, self.pairs
+        fields = [
+            ("plant", plant_dtype(n, self.effects, self.own_effects, self.own_frames)),
+            ("body", BODY),
+            ("address", "i8"),  # of this record, for the machine code of stages
+            # settings
+            ("timestep", "f8"),
+            *_whole("steps", "window_step"),  # number of time steps of the run, and the first one of the final window
+            ("epsilon", "f8", (6,)),
+            ("speed_bound", "f8", (6,)),
+            ("position_bound", "f8"),
+            ("tau_bound", "f8"),
+            # contacts
+            ("surfaces", SURFACE, (self.surfaces,)),
+            ("pairs", PAIR, (pairs,)),
+            *_whole("surface_count", "pair_count"),
+            ("f_pairs", "f8", (pairs, 3)),  # force of each pair in W
+            ("depths", "f8", (pairs,)),
+            ("carriers", CARRIER, (self.carriers,)),
+            ("carried", "i8", (int(self.carried),)),  # empty if all of them are B
+            ("no_contact", CONTACT),
+            ("push", "f8", (1,)),  # sum of all normal forces of the step
+            # stages
+            ("stages", STAGE, (MOST_STAGES,)),
+            *_whole("stage_count", "actuation", "next"),  # indices of the first that is given tau_cmd, and of the next
+            ("signals", record_dtype(GIVEN + TRUTH)),  # the signals that the law is given
+            ("base", record_dtype(CLOCK + MEASURED)),  # the measurements at B, if the law is at a tool
+            (
+                "sensed",
+                record_dtype(CLOCK + MEASURED),
+            ),  # the measurements, if an observer replaces their force
+            ("command", record_dtype((*CLOCK, WRENCH_COMMAND))),  # of the law, where something is before the actuation
+            ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
+            ("allocation", record_dtype(actuation_given(m))),
+            ("commands", record_dtype(thrusters_given(m))),
+            ("around", record_dtype(effect_given(m)), (max(1, self.own_frames),)),  # what effects are given, by frames
+            ("tau_cmd", "i8"),  # place of the law's command
+            ("has_task", "i8"),  # whether the impedance task sets s
+            # thrusters
+            ("columns", "f8", (m, 6)),  # the columns of B
+            ("columns_hat", "f8", (m, 6)),  # and of the file's
+            *_whole("believed", "ideal"),  # whether tau_hat may differ from tau; whether the thrust is u_cmd
+            ("tau_lost", "f8", (6,)),  # the actuation's tau_cmd - tau_hat
+            *((name, "f8", (m,)) for name in ("low", "high", "thrust_of_ctrl")),  # limits of the vehicle's file
+            ("places", "f8", (m if self.effects["buoyancy"].shape[0] else 0, 3)),  # in B, of a vehicle at the surface
+            ("ctrl_index", "i8", (m,)),
+            ("thrust", "f8", (m,)),  # as the thrusters set it
+            ("u", "f8", (m,)),  # within the limits of the vehicle's file
+            ("saturated", "i8"),  # whether a command is at its limit
+            ("tau_before", "f8", (6,)),
+            # joints
+            ("model", model_dtype(n)),
+            ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
+            ("joints", record_dtype(joints_given(n))),  # what their interface is given
+            ("encoded", "i8"),  # whether the encoder is not perfect
+            ("frames_m", FRAME, (1 + n,)),  # of the links at the measured positions, if it is not
+            ("q_ddot", "f8", (n,)),  # of the last step
+            ("tau_q_demand", "f8", (n,)),  # torque that the interface sets
+            ("tau_q", "f8", (n,)),  # and the torque of the motors
+            ("motor_index", "i8", (n,)),  # index in ctrl, -1 without a motor
+            ("torque_of_ctrl", "f8", (n,)),
+            ("saturation", "f8", (n,)),  # time at the motors' limits until t_k
+            ("saturation_next", "f8", (n,)),  # and until t_(k+1)
+            ("q_safe", "f8", (n,)),  # initial positions
+            # the current step
+            ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word
+            ("step", "i8"),  # number of steps begun
+            ("observed", "i8"),  # the step for which state and contact were read, plus one
+            ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration
+            ("t", "f8"),
+            ("true", TRUTHS),
+            ("quat_WT", "f8", (4,)),  # attitude of the true tool
+            ("qpos_safe", "f8", (7,)),  # initial pose
+            # rows
+            ("row", ROW),
+            ("row_steps", "i8"),  # time steps from row to row
+            ("spans", "i8", (MOST_SPANS, 2)),  # place and size of each part of a row
+            ("banded", "i8", (MOST_BANDS, 2)),  # place and size of each signal with a band
+            *_whole("span_count", "banded_count"),
+            *_whole("bands", "band_steps"),  # place of their least and largest values; steps since the last row
+            *_whole("rows", "row_width", "row_capacity", "row_count"),  # their place; the last counts the written ones
+            # why the run stops: divergence or an error of a stage
+            *_whole("stop", "stop_index"),
+            ("stop_value", "f8"),
+        ]
+        if n:
+            fields.append(("wrist", wrist_dtype(n)))
+        return np.dtype(fields, align=True)
 
 
 @functools.cache

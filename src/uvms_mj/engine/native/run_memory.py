@@ -65,7 +65,7 @@ from .compilation import native_functions
 from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
-from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, run_dtype, water_rooms, with_numbers
+from .record import MOST_ROWS, STOP_STAGE, Image, Shape, room_for, water_rooms, with_numbers
 
 _ATTRIBUTES = {*dir(np.recarray), *dir(Trace), *(field.name for field in fields(Trace)), "file", "allow_pickle"}
 """Attributes of a trace, and of the formats to which it is exported."""
@@ -194,7 +194,7 @@ def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
     """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
     :func:`.callback.evaluate` in MuJoCo's callback or :func:`.loop.free_steps`, and what Python calls between
     chunks. They share most of their code, and are one module."""
-    run = with_numbers(run_dtype(shape))
+    run = with_numbers(shape.layout)
     parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
     return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}
 
@@ -226,7 +226,7 @@ class RunMemory:
         rooms |= {swell_room(k): MOST_WAVES * WIDTH for k in range(len(setup.contacts.walls))}
         rooms |= {room: max(rooms[room], table.size) for room, (_, table) in self._tables.items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
-        self.image = Image({"run": run_dtype(self.shape), "stages": self.stages.layout}, rooms)
+        self.image = Image({"run": self.shape.layout, "stages": self.stages.layout}, rooms)
         self.run = self.image.record("run")
         self.address = self.image.address
         self._fill(setup)
