@@ -308,8 +308,9 @@ def vehicles(scene: Scene) -> Message:
 
 def surroundings(scene: Scene) -> Message:
     """The walls and the constant arrows."""
-    message = Message().put("u4", len(scene.walls) + len(scene.arrows))
-    for i, wall in enumerate(scene.walls):
+    walls = [part for wall in scene.walls for part in _parts(wall)]
+    message = Message().put("u4", len(walls) + len(scene.arrows))
+    for i, wall in enumerate(walls):
         _solid(message, "map", "wall", i, wall)
     for i, arrow in enumerate(scene.arrows):
         _arrow(message, arrow, i, np.array([arrow.start, arrow.tip]))
