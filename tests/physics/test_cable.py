@@ -12,8 +12,9 @@ from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Tether, Trace, attach, simulate
 from uvms_mj.physics.cable import CABLE, NODE, advance_cable, cable_state, place_ends, swing
 from uvms_mj.physics.kernels import called_on, kernel
-from uvms_mj.physics.surfaces import SURFACE
+from uvms_mj.physics.surfaces import SHAPES, SURFACE
 from uvms_mj.plant.settings import Surface
+from uvms_mj.plant.tether import _bent
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import warnings_of
 from vehicles import load
@@ -420,6 +421,27 @@ def test_a_wall_that_moves_carries_the_cable_in_both_engines():
     assert np.abs(first.tau_dist - away.tau_dist).max() > 1.0
 
 
+@pytest.mark.parametrize("shape", ["plane", "sphere", "cylinder", "box"])
+@pytest.mark.parametrize(("EA", "h"), [(None, 2e-4), (1e4, 1e-3)])
+def test_a_cable_thrown_onto_a_wall_gains_no_energy(shape, EA, h):
+    """Without drag: kinetic energy and height together stay below where they began."""
+    keys = {"length": 3.0, "elements": 16, "mass": 0.3, "added_mass": 0.0, "drag_coefficient": 0.0, "drag_along": 0.0}
+    size = {key: (0.5, 0.5, 0.4) if key == "edges" else 0.3 for key in SHAPES[shape].keys}
+    turned = (0.0, 100.0, 0.0) if shape == "plane" else (90.0, 0.0, 20.0)
+    wall = Surface(shape=shape, position=(0.6, 0.05, -0.7), attitude_deg=turned, **size)
+    end = np.array([1.5, 0.3, 0.2])
+    start = _bent(np.zeros(3), end, 3.0, np.array([0.0, 1.0, 0.2]), 17)
+    assert min(wall.nearest(place)[0] for place in start) > 0.0
+    held = Held(Tether(anchor=(0.0, 0.0, 0.0), stiffness=EA, **keys), end, h, start=start, walls=(wall,))
+    _, p, v, _ = held.run(round(4.0 / h))
+    c = held.cable[0]
+    weight = 9.81 * (c["mass"] - c["displaced"])
+    energy = 0.5 * c["mass"] * (v[:, 1:-1] ** 2).sum(axis=(1, 2)) + weight * p[:, 1:-1, 2].sum(axis=1)
+    assert abs(min(wall.nearest(place)[0] for place in p[-1, 1:-1])) < 1e-3  # it lies on it
+    assert energy.max() - energy[0] < 1e-3 * weight * 3.0 * 16
+    assert energy[-1] < energy[0] - 0.05 * weight * 3.0 * 16
+
+
 def test_a_cable_begins_outside_of_walls_and_one_of_long_elements_is_named():
     pile = {"shape": "cylinder", "position": [-1.6, 1.7, 0.0], "radius": 0.3}  # in the way that the current sends it
     setup = set_up(Scenario.load("push_wall", MOVING | {"walls": [pile]}))
@@ -478,6 +500,10 @@ def test_a_vehicle_hangs_at_its_cable():
         ({"tether.anchor_velocity": [0.0, 0.0, -1.0], "tether.floor": -2.0}, r"comes 1 m below the floor on its way"),
         ({"sea.height": 0.3, "sea.depth": 2.5}, r"tether\.anchor: comes to z = -1 m, below the bottom of the sea"),
         ({"sea.height": 0.3, "sea.depth": 4.0, "tether.floor": -3.0}, r"tether\.floor: -3 m is below the bottom"),
+        (
+            {"obstacle.half_width": 1.0, "current.direction_deg": 20.0},
+            r"the current at the edges of a face is infinite",
+        ),
         ({"tether.elements": "12"}, r"tether\.elements: '12' is not a whole number"),
         ({"tether.elements": True}, r"tether\.elements: True is not a whole number"),
         (

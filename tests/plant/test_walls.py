@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pressed import PUSH, M
-from uvms_mj import Controller, InputError, Scenario, Simulation, Trace, gain, simulate
+from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
 from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.design import demanded_force
 from uvms_mj.envs import push
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.surfaces import signed_distance
+from uvms_mj.physics.surfaces import SHAPES, signed_distance
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures.panels import expected_forces
@@ -411,3 +411,13 @@ def test_no_force_is_demanded_along_several_normals():
             push.Push(trace.scenario)
         push.Push(trace.scenario, force_d=1.5)
     assert "expected" in dict(expected_forces(run({"simulation.duration": 0.01})))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_log_has_walls_of_every_shape(shape, tmp_path):
+    size = {key: [0.4, 0.4, 0.4] if key == "edges" else 0.3 for key in SHAPES[shape].keys}
+    over = {"walls": [{"shape": shape, "position": [2.0, 0.0, 0.0]} | size], "simulation.duration": 0.01}
+    trace = simulate(Scenario.load("push_wall", over), engine="free_body", sinks=[McapLog(tmp_path / "run.mcap")])
+    loaded = Trace.load(tmp_path / "run.mcap")
+    assert loaded.header.scenario.walls == trace.header.scenario.walls
+    assert np.array_equal(loaded.p_WB, trace.p_WB)

@@ -416,8 +416,8 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
 
 
 def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
-    """Errors for a current that is no potential flow far from an obstacle, and for a start or a reference where
-    potential flow does not hold."""
+    """Errors for a current that is no potential flow far from an obstacle, for a start or a reference where potential
+    flow does not hold, and for a cable that may come to the edge of a face, where it is infinite."""
     scenario = setup.scenario
     obstacle, current = scenario.obstacle, scenario.current
     wall = walls_of(scenario, setup.plant.probe.radius).get(obstacle.key or "")
@@ -425,6 +425,9 @@ def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
         return
     if current.shear is not None:
         yield Fault("obstacle.wall", "the flow of a sheared current about it is not computed; leave current.shear out")
+    if scenario.tether.advances and wall.shape == "plane":
+        wrong = "the current at the edges of a face is infinite in potential flow, and a cable may come to them"
+        yield Fault("obstacle.half_width", f"{wrong}; take tether.elements = 0, or no [obstacle]")
     places = {"initial.position": ("the vehicle begins", scenario.initial.position)}
     if setup.rest_pose[0] is not None:
         places["reference"] = ("the reference ends", setup.rest_pose[0])
@@ -532,6 +535,8 @@ def _tether_notes(setup: Setup) -> Iterator[str]:
             f"tether.anchor, at z = {highest:.4g} m, is above the trough of the waves: what of the cable is out of the "
             "water keeps buoyancy and drag, in water that moves as at the surface"
         )
+    if not setup.scenario.obstacle.constant:
+        yield f"the cable has no wake behind {setup.scenario.obstacle.key}: its nodes are in potential flow there, too"
     element = tether.length / tether.elements
     for key, wall in walls_of(setup.scenario, setup.plant.probe.radius).items():
         size = SHAPES[wall.shape].size
