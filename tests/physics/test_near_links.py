@@ -25,7 +25,9 @@ from random_trees import (
 from tree_twin import acceleration, inertia, momentum_W, poses, velocities
 from twin import rotation
 from uvms_mj import InputError, NearWall, Scenario, attach, simulate
-from uvms_mj.physics.near_wall import cylinder_mass, sphere_mass
+from uvms_mj.physics.kernels import record_of
+from uvms_mj.physics.near_wall import HULL, cylinder_mass, sphere_mass, tensor
+from uvms_mj.plant.settings import World
 
 TABLE = {  # h/a, design numbers of the project
     1.01: 2.034029,
@@ -73,10 +75,12 @@ def near(shape, link, state, tree, gap=0.05, tilt=0.4):
     R, origin = poses(tree, p, rotation(quat), q)[link]
     e, across = np.array([0.48, 0.6, 0.64]), np.array([0.8, 0.0, -0.6])
     n = R @ (math.cos(tilt) * across + math.sin(tilt) * e)
-    cylinder = {"shape": "cylinder", "axis": tuple(e), "length": 0.5} if shape == "cylinder" else {}
-    reach = RADIUS if shape == "sphere" else RADIUS * math.cos(tilt) + 0.25 * math.sin(abs(tilt))
+    reach, own = RADIUS, {}
+    if shape != "sphere":
+        own = {"shape": shape, "axis": tuple(e), "length": 0.5 if shape == "cylinder" else 0.36}
+        reach = RADIUS * math.cos(tilt) + 0.5 * own["length"] * math.sin(abs(tilt))
     point = origin + R @ CENTRE - (reach + gap) * n
-    return NearWall(radius=RADIUS, position=tuple(CENTRE), point=tuple(point), normal=tuple(n), **cylinder)
+    return NearWall(radius=RADIUS, position=tuple(CENTRE), point=tuple(point), normal=tuple(n), **own)
 
 
 def mass(table, tree, link, p, R, q):
@@ -93,12 +97,24 @@ def mass(table, tree, link, p, R, q):
         m_n, m_t, _, _ = sphere_mass(h / a - 1.0)
         return rho * 4.0 / 3.0 * math.pi * a**3 * v @ (m_t * np.eye(3) + (m_n - m_t) * np.outer(n, n)) @ v.T
     e, found = np.array(table.axis), 0.0
+    if table.shape == "spheroid":
+        v, h = at(CENTRE)
+        A, B, C, D = of_spheroid(table, n @ e, h)
+        both = np.outer(n, e) + np.outer(e, n)
+        return v @ (A * np.eye(3) + B * np.outer(n, n) + C * np.outer(e, e) + D * both) @ v.T
     for s, w in zip(0.5 * table.length * NODES, 0.5 * table.length * WEIGHTS, strict=True):
         v, h = at(CENTRE + s * e)
         section = h / math.sqrt(1.0 - (n @ e) ** 2)  # the distance of the wall across the axis
         strip = rho * math.pi * a**2 * cylinder_mass(a / section)[0]
         found = found + w * strip * v @ (np.eye(3) - np.outer(e, e)) @ v.T
     return found
+
+
+def of_spheroid(table, s, h):
+    """A, B, C and D [kg] at the distance h from the wall, whose normal has the part s along the axis."""
+    W = np.zeros((4, 3))
+    tensor(record_of(np.array(replace(table, link=None).records(World()), HULL)), s, h, W)
+    return W[:, 0]
 
 
 def turned(quat, phi):
@@ -130,7 +146,7 @@ def by_lagrange(table, tree, link, state, tau, t):
     return np.linalg.solve(inertia(tree, q) + M, without - left)
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["cylinder", "sphere"]), st.sampled_from([0, 1, 3]))
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["cylinder", "sphere", "spheroid"]), st.sampled_from([0, 1, 3]))
 def test_the_acceleration_of_a_random_tree_at_a_wall_is_that_of_lagranges_equations(seed, shape, link):
     """Also in a current, which the water at the wall does not see, with added mass and drag on every body."""
     tree = random_tree(seed, 3)
@@ -183,7 +199,7 @@ def thrown(timestep, link, shape="cylinder", seconds=0.2):
     )
 
 
-@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
+@pytest.mark.parametrize("shape", ["cylinder", "sphere", "spheroid"])
 @pytest.mark.parametrize("link", [0, 3])
 def test_a_tree_thrown_past_a_wall_keeps_energy_and_the_momentum_along_the_wall(link, shape):
     """Of second order with RK4, as MuJoCo turns the base."""
@@ -222,6 +238,7 @@ def test_an_arm_pushes_at_a_wall_with_the_water_about_its_links():
         ({"link": "tail"}, {}, r"near_wall\[0\].link: 'tail' is no link of the vehicle: "),
         ({"length": None}, {}, "a cylinder needs length"),
         ({"shape": "sphere"}, {}, "length and axis belong to a cylinder"),
+        ({"shape": "spheroid"}, {}, "must be 2 to 5 times the radius"),
         ({"axis": [0, 0, 0]}, {}, "axis must not be zero"),
         ({}, {"wall.present": False}, r"near_wall\[0\].point: there is no \[wall\]"),
         ({}, {"wrist.name": "sensor", "wrist.site": "tool"}, "near_wall.*take no wrist"),

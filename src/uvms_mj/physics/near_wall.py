@@ -34,15 +34,14 @@ away, and here
     C(h) = \tfrac12 + c(\ln(g/a))\, (a/h)^3,
 
 with Chebyshev's polynomials c of each between g/a = 0.001 and 20, right to 1e-6 of C. Beyond 20 it is the first term,
-c = 3/16 and 3/32. Only the difference to 1/2 is added, since the vehicle's M_A has the rest. With the mass
-:math:`M_p = m_t I + (m_n - m_t)\, n n^\top` at the centre p, whose velocity is v and whose acceleration without the
-accelerations of base and joints is a, Lagrange's equation gives the force
+c = 3/16 and 3/32. Only the difference to 1/2 is added, since the vehicle's M_A has the rest. A sphere's turn moves no
+water.
 
-.. math::
-
-    -M_p\, a - M_p'\, \dot g\, v + \tfrac12 (v^\top M_p' v)\, n
-
-at p, beside the inertia :math:`J^\top M_p J`, :math:`J = [I, -S(r)]`. A sphere's turn moves no water.
+**A spheroid** of the radius a has an axis e, along which it is up to 2.5 times as long. Its centre is at
+:math:`h = g + \sqrt{a^2 + (l^2/4 - a^2)\, s^2}` for the length l and :math:`s = n^\top e`. Its masses for motions of
+the centre are a table by g/a, s and its slenderness (:mod:`uvms_mj.plant.spheroid`), right to 1e-3 of the displaced
+mass between the gaps 0.02 a, below which nothing grows, and 8 a, beyond which they fall as (1 + g/a)^-3. What the wall
+changes about its turn is left out, and the coupling of turn and motion with it.
 
 **A cylinder**, on the base or on a link of an arm, is a row of strips across its axis e, each with the added mass
 :math:`\pi \rho a^2 C` a length in plane flow, in every direction across e alike. With the distance H of the wall
@@ -57,15 +56,24 @@ summed),
 transform :math:`\sum = \frac{1}{12} - \frac{1}{2\alpha} + \frac{\pi^2}{\alpha^2}(\frac{1}{12} - 2 e^{-2\pi^2/\alpha})`.
 The strips are eight, at Gauss's places. A strip at p is at :math:`H = h/\cos\beta` for a distance h of p and an angle
 :math:`\beta` between axis and wall, :math:`\sin\beta = n^\top e`: an axis along the normal has no wall beside it. Its
-mass :math:`m(h, e) = \pi \rho a^2 (C - 1)` and its energy :math:`\tfrac12 m |P v|^2`, :math:`P = I - e e^\top`, give
-the force at p and a moment,
+mass is :math:`\pi \rho a^2 (C - 1) (I - e e^\top)`. The flow about its ends is not in it, as in the strip theory of the
+links' own added mass.
+
+**The equations of all three** are those of masses at places p that move with a link, with an axis e that turns with it:
 
 .. math::
 
-    -m P a - \dot m P v - m \dot P v + \tfrac12 |P v|^2\, \frac{\partial m}{\partial h}\, n, \qquad
-    e \times \left( \tfrac12 |P v|^2\, \frac{\partial m}{\partial e} - m (e^\top v)\, v \right).
+    M_p = A I + B\, n n^\top + C\, e e^\top + D\, (n e^\top + e n^\top),
 
-The flow about its ends is not in it, as in the strip theory of the links' own added mass.
+with A to D by h and s. A sphere has :math:`A = m_t`, :math:`B = m_n - m_t` and a strip :math:`A = -C`. With the
+velocity v of p and its acceleration a without the accelerations of base and joints, Lagrange's equation gives a force
+at p and a moment beside the inertia :math:`J^\top M_p J`, :math:`J = [I, -S(r)]`,
+
+.. math::
+
+    -M_p a - \dot M_p v + \frac{\partial T}{\partial h}\, n, \qquad
+    e \times \left( (C\, e^\top v + D\, n^\top v)\, v + \frac{\partial T}{\partial s}\, n \right), \qquad
+    T = \tfrac12 v^\top M_p v.
 """
 
 import math
@@ -91,11 +99,17 @@ def _before_wall(*more: tuple) -> np.dtype:
 PAD = _before_wall(("viscosity", "f8"))  # mu [Pa s]
 """One pad before one plane wall."""
 HULL = _before_wall(
+    ("shape", "i8"),  # its place in SHAPES
+    ("strips", "i8"),  # places at which its mass is, 1 or those of a cylinder
     ("link", "i8"),  # index of the link that it is on; the base is link 0
-    ("axis", "f8", (3,)),  # of a cylinder, in the frame of the link
-    ("length", "f8"),  # of a cylinder, 0 of a sphere [m]
+    ("axis", "f8", (3,)),  # of a cylinder or a spheroid, in the frame of the link
+    ("length", "f8"),  # of a cylinder or a spheroid [m]
+    ("series", "f8", (4, 10, 6)),  # of a spheroid, Chebyshev's coefficients of A, B, C and D/s by ln(g/a) and w
 )
-"""One sphere or one cylinder before one plane wall."""
+"""One sphere, cylinder or spheroid before one plane wall."""
+SHAPES = ("sphere", "cylinder", "spheroid")
+STRIPS = 8
+"""Strips of a cylinder."""
 
 _LOW, _HIGH = math.log(0.005), math.log(20.0)
 _REST = np.array(
@@ -128,8 +142,10 @@ _ALONG = np.array(
 """Coefficients of c along the wall."""
 _NOME = math.exp(-3.0)
 """q above which the series about the touch is taken: both are then right to 1e-9."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(STRIPS)
 """Places and weights of the strips of a cylinder between -1 and 1."""
+_NEAREST, _FARTHEST = math.log(0.02), math.log(8.0)
+"""ln(g/a) between which the series of a spheroid is; nearer nothing grows, farther away its coefficients stay."""
 FAR = 8.0 / 3.0
 """m/(rho R^3) in open water."""
 
@@ -241,41 +257,113 @@ def cylinder_mass(t):
 
 
 @kernel
-def strip(hull, n, e, h):
-    """The mass of the water about a unit of length of a cylinder with the axis e (3,), at the distance h [m] from a
-    wall with the normal n (3,), beyond open water's [kg/m], its derivative by h, and over n the one by e."""
-    a, tilt = hull.radius, n @ e
-    far, scale = max(h, hull.least), math.pi * hull.rho * hull.radius * hull.radius
-    t, most = a * math.sqrt(max(0.0, 1.0 - tilt * tilt)) / far, a / (a + hull.least)
-    mass, rate = cylinder_mass(max(1e-9, min(t, most)))
-    if t > most:
-        return scale * mass, 0.0, 0.0
-    by_h = -scale * rate * t * t / far if h > hull.least else 0.0
-    return scale * mass, by_h, -scale * rate * (a / far) ** 2 * tilt
-
-
-@kernel
-def sphere_masses(hull, h):
-    """The masses about a sphere whose centre is at the distance h [m] along the normal and along the wall, beyond open
-    water's [kg], and their derivatives by the gap [kg/m]."""
+def sphere_tensor(hull, h, W):
+    """As :func:`tensor`, of a sphere."""
     g = h - hull.radius
     m_n, m_t, slope_n, slope_t = sphere_mass(max(g, hull.least) / hull.radius)
     scale = 4.0 / 3.0 * math.pi * hull.rho * hull.radius**3
-    by_gap = scale / hull.radius if g > hull.least else 0.0
-    return scale * m_n, scale * m_t, by_gap * slope_n, by_gap * slope_t
+    by_h = scale / hull.radius if g > hull.least else 0.0
+    W[0, 0], W[0, 1] = scale * m_t, by_h * slope_t
+    W[1, 0], W[1, 1] = scale * (m_n - m_t), by_h * (slope_n - slope_t)
 
 
 @kernel
-def add_mass(m, more, d, r, M):
-    """Add the inertia of a mass m I + more d d^T at r (3,) to M (6, 6), with a unit vector d (3,)."""
-    J, along = np.zeros(6), np.zeros(6)
+def cylinder_tensor(hull, s, h, W):
+    """As :func:`tensor`, of a unit of length of a cylinder."""
+    a, far = hull.radius, max(h, hull.least)
+    scale = math.pi * hull.rho * a * a
+    t, most = a * math.sqrt(max(0.0, 1.0 - s * s)) / far, a / (a + hull.least)
+    mass, rate = cylinder_mass(max(1e-9, min(t, most)))
+    W[0, 0] = scale * mass
+    if t <= most:
+        W[0, 2] = -scale * rate * (a / far) ** 2 * s
+        if h > hull.least:
+            W[0, 1] = -scale * rate * t * t / far
+    W[2] = -W[0]
+
+
+@kernel
+def spheroid_tensor(hull, s, h, W):
+    """As :func:`tensor`, of a spheroid."""
+    a = hull.radius
+    longer = 0.5 * hull.length / a + 1.0
+    more = longer * (longer - 2.0)
+    root = math.sqrt(1.0 + more * s * s)
+    reach, w = a * root, longer * s * s / (1.0 + root)  # of its centre over its nearest point; 0 to 1 as it turns
+    least = max(hull.least, a * math.exp(_NEAREST))
+    g = h - reach
+    x = max(g, least) / a
+    y = min(math.log(x), _FARTHEST)
+    near = 1.0 / (1.0 + x)
+    scale = 2.0 / 3.0 * math.pi * hull.rho * a * a * hull.length * near * near * near
+    P, Q = np.zeros((2, 10)), np.zeros((2, 6))  # Chebyshev's polynomials and their slopes
+    chebyshev((2.0 * y - (_NEAREST + _FARTHEST)) / (_FARTHEST - _NEAREST), 10, P)
+    chebyshev(2.0 * w - 1.0, 6, Q)
+    inside = 1.0 if y < _FARTHEST else 0.0
+    for k in range(4):
+        value, by_y, by_w = P[0] @ hull.series[k] @ Q[0], P[1] @ hull.series[k] @ Q[0], P[0] @ hull.series[k] @ Q[1]
+        by_g, by_s = 0.0, 2.0 * longer * s / root * by_w
+        if g > least:
+            by_g = (inside * by_y * 2.0 / ((_FARTHEST - _NEAREST) * x) - 3.0 * near * value) / a
+            by_s -= by_g * a * more * s / root
+        if k == 3:
+            by_g *= s
+            by_s = by_s * s + value
+            value *= s
+        W[k, 0], W[k, 1], W[k, 2] = scale * value, scale * by_g, scale * by_s
+
+
+@kernel
+def chebyshev(x, n, out):
+    """Set out (2, n) to Chebyshev's polynomials at x and their derivatives."""
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = 1.0, x, 0.0, 1.0
+    for k in range(2, n):
+        out[0, k] = 2.0 * x * out[0, k - 1] - out[0, k - 2]
+        out[1, k] = 2.0 * out[0, k - 1] + 2.0 * x * out[1, k - 1] - out[1, k - 2]
+
+
+@kernel
+def tensor(hull, s, h, W):
+    """Set W (4, 3) to A, B, C and D of the mass A I + B n n^T + C e e^T + D (n e^T + e n^T) of the water beyond open
+    water's [kg], at the distance h [m] of a place from the wall and s = n^T e, and to their derivatives by h and s."""
+    W[:] = 0.0
+    if hull.shape == 0:
+        sphere_tensor(hull, h, W)
+    elif hull.shape == 1:
+        cylinder_tensor(hull, s, h, W)
+    else:
+        spheroid_tensor(hull, s, h, W)
+
+
+@kernel
+def times(W, n, e, x):
+    """The mass of :func:`tensor` times a vector (3,)."""
+    along, across = e @ x, n @ x
+    return W[0] * x + (W[1] * across + W[3] * along) * n + (W[2] * along + W[3] * across) * e
+
+
+@kernel
+def add_mass(W, n, e, r, M):
+    """Add the inertia of a mass of :func:`tensor` at r (3,) to M (6, 6)."""
+    K, G = np.zeros((3, 3)), np.zeros((3, 3))
     for i in range(3):
-        J[:] = 0.0
-        J[i] = 1.0
-        J[3:] = np.cross(r, J[:3])
-        M += m * np.outer(J, J)
-    along[:3], along[3:] = d, np.cross(r, d)
-    M += more * np.outer(along, along)
+        K[i, i] = 1.0
+        K[i] = times(W, n, e, K[i])
+        G[i] = np.cross(r, K[i])
+    for i in range(3):
+        M[i, :3] += K[i]
+        M[i, 3:] += G[i]
+        M[3:, i] += G[i]
+    for i in range(3):
+        M[3:, 3 + i] += np.cross(r, G[:, i])
+
+
+@kernel
+def share(hull, k):
+    """Place of strip k of a hull along its axis [m], and its length [m]; 0 and 1 of a hull that is no cylinder."""
+    if hull.strips == 1:
+        return 0.0, 1.0
+    return 0.5 * hull.length * _NODES[k], 0.5 * hull.length * _WEIGHTS[k]
 
 
 @kernel
@@ -288,16 +376,12 @@ def distance(hull, p_WB, R_WB, r):
 def add_hull_inertia(hull, R_BL, p_BL, p_WB, R_WB, M):
     """Add the inertia of the water about a hull at a wall to M (6, 6), about B's origin in B; R_BL (3, 3) and p_BL (3,)
     are the frame of its link."""
-    n, e, centre = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r
-    if hull.length > 0.0:
-        for k in range(8):
-            r = centre + 0.5 * hull.length * _NODES[k] * e
-            m, _, _ = strip(hull, n, e, distance(hull, p_WB, R_WB, r))
-            m *= 0.5 * hull.length * _WEIGHTS[k]
-            add_mass(m, -m, e, r, M)
-    else:
-        m_n, m_t, _, _ = sphere_masses(hull, distance(hull, p_WB, R_WB, centre))
-        add_mass(m_t, m_n - m_t, n, centre, M)
+    n, e, centre, W = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r, np.zeros((4, 3))
+    for k in range(hull.strips):
+        place, length = share(hull, k)
+        r = centre + place * e
+        tensor(hull, n @ e, distance(hull, p_WB, R_WB, r), W)
+        add_mass(length * W[:, 0], n, e, r, M)
 
 
 @kernel
@@ -305,27 +389,24 @@ def add_hull_wrench(hull, R_BL, p_BL, p_WB, R_WB, V, A, F):
     """Add the wrench of the water about a hull at a wall to F (6,), beside the wrench of its inertia. V (6,) and A (6,)
     are motion and acceleration of its link, as in :mod:`.tree`, relative to W and without the accelerations of the
     base and of the joints."""
-    n, e, centre = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r
-    omega, share = V[3:], 0.5 * hull.length
-    if hull.length > 0.0:
-        e_dot = np.cross(omega, e)
-        for k in range(8):
-            r = centre + share * _NODES[k] * e
-            v = V[:3] + np.cross(omega, r)
-            a = A[:3] + np.cross(A[3:], r) + np.cross(omega, v)
-            m, by_h, by_e = strip(hull, n, e, distance(hull, p_WB, R_WB, r))
-            along = e @ v
-            across = v - along * e
-            m_dot, energy = by_h * (n @ v) + by_e * (n @ e_dot), 0.5 * (across @ across)
-            f = -(m_dot * across) - m * (a - (e @ a) * e - along * e_dot - (e_dot @ v) * e) + energy * by_h * n
-            moment = np.cross(r, f) + np.cross(e, energy * by_e * n - m * along * v)
-            F[:3] += share * _WEIGHTS[k] * f
-            F[3:] += share * _WEIGHTS[k] * moment
-    else:
-        m_n, m_t, slope_n, slope_t = sphere_masses(hull, distance(hull, p_WB, R_WB, centre))
-        v = V[:3] + np.cross(omega, centre)
-        a, rate = A[:3] + np.cross(A[3:], centre) + np.cross(omega, v), n @ v
-        changed = slope_t * v + (slope_n - slope_t) * rate * n  # M_p' v
-        f = -(m_t * a) - (m_n - m_t) * (n @ a) * n - rate * changed + 0.5 * (v @ changed) * n
+    n, e, centre, W = hull.normal @ R_WB, R_BL @ hull.axis, p_BL + R_BL @ hull.r, np.zeros((4, 3))
+    omega = V[3:]
+    e_dot = np.cross(omega, e)
+    for k in range(hull.strips):
+        place, length = share(hull, k)
+        r = centre + place * e
+        tensor(hull, n @ e, distance(hull, p_WB, R_WB, r), W)
+        W *= length
+        v = V[:3] + np.cross(omega, r)
+        a = A[:3] + np.cross(A[3:], r) + np.cross(omega, v)
+        across, along, turned = n @ v, e @ v, e_dot @ v
+        squares = np.array([v @ v, across * across, along * along, 2.0 * across * along])
+        by_h, by_s, rate = (
+            0.5 * (W[:, 1] @ squares),
+            0.5 * (W[:, 2] @ squares),
+            W[:, 1] * across + W[:, 2] * (n @ e_dot),
+        )
+        f = -times(W[:, 0], n, e, a) - times(rate, n, e, v) + by_h * n
+        f -= (W[2, 0] * turned) * e + (W[2, 0] * along + W[3, 0] * across) * e_dot + (W[3, 0] * turned) * n
         F[:3] += f
-        F[3:] += np.cross(centre, f)
+        F[3:] += np.cross(r, f) + np.cross(e, (W[2, 0] * along + W[3, 0] * across) * v + by_s * n)

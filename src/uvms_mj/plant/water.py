@@ -17,6 +17,8 @@ from pydantic.dataclasses import dataclass
 from ..errors import Fault
 from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
+from ..physics.near_wall import HULL, STRIPS
+from ..physics.near_wall import SHAPES as HULLS
 from ..physics.random import key_of
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import (
@@ -37,6 +39,7 @@ from .buoyancy import Buoyancy
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
+from .spheroid import LONGEST, spheroid_series
 from .tether import Tether
 
 MOST_ROWS = 100_000
@@ -364,13 +367,13 @@ class Pad(EffectTable):
 
 @dataclass(frozen=True, config=STRICT)
 class NearWall(EffectTable):
-    """One table of ``[[near_wall]]``: a sphere or a cylinder in the place of the vehicle's hull or of a link, before a
-    plane wall."""
+    """One table of ``[[near_wall]]``: a sphere, a cylinder or a spheroid in the place of the vehicle's hull or of a
+    link, before a plane wall."""
 
     radius: Annotated[Number, within(1e-3, 100.0, "m")]
-    shape: Annotated[Literal["sphere", "cylinder"], Lowercase] = doc("of the hull or the link", "sphere")
-    length: Annotated[Number, within(1e-3, 100.0, "m")] | None = doc("of a cylinder [m]", None)
-    axis: Position = doc("vector along a cylinder, in the frame of its link [1]", (1.0, 0.0, 0.0))
+    shape: Annotated[Literal[HULLS], Lowercase] = doc("of the hull or the link", "sphere")  # type: ignore[valid-type]
+    length: Annotated[Number, within(1e-3, 200.0, "m")] | None = doc("of a cylinder or a spheroid [m]", None)
+    axis: Position = doc("vector along a cylinder or a spheroid, in the frame of its link [1]", (1.0, 0.0, 0.0))
     link: str | None = doc("name of the link of the arm that carries it; null: the base", None)
     position: Position = doc("centre in the frame of the link, in B for the base [m]", (0.0, 0.0, 0.0))
     point: Position | None = doc("a point of the wall's face in W; null: the face of [wall] [m]", None)
@@ -379,12 +382,16 @@ class NearWall(EffectTable):
     least_gap: Annotated[Number, within(1e-6, 1.0, "m")] = doc("gap by roughness, below which nothing grows [m]", 1e-3)
 
     def __post_init__(self) -> None:
-        cylinder = self.shape == "cylinder"
+        sphere = self.shape == "sphere"
         wrong = [f"{key} must not be zero" for key in ("normal", "axis") if not any(getattr(self, key))]
-        if cylinder and self.length is None:
-            wrong.append("a cylinder needs length")
-        if not cylinder and (self.length is not None or self.axis != (1.0, 0.0, 0.0)):
-            wrong.append("length and axis belong to a cylinder")
+        if not sphere and self.length is None:
+            wrong.append(f"a {self.shape} needs length")
+        if sphere and (self.length is not None or self.axis != (1.0, 0.0, 0.0)):
+            wrong.append("length and axis belong to a cylinder or a spheroid")
+        if self.shape == "spheroid" and self.length is not None:
+            slenderness = 0.5 * self.length / self.radius
+            if not 1.0 - 1e-9 <= slenderness <= LONGEST + 1e-9:
+                wrong.append(f"length {self.length:g} m must be 2 to {2.0 * LONGEST:g} times the radius")
         if wrong:
             raise ValueError("; ".join(wrong))
 
@@ -392,7 +399,10 @@ class NearWall(EffectTable):
         """The numbers of :data:`uvms_mj.physics.near_wall.HULL`."""
         link = 0 if self.link is None else 1 + world.links.index(self.link)
         wall = *_face(self, world), self.density, self.least_gap
-        return [(self.radius, self.position, *wall, link, _unit(self.axis), self.length or 0.0)]
+        shape, strips = HULLS.index(self.shape), STRIPS if self.shape == "cylinder" else 1
+        series = spheroid_series(0.5 * (self.length or 0.0) / self.radius) if self.shape == "spheroid" else 0.0
+        about = shape, strips, link, _unit(self.axis), self.length or 0.0, np.broadcast_to(series, HULL["series"].shape)
+        return [(self.radius, self.position, *wall, *about)]
 
     def faults(self, world: World) -> Iterator[Fault]:
         if self.link is None:
