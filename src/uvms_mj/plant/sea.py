@@ -181,8 +181,8 @@ def sea_notes(
     if (below := sea.surface - 0.5 * sea.height - start_z) < size:
         leaves = "" if surfaces else ", and a vehicle that leaves the water keeps its buoyancy and drag"
         yield (
-            f"the vehicle begins {below:.3g} m below the trough; linear waves hold from about one body length, here "
-            f"{size:.2g} m{leaves}"
+            f"the vehicle begins {abs(below):.3g} m {'above' if below < 0.0 else 'below'} the trough; linear waves hold "
+            f"from about one body length below it, here {size:.2g} m{leaves}"
         )
     if size > SLENDER * length:
         yield (
