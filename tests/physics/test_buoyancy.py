@@ -466,10 +466,14 @@ def test_what_is_not_computed_is_refused_in_a_sentence(over, said):
         simulate(Scenario.load("push_wall", over | {"simulation.duration": 0.01}))
 
 
-def test_joints_are_refused_in_a_run_and_in_attach():
+def test_joints_and_a_tilted_gravity_are_refused_in_a_run_and_in_attach():
     _, model, data = body(1e-3)
     with pytest.raises(InputError, match=r"attach: buoyancy.shapes: hold 1 l"):
         attach(model, data, buoyancy=Buoyancy(shapes=(Volume("box", edges=(0.1, 0.1, 0.1)),)))
+    table = Buoyancy(shapes=(Volume("box", edges=(0.3, 0.3, 0.3)),))
+    model.opt.gravity[:] = 0.1, 0.0, -9.8
+    with pytest.raises(InputError, match=r"attach: buoyancy.shapes: the surface is level"):
+        attach(model, data, buoyancy=table)
     with pytest.raises(InputError, match="take a vehicle without joints"):
         checked(Scenario.load("tool_push", {"buoyancy.shapes": [{"shape": "box", "edges": [0.5, 0.5, 0.5]}]}))
 

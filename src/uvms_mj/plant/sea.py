@@ -180,9 +180,10 @@ def sea_notes(
         )
     if (below := sea.surface - 0.5 * sea.height - start_z) < size:
         leaves = "" if surfaces else ", and a vehicle that leaves the water keeps its buoyancy and drag"
+        where = f"{abs(below):.3g} m {'above' if below < 0.0 else 'below'} the trough"
         yield (
-            f"the vehicle begins {abs(below):.3g} m {'above' if below < 0.0 else 'below'} the trough; linear waves hold "
-            f"from about one body length below it, here {size:.2g} m{leaves}"
+            f"the vehicle begins {where}; linear waves hold from about one body length below it, here {size:.2g} m"
+            f"{leaves}"
         )
     if size > SLENDER * length:
         yield (
