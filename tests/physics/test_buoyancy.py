@@ -401,11 +401,12 @@ LEAPING = FLOATING | {
 """A vehicle with drag in a current that rises fast through the surface and falls back into it."""
 
 
-def test_both_engines_agree_across_the_surface():
+@pytest.mark.parametrize("more", [{}, {"sea.height": 0.2, "sea.period": 3.0, "sea.direction_deg": 40.0}])
+def test_both_engines_agree_across_the_surface(more):
     motions = []
     for engine in ("free_body", "mujoco"):
         found = []
-        with Simulation(Scenario.load("push_wall", LEAPING), engine=engine) as sim:
+        with Simulation(Scenario.load("push_wall", LEAPING | more), engine=engine) as sim:
             for _ in range(250):
                 sim.step(5)
                 found.append([*sim.signals.p_WB, *sim.signals.nu, float(sim.signals.wet_fraction)])
@@ -415,6 +416,19 @@ def test_both_engines_agree_across_the_surface():
     assert wet[0] == wet[-1] == 1.0
     assert wet.min() == 0.0
     np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
+
+
+def test_the_rate_of_the_surface_is_that_of_the_wet_mass():
+    """At a place that stands still, of the plane that rises and turns."""
+    sea = Sea(height=0.1, period=3.0, surface=0.0, spectrum="jonswap", components=5, seed=2)
+    records, R, h, most = shapes_of(*MANY, sea=sea), np.eye(3), 1e-5, 0.0
+    for t in (0.3, 1.1, 7.9):
+        args = np.array([0.4, -0.2, 0.02]), R
+        before, after = (find_wet(records, t + s * h, *args, np.zeros(3), np.zeros(6))[0] for s in (-1.0, 1.0))
+        rate = find_wet(records, t, *args, np.zeros(3), np.zeros(6))[2]
+        most = max(most, abs(rate))
+        assert rate == pytest.approx((after - before) / (2.0 * h), rel=1e-6)
+    assert most > 0.5
 
 
 WAVES = {"sea.height": 0.2, "sea.period": 5.0, "sea.depth": None}
