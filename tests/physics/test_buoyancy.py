@@ -418,6 +418,23 @@ def test_both_engines_agree_across_the_surface(more):
     np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
 
 
+def test_a_uniform_current_carries_the_leap_along():
+    """Seen from the water, a vehicle in a current moves as in still water, also through the surface."""
+    motions = []
+    for U in (0.0, 0.6):
+        start = {
+            "current.speed": U,
+            "current.direction_deg": 0.0,
+            "initial.velocity": [0.2 + U, 0.1, 4.5, 0.2, -0.3, 0.1],
+        }
+        with Simulation(Scenario.load("push_wall", LEAPING | start), engine="free_body") as sim:
+            sim.step(300)
+            assert float(sim.signals.wet_fraction) == 0.0
+            sim.step(850)
+            motions.append([*(sim.signals.p_WB - [1.15 * U, 0.0, 0.0]), *sim.signals.quat_WB])
+    np.testing.assert_allclose(*motions, rtol=0.0, atol=1e-13)
+
+
 def test_the_rate_of_the_surface_is_that_of_the_wet_mass():
     """At a place that stands still, of the plane that rises and turns."""
     sea = Sea(height=0.1, period=3.0, surface=0.0, spectrum="jonswap", components=5, seed=2)

@@ -79,7 +79,7 @@ from typing import Any
 
 import numpy as np
 
-from .buoyancy import VOLUME, dry_fraction
+from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .current import CURRENT, add_current
 from .frames import velocity_at
@@ -247,9 +247,9 @@ def add_pushes(effects, numbers, t, tau):
 
 
 @kernel
-def add_inertias(effects, t, p_WB, R_WB, M_A, M):
-    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B; M_A (6, 6) is in it already, as
-    deep below the surface."""
+def add_inertias(effects, p_WB, R_WB, dry, M_A, M):
+    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B. M has the added mass M_A (6, 6)
+    of a vehicle far below the surface, of which the share ``dry`` is above."""
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
             add_pad_inertia(effects.pads[k], p_WB, R_WB, M)
@@ -257,7 +257,7 @@ def add_inertias(effects, t, p_WB, R_WB, M_A, M):
         if effects.near_wall[k].radius > 0.0:
             add_hull_inertia(effects.near_wall[k], p_WB, R_WB, M)
     if effects.buoyancy.shape[0] != 0:
-        M -= dry_fraction(effects, t, p_WB, R_WB) * M_A
+        M -= dry * M_A
 
 
 @kernel

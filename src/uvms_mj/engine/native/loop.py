@@ -412,7 +412,10 @@ def free_step(run, moving) -> bool:
         tau += plant.tau_applied_B
     if plant.inert.shape[0] != 0:
         M = body.M_RB + plant.links[0].M
-        add_inertias(plant.effects, run.t, plant.qpos[:3], true.R_WB, plant.links[0].M, M)
+        dry = 0.0
+        if plant.wet.shape[0] != 0:
+            dry = 1.0 - plant.wet[0].fraction
+        add_inertias(plant.effects, plant.qpos[:3], true.R_WB, dry, plant.links[0].M, M)
         cholesky(M, M)
         inverse(M, body.M_inv)
     free_acceleration(body, true.R_WB, true.nu, tau, plant.qacc)
