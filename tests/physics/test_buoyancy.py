@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from twin import TwinParameters, skew
-from uvms_mj import Buoyancy, InputError, Scenario, Sea, Simulation, Volume, attach, simulate
+from uvms_mj import Buoyancy, InputError, NearWall, Scenario, Sea, Simulation, Volume, attach, simulate
 from uvms_mj.analysis.summary import ending, rows, summary
 from uvms_mj.physics.buoyancy import BALL, BLOCK, ROD, VOLUME, add_half_ball, cut, cut_ball, find_wet
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
@@ -502,6 +502,11 @@ def test_joints_and_a_tilted_gravity_are_refused_in_a_run_and_in_attach():
     with pytest.raises(InputError, match=r"attach: buoyancy.shapes: hold 1 l"):
         attach(model, data, buoyancy=Buoyancy(shapes=(Volume("box", edges=(0.1, 0.1, 0.1)),)))
     table = Buoyancy(shapes=(Volume("box", edges=(0.3, 0.3, 0.3)),))
+    with pytest.raises(InputError, match=r"attach: buoyancy: is one table"):
+        attach(model, data, buoyancy=[table, table])
+    wall = NearWall(radius=0.1, point=(1.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"attach: buoyancy.shapes: the water of near_wall"):
+        attach(model, data, buoyancy=table, near_wall=wall)
     model.opt.gravity[:] = 0.1, 0.0, -9.8
     with pytest.raises(InputError, match=r"attach: buoyancy.shapes: the surface is level"):
         attach(model, data, buoyancy=table)

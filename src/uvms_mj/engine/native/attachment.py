@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from ...errors import Fault, InputError, faults_of, suggestion
 from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
-from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
+from ...plant.effects import Tables, advancing, each_table, effect_faults, effect_records, effect_rows
 from ...plant.sea import Sea
 from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
@@ -210,13 +210,14 @@ def attach(
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
     tables = tables_checked(vectors, effects, seed)
+    seas: list[Any] = [table for name, _, table in each_table(tables) if name == "sea"]
     world = World(
         *(seed, float(np.linalg.norm(model.opt.gravity))),
         timestep=model.opt.timestep,
         joints=len(vehicle.arm.links),
         displaced_mass=vehicle.displaced_mass,
         r_b=vehicle.r_b,
-        surface=getattr(tables.get("sea"), "surface", Sea().surface),
+        surface=(seas or [Sea()])[0].surface,
         tilted=bool(model.opt.gravity[:2].any()),
         surfaces="buoyancy" in tables,
     )
