@@ -87,6 +87,16 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"current.speed": [0.1, 0.4], "tether.length": [4.0, 6.0]},
     ),
+    "at the surface, in a wave": (
+        {
+            "buoyancy.shapes": [
+                {"shape": "capsule", "radius": 0.12, "length": 0.3, "attitude_deg": [0.0, 80.0, 0.0]},
+                {"shape": "box", "edges": [0.2, 0.2, 0.2]},
+            ],
+            **{"sea.height": 0.1, "sea.period": 3.0},
+        },
+        {"sea.surface": [0.05, -0.02]},
+    ),
     "a tether that moves": (
         {"tether.length": 4.0, "tether.elements": 4, "tether.anchor": [-2.0, 0.0, 0.0]},
         {"tether.length": [4.0, 4.5], "tether.mass": [0.04, 0.06]},

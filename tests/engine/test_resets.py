@@ -28,6 +28,13 @@ RUNS = {
     "the paper's": ("mujoco", {}),
     "sensors": ("free_body", EVERYTHING["sensors"]),
     "in water": ("free_body", IN_WATER),
+    "at the surface": (
+        "free_body",
+        {
+            "buoyancy.shapes": [{"shape": "box", "edges": [0.5, 0.3, 0.25]}, {"shape": "sphere", "radius": 0.1}],
+            **{"sea.height": 0.2, "sea.surface": 0.3, "tether.length": 2.0, "controller.name": "impedance"},
+        },
+    ),
     "a tool": (
         "mujoco",
         MOVING | AT_TOOL | {"controller.name": "impedance", "wrist.name": "sensor", "wrist.site": "tool"},
@@ -49,6 +56,7 @@ GIVEN = {
     "drag": [],
     "estimates.links": [{"name": "rod", "inertia": 1.5}],
     "sea.height": 0.0,
+    "buoyancy.shapes": [{"shape": "capsule", "radius": 0.1, "length": 0.5}],
 }
 """Keys whose other value is not a number near the old one."""
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from twin import TwinParameters, skew
-from uvms_mj import Buoyancy, InputError, Scenario, Sea, Simulation, Volume, attach, simulate
+from uvms_mj import Buoyancy, InputError, NearWall, Scenario, Sea, Simulation, Volume, attach, simulate
 from uvms_mj.analysis.summary import ending, rows, summary
 from uvms_mj.physics.buoyancy import BALL, BLOCK, ROD, VOLUME, add_half_ball, cut, cut_ball, find_wet
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
@@ -401,11 +401,12 @@ LEAPING = FLOATING | {
 """A vehicle with drag in a current that rises fast through the surface and falls back into it."""
 
 
-def test_both_engines_agree_across_the_surface():
+@pytest.mark.parametrize("more", [{}, {"sea.height": 0.2, "sea.period": 3.0, "sea.direction_deg": 40.0}])
+def test_both_engines_agree_across_the_surface(more):
     motions = []
     for engine in ("free_body", "mujoco"):
         found = []
-        with Simulation(Scenario.load("push_wall", LEAPING), engine=engine) as sim:
+        with Simulation(Scenario.load("push_wall", LEAPING | more), engine=engine) as sim:
             for _ in range(250):
                 sim.step(5)
                 found.append([*sim.signals.p_WB, *sim.signals.nu, float(sim.signals.wet_fraction)])
@@ -415,6 +416,36 @@ def test_both_engines_agree_across_the_surface():
     assert wet[0] == wet[-1] == 1.0
     assert wet.min() == 0.0
     np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
+
+
+def test_a_uniform_current_carries_the_leap_along():
+    """Seen from the water, a vehicle in a current moves as in still water, also through the surface."""
+    motions = []
+    for U in (0.0, 0.6):
+        start = {
+            "current.speed": U,
+            "current.direction_deg": 0.0,
+            "initial.velocity": [0.2 + U, 0.1, 4.5, 0.2, -0.3, 0.1],
+        }
+        with Simulation(Scenario.load("push_wall", LEAPING | start), engine="free_body") as sim:
+            sim.step(300)
+            assert float(sim.signals.wet_fraction) == 0.0
+            sim.step(850)
+            motions.append([*(sim.signals.p_WB - [1.15 * U, 0.0, 0.0]), *sim.signals.quat_WB])
+    np.testing.assert_allclose(*motions, rtol=0.0, atol=1e-13)
+
+
+def test_the_rate_of_the_surface_is_that_of_the_wet_mass():
+    """At a place that stands still, of the plane that rises and turns."""
+    sea = Sea(height=0.1, period=3.0, surface=0.0, spectrum="jonswap", components=5, seed=2)
+    records, R, h, most = shapes_of(*MANY, sea=sea), np.eye(3), 1e-5, 0.0
+    for t in (0.3, 1.1, 7.9):
+        args = np.array([0.4, -0.2, 0.02]), R
+        before, after = (find_wet(records, t + s * h, *args, np.zeros(3), np.zeros(6))[0] for s in (-1.0, 1.0))
+        rate = find_wet(records, t, *args, np.zeros(3), np.zeros(6))[2]
+        most = max(most, abs(rate))
+        assert rate == pytest.approx((after - before) / (2.0 * h), rel=1e-6)
+    assert most > 0.5
 
 
 WAVES = {"sea.height": 0.2, "sea.period": 5.0, "sea.depth": None}
@@ -466,10 +497,19 @@ def test_what_is_not_computed_is_refused_in_a_sentence(over, said):
         simulate(Scenario.load("push_wall", over | {"simulation.duration": 0.01}))
 
 
-def test_joints_are_refused_in_a_run_and_in_attach():
+def test_joints_and_a_tilted_gravity_are_refused_in_a_run_and_in_attach():
     _, model, data = body(1e-3)
     with pytest.raises(InputError, match=r"attach: buoyancy.shapes: hold 1 l"):
         attach(model, data, buoyancy=Buoyancy(shapes=(Volume("box", edges=(0.1, 0.1, 0.1)),)))
+    table = Buoyancy(shapes=(Volume("box", edges=(0.3, 0.3, 0.3)),))
+    with pytest.raises(InputError, match=r"attach: buoyancy: is one table"):
+        attach(model, data, buoyancy=[table, table])
+    wall = NearWall(radius=0.1, point=(1.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"attach: buoyancy.shapes: the water of near_wall"):
+        attach(model, data, buoyancy=table, near_wall=wall)
+    model.opt.gravity[:] = 0.1, 0.0, -9.8
+    with pytest.raises(InputError, match=r"attach: buoyancy.shapes: the surface is level"):
+        attach(model, data, buoyancy=table)
     with pytest.raises(InputError, match="take a vehicle without joints"):
         checked(Scenario.load("tool_push", {"buoyancy.shapes": [{"shape": "box", "edges": [0.5, 0.5, 0.5]}]}))
 

@@ -269,6 +269,7 @@ def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
 def recorded_signals() -> list[Listing]:
     """The signals that a run records, and their bands."""
     from ..stages.signals import (
+        AT_SURFACE,
         BAND,
         DELAYED,
         JOINT_SIGNALS,
@@ -292,6 +293,7 @@ def recorded_signals() -> list[Listing]:
         *MEASURED_MOTION,
         *SCHEDULED,
         *DELAYED,
+        *AT_SURFACE,
         *contact_signals(0),
         *of_thrusters,
         *JOINT_SIGNALS,

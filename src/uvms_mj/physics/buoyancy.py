@@ -87,7 +87,7 @@ def find_wet(effects, t, p_WB, R_WB, moment, slope):
     rotation vector (6,) in B [kg/m, kg] to ``moment`` and ``slope``."""
     mass, whole, rate = 0.0, 0.0, 0.0
     for k in range(effects.buoyancy.shape[0]):
-        volume, found, n, rise = effects.buoyancy[k], np.zeros(8), np.zeros(3), np.zeros(1)
+        volume, found, n, rise = effects.buoyancy[k], np.zeros(8), np.zeros(3), np.zeros(3)
         if volume.volume > 0.0:
             place = p_WB + R_WB @ volume.r
             height = surface_of(effects.sea, t, place, rise, n)
@@ -98,7 +98,8 @@ def find_wet(effects, t, p_WB, R_WB, moment, slope):
             mass += rho * V
             whole += rho * volume.volume
             moment += rho * (V * volume.r + volume.R_BS @ found[1:4])
-            rate += rho * A * n[2] * rise[0]
+            at = R_WB @ (volume.R_BS @ found[5:])  # of the waterplane about the shape's centre, in W
+            rate += rho * n[2] * (A * rise[0] + at[0] * rise[1] + at[1] * rise[2])
             slope[:3] -= (rho * A) * n_B
             slope[3:] -= rho * np.cross(A * volume.r + volume.R_BS @ found[5:], n_B)
     return mass, whole, rate
@@ -128,7 +129,7 @@ def dry_fraction(effects, t, p_WB, R_WB) -> float:
 def covered(effects, t, place_W) -> float:
     """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a ball of its radius there,
     the share below the surface."""
-    volume, n, rise = effects.buoyancy[0], np.zeros(3), np.zeros(1)
+    volume, n, rise = effects.buoyancy[0], np.zeros(3), np.zeros(3)
     if volume.volume == 0.0:
         return 1.0
     below = volume.surface + surface_of(effects.sea, t, place_W, rise, n) - place_W[2]

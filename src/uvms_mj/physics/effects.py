@@ -79,7 +79,7 @@ from typing import Any
 
 import numpy as np
 
-from .buoyancy import VOLUME, dry_fraction
+from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .current import CURRENT, add_current
 from .frames import velocity_at
@@ -248,9 +248,10 @@ def add_pushes(effects, numbers, t, tau):
 
 
 @kernel
-def add_inertias(plant, t, R_WB, M):
-    """Add the inertia of all effects that have one at the time t [s] to M (6, 6), about B's origin in B, and to the
-    composite inertias of the links that carry them. M has the added mass of the base as deep below the surface."""
+def add_inertias(plant, dry, R_WB, M):
+    """Add the inertia of all effects that have one to M (6, 6), about B's origin in B, and to the composite inertias of
+    the links that carry them. M has the added mass of the base far below the surface, of which the share ``dry`` is
+    above."""
     effects, p_WB, links, frames = plant.effects, plant.qpos[:3], plant.links, plant.frames
     for k in range(effects.pads.shape[0]):
         if effects.pads[k].radius > 0.0:  # a reset leaves an empty record of a pad that it takes away
@@ -265,7 +266,7 @@ def add_inertias(plant, t, R_WB, M):
                 add_inertia_to(links[above], own)
                 above = frames[above].parent
     if effects.buoyancy.shape[0] != 0:  # of a vehicle without links
-        M -= dry_fraction(effects, t, p_WB, R_WB) * links[0].M
+        M -= dry * links[0].M
 
 
 @kernel

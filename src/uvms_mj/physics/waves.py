@@ -155,17 +155,21 @@ def add_waves(waves, t, p_W, v, v_dot, gradient) -> float:
 @kernel
 def surface_of(waves, t, p_W, rise, n) -> float:
     """The height of the surface of a sea (n,) above the mean one at the place p_W (3,) and the time t [s]: [m]. Sets
-    rise[0] to its rate [m/s], and n (3,) to the unit vector normal to the surface, up."""
-    height, rate, slope_x, slope_y = 0.0, 0.0, 0.0, 0.0
+    rise (3,) to its rate [m/s] and the rates of its slopes along x and y [1/s], and n (3,) to the unit vector normal to
+    the surface, up."""
+    height, slope_x, slope_y = 0.0, 0.0, 0.0
+    rise[:] = 0.0
     for k in range(waves.shape[0]):
         wave = waves[k]
         if wave.omega > 0.0:  # a reset leaves an empty record of a wave that it takes away
             cosine, sine = turned(wave.k * (wave.e[0] * p_W[0] + wave.e[1] * p_W[1]) - wave.omega * t + wave.phase)
             a = wave.rate * (1.0 - wave.bottom) / wave.omega
-            height, rate = height + a * cosine, rate + a * wave.omega * sine
+            height += a * cosine
             slope_x -= a * wave.k * wave.e[0] * sine
             slope_y -= a * wave.k * wave.e[1] * sine
+            rise[0] += a * wave.omega * sine
+            rise[1] += a * wave.k * wave.omega * wave.e[0] * cosine
+            rise[2] += a * wave.k * wave.omega * wave.e[1] * cosine
     up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    rise[0] = rate
     n[0], n[1], n[2] = -up * slope_x, -up * slope_y, up
     return height

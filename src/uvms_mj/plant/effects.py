@@ -15,6 +15,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.hydrodynamics import WATER
 from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
+from .buoyancy import Buoyancy
 from .contacts import walls_of
 from .settings import EffectTable, Surface, World
 from .water import EFFECT_TABLES
@@ -151,11 +152,24 @@ def set_places(records: np.ndarray, rows: Mapping[str, np.ndarray], put: Callabl
 
 def effect_faults(tables: Tables, world: World) -> list[Fault]:
     """The errors of effects in a world."""
-    return [
+    found = [
         Fault(f"{key}.{fault.key}", fault.message)
         for _, key, table in each_table(tables)
         for fault in table.faults(world)
     ]
+    return [*found, *_surface_faults(tables)]
+
+
+def _surface_faults(tables: Tables) -> Iterator[Fault]:
+    """Errors for effects that do not know that a vehicle may leave the water."""
+    given = tables.get("buoyancy")
+    if not isinstance(given, Buoyancy):
+        if given:
+            yield Fault("buoyancy", "is one table, which has all shapes")
+        return
+    for name, key, table in each_table(tables) if given.shapes else ():
+        if name in ("pads", "near_wall") or (name == "tether" and table.advances):
+            yield Fault("buoyancy.shapes", f"the water of {key} is that far below the surface; leave one of them out")
 
 
 def advancing(tables: Tables, world: World) -> list[str]:

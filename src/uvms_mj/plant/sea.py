@@ -185,9 +185,10 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
         )
     if (below := sea.trough - start_z) < size:
         leaves = "" if surfaces else ", and a vehicle that leaves the water keeps its buoyancy and drag"
+        where = f"{abs(below):.3g} m {'above' if below < 0.0 else 'below'} the trough"
         yield (
-            f"the vehicle begins {below:.3g} m below the trough; linear waves hold from about one body length, here "
-            f"{size:.2g} m{leaves}"
+            f"the vehicle begins {where}; linear waves hold from about one body length below it, here {size:.2g} m"
+            f"{leaves}"
         )
     if size > SLENDER * length:
         yield (

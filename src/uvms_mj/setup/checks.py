@@ -438,14 +438,11 @@ def _obstacle_faults(setup: Setup) -> Iterator[Fault]:
 
 
 def _surface_faults(setup: Setup) -> Iterator[Fault]:
-    """Errors for what does not know that a vehicle may leave the water."""
+    """Errors for stages that do not know that a vehicle may leave the water."""
     scenario = setup.scenario
     if not scenario.buoyancy.shapes:
         return
-    deep = {"near_wall": scenario.near_wall, "pads": scenario.pads, "tether.elements": scenario.tether.elements}
     key = "buoyancy.shapes"
-    for name in (name for name, given in deep.items() if given):
-        yield Fault(key, f"the water of {name} is that far below the surface; leave one of them out")
     if scenario.controller.uses_truth:
         law = scenario.controller.label()
         yield Fault(key, f"the law {law} is told the truth of a vehicle far below the surface; take another law")

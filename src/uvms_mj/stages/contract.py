@@ -49,6 +49,7 @@ _MOST = 10_000
 _RECORDED = (
     *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
     *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
+    *signals.AT_SURFACE,
     signals.deflection_signal(1),
     *signals.tether_signals(1),
 )

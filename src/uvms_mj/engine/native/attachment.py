@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import Fault, InputError, suggestion
 from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
-from ...plant.effects import Tables, advancing, effect_faults, effect_records, effect_rows
+from ...plant.effects import Tables, advancing, each_table, effect_faults, effect_records, effect_rows
 from ...plant.sea import Sea
 from ...plant.settings import World
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
@@ -205,13 +205,14 @@ def attach(
     for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     tables = tables_checked(effects, seed)
+    seas: list[Any] = [table for name, _, table in each_table(tables) if name == "sea"]
     world = World(
         *(seed, float(np.linalg.norm(model.opt.gravity))),
         timestep=model.opt.timestep,
         links=vehicle.arm.names,
         displaced_mass=vehicle.displaced_mass,
         r_b=vehicle.r_b,
-        surface=getattr(tables.get("sea"), "surface", Sea().surface),
+        surface=(seas or [Sea()])[0].surface,
         tilted=bool(model.opt.gravity[:2].any()),
         surfaces="buoyancy" in tables,
     )

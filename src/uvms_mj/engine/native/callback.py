@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.buoyancy import dry_fraction
 from ...physics.effects import add_inertias, add_pulls
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
@@ -65,7 +66,10 @@ def add_inertia(plant, model, data):
         return
     compose_links(links, frames)
     full_inertia(links[0].composite, plant.M_BB)
-    add_inertias(plant, plant.time, R_WB, plant.M_BB)
+    dry = 0.0
+    if plant.wet.shape[0] != 0:  # of this evaluation, whose flow comes later
+        dry = dry_fraction(plant.effects, plant.time, plant.qpos[:3], R_WB)
+    add_inertias(plant, dry, R_WB, plant.M_BB)
     added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
         M[i] += plant.added[i]

@@ -415,8 +415,10 @@ def free_step(run, moving) -> bool:
     if run.pairs.shape[0] != 0:
         tau += plant.tau_applied_B
     if plant.inert.shape[0] != 0:
-        M, open_water = body.M_RB + plant.links[0].M, body.M_RB + plant.links[0].M
-        add_inertias(plant, run.t, true.R_WB, M)
+        M, open_water, dry = body.M_RB + plant.links[0].M, body.M_RB + plant.links[0].M, 0.0
+        if plant.wet.shape[0] != 0:
+            dry = 1.0 - plant.wet[0].fraction
+        add_inertias(plant, dry, true.R_WB, M)
         if np.array_equal(M, open_water):  # a reset has taken these effects away
             body.M_inv[:] = body.M_inv_open
         else:
