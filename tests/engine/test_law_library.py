@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from uvms_mj import InputError, Scenario, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
@@ -497,6 +497,17 @@ def test_stages_beside_the_law_leave_with_it(tmp_path, kind):
     header = (tmp_path / f"{library.name}.h").read_text()
     assert ("pwm[8]" in header) == (kind == "pulses")
     assert ("f_contact_m_W" in header) == (kind != "observer")
+
+
+def test_an_export_of_a_law_in_c_has_no_address_of_this_process(tmp_path):
+    """Two runs have two copies of the law's library, at two places."""
+    (tmp_path / "my_law.c").write_text(MY_LAW)
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    runs = [Simulation(scenario(str(tmp_path / "my_law.c")), engine="free_body") for _ in range(2)]
+    places = [run.memory.stages.stages["controller"].library.address for run in runs]
+    images = [Chain(run.memory).image.tobytes() for run in runs]
+    assert places[0] != places[1]
+    assert images[0] == images[1]
 
 
 @pytest.mark.slow

@@ -238,6 +238,10 @@ class Chain:
         raw, chain = memory.image.fixed, image.view(self.kind)[0]
         for start, end, to in self._spans:
             image[to : to + end - start] = raw[start:end]
+        for k, link in enumerate(self.links):
+            if link.compiled.library:  # the address of its function in this process is no part of an export
+                stage = image[8 * self.place_of(f"stage_{k}") :][: link.compiled.layout.itemsize]
+                stage.view(link.compiled.layout)["own"]["foreign"]["code_at"] = 0
         rows, order = memory.stages.rows, [*memory.stages.stages]
         done = int(memory.run["step"][0] + memory.run["pending"][0]) // self.steps
         chain["address"], chain["step"], chain["stop"], chain["next"] = 0, done, STOP_NONE, 0
