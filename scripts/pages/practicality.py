@@ -72,6 +72,15 @@ def numbers(folder: str) -> Iterator[tuple]:
         stopped["contact.final_N"],
     )
 
+    high, retuned = found.along(AXES["wave_height"], "fosm"), found.along(AXES["wave_height"], RETUNED)
+    on_water = [found.along(AXES[name], "gsta") for name in ("near_wall", "wave_height", "wave_period")]
+    yield "and varies by at most {} N, first-order", max(rows["force_range_N"].max() for rows in on_water)
+    yield "in waves of up to {} m; at", last(found, "wave_height", "fosm")
+    yield "it presses with {} N too little", -high["force_error_N"].iloc[-1]
+    yield "it works up to waves of {} m and", last(found, "wave_height", RETUNED)
+    yield "vibrates by {} N at 0.2 m", (retuned["force_range_N"][retuned["sea.height"] == 0.2].iloc[0], 1.0)
+    yield "and up to a hull of {} m at the wall", last(found, "near_wall", RETUNED)
+
 
 def main(folder: str) -> None:
     written(page.maps(results(folder)), "practicality")

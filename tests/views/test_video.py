@@ -4,11 +4,13 @@ import importlib
 import subprocess
 import sys
 
+import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
 from uvms_mj import InputError, Scenario, Trace, simulate, still, video
+from uvms_mj.physics.waves import add_waves
 from uvms_mj.views import video as views
 from uvms_mj.views.video import underwater
 from uvms_mj.views.video.encoding import CODERS
@@ -194,3 +196,32 @@ def test_the_command_draws_a_still_and_a_video_as_the_calls_do(driver, push, tmp
         refused = here("video", "run.mcap", *arguments)
         assert refused.exit_code == 2
         assert wrong in refused.stderr
+
+
+SEA = {"sea.height": 0.4, "sea.period": 3.0, "sea.spectrum": "jonswap", "sea.depth": 5.0, "sea.surface": 1.2}
+
+
+@pytest.fixture(scope="module")
+def in_waves() -> Trace:
+    return simulate(Scenario.load("push_wall", SEA | {"simulation.duration": 2.0}), engine="free_body", log_rate=50.0)
+
+
+def test_the_surface_of_the_sea_has_the_head_of_its_pressure(in_waves):
+    """At the still surface the head is the height of the wave."""
+    surface, spec = underwater.SeaSurface(in_waves.header), mujoco.MjSpec()
+    surface.add_to(spec, [0.5, 0.0, 0.0])
+    model = spec.compile()
+    waves = surface._records.view(np.recarray)
+    half, high, n = model.hfield_size[0, 0], model.hfield_size[0, 2], model.hfield_nrow[0]
+    for t in (0.0, 1.3):
+        surface.put(model, t)
+        drawn = model.geom_pos[0, 2] + high * model.hfield_data.reshape(n, n)
+        for row, column in ((0, 0), (40, 100), (64, 64)):
+            place = [0.5 + half * (2.0 * column / (n - 1) - 1.0), half * (2.0 * row / (n - 1) - 1.0), 1.2]
+            head = add_waves(waves, t, np.array(place), np.zeros(3), np.zeros(3), np.zeros((3, 3)))
+            assert drawn[row, column] == pytest.approx(1.2 + head, abs=1e-6)
+
+
+def test_the_surface_moves_in_the_picture(driver, in_waves):
+    one, other = (still(in_waves, t, view="surface", plots=[], size=SMALL) for t in (0.2, 1.7))
+    assert changed(one, other)[:90].mean() > 0.01

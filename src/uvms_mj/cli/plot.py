@@ -172,7 +172,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
 
 
 VIDEOS = ("mp4", "gif", "png")
-VIEWS = ("overview", "side", "top", "behind", "close", "follow")
+VIEWS = ("overview", "side", "top", "behind", "close", "follow", "surface")
 """Endings and views of :mod:`uvms_mj.views.video`, repeated here because its import is too slow for ``--help``."""
 
 

@@ -200,6 +200,17 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
         yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
 
 
+def elevation(waves: np.ndarray, t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The height of the surface over the still one at a time [s] and at places x, y of one shape in W [m], from the
+    records (n,) of :data:`uvms_mj.physics.waves.WAVE`: [m]."""
+    found = np.zeros(np.shape(x))
+    for wave in waves:
+        amplitude = wave["head"] * wave["rate"] * (1.0 + wave["bottom"])
+        along = wave["e"][0] * x + wave["e"][1] * y
+        found += amplitude * np.cos(wave["k"] * along - wave["omega"] * t + wave["phase"])
+    return found
+
+
 def wave_number(omega: float, gravity: float, depth: float | None) -> float:
     """The k [1/m] of omega^2 = g k tanh(k d), by Newton's method; ``depth`` None is deep water."""
     k_deep = omega * omega / gravity

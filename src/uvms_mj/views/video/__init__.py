@@ -56,7 +56,8 @@ def video(
         trace: the run; ``trace.between(4.0, 8.0)`` for a part of it.
         path: the file.
         speed: simulated seconds per second of the video.
-        view: overview, side, top, behind, close or follow; "azimuth,elevation,distance" [deg, deg, m]; or a View.
+        view: overview, side, top, behind, close, follow or surface, in which the sea's surface is;
+            "azimuth,elevation,distance" [deg, deg, m]; or a View.
         plots: quantities or signals as in ``trace.plot``, one plot for each; default: force, position and the sliding
             variable; empty for the scene alone.
         size: width and height in pixels, even numbers; default: 1280 x 720, of a GIF 800 x 450.
@@ -143,7 +144,9 @@ class _Frames:
             self._plots = Plots(trace, chosen, *rest, dpi=max(60.0, 110.0 * min(rest[0] / 330.0, rest[1] / 330.0)))
         self._camera = Camera(trace, view_of(view), scene_w / scene_h)
         extent = max(1.0, 0.8 * float(self._camera.view.distance or 1.0))
-        model = underwater.model_of(header, self._camera.point, extent, self._camera.lowest + underwater.FLOOR, samples)
+        floor = self._camera.lowest + underwater.FLOOR
+        self._surface = underwater.SeaSurface(header) if header.scenario.sea.moves else None
+        model = underwater.model_of(header, self._camera.point, extent, floor, samples, self._surface)
         self._put = underwater.pose_setter(model, header.mjcf)
         self._renderer = underwater.Offscreen(model, scene_w, scene_h)
         self._data = _data(model)
@@ -161,6 +164,9 @@ class _Frames:
         trace = self.trace
         q = trace.q[now] if "q" in trace.arrays else ()
         self._put(self._data, trace.p_WB[now], trace.quat_WB[now], q)
+        if self._surface is not None:
+            self._surface.put(self._renderer.model, float(trace.t[now]))
+            self._renderer.upload_surface()
         scene = self._renderer.draw(self._data, self._camera.at(trace.p_WB[now]))
         forces = np.linalg.norm(trace.f_contact_W[since : now + 1], axis=1)
         drawn = self._annotated(scene, since + int(forces.argmax()), now)

@@ -14,10 +14,13 @@ import mujoco
 import numpy as np
 
 from ...errors import InputError, suggestion
+from ...physics.waves import WAVE
 from ...plant.contacts import surfaces_of
 from ...plant.geometry import Geometry, Shape
 from ...plant.looks import add_water, drawn_vehicle, drawn_wall
 from ...plant.mjcf import Mjcf
+from ...plant.sea import elevation
+from ...plant.settings import World
 from ...plant.vehicle import free_body_id, free_joint_addresses
 from ...records.header import Header
 from ...records.scene import wall_face
@@ -39,8 +42,8 @@ class View:
         azimuth, elevation: direction in which it looks [deg]; azimuth 90 looks along +y of W, so that the wall is on
             the right.
         distance: from the point that it looks at [m]; None for the least at which all of it is seen.
-        lookat: "way" for the middle of the vehicle's way and the wall, "wall" for the place of contact, or "vehicle",
-            which it follows.
+        lookat: "way" for the middle of the vehicle's way and the wall, "surface" for these and the surface of the sea,
+            "wall" for the place of contact, or "vehicle", which it follows.
     """
 
     azimuth: float
@@ -56,6 +59,7 @@ VIEWS = {
     "behind": View(22.0, -20.0),
     "close": View(75.0, -28.0, 1.05, "wall"),
     "follow": View(68.0, -22.0, 1.4, "vehicle"),
+    "surface": View(68.0, -6.0, lookat="surface"),
 }
 """The views by name."""
 
@@ -87,7 +91,9 @@ class Camera:
         face = np.array([wall_face(trace.header), *trace[name][-1, 1:]])
         if np.linalg.norm(np.clip(face, low, high) - face) < _NEAR:
             low, high = np.minimum(low, face), np.maximum(high, face)
-        self.lowest = float(way[:, 2].min())
+        self.lowest, sea = float(way[:, 2].min()), trace.scenario.sea
+        if view.lookat == "surface" and sea.moves:
+            high[2] = max(high[2], sea.surface + sea.height)
         before_wall = face + np.array([0.03 - trace.header.probe_radius, 0.0, 0.08])
         self.point = before_wall if view.lookat == "wall" else 0.5 * (low + high)
         azimuth = np.radians(view.azimuth)
@@ -144,8 +150,41 @@ def _pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.ndarr
     return (255 * np.clip(brightness[..., None] * np.array(rgb), 0, 1)).astype(np.uint8)
 
 
+class SeaSurface:
+    """The surface of the sea of a run, a field of heights about a place."""
+
+    _HALF, _NODES = 8.0, 129
+    _MOST = 1.5
+    """Height that is drawn, over the (significant) height of the waves."""
+
+    def __init__(self, header: Header) -> None:
+        sea, gravity = header.scenario.sea, float(np.linalg.norm(header.mjcf.gravity_W))
+        world = World(header.scenario.simulation.seed, gravity, wall_face(header))
+        self._records, self._sea = np.array(sea.records(world), WAVE), sea
+
+    def add_to(self, spec: mujoco.MjSpec, centre: Sequence[float] | np.ndarray) -> None:
+        """Add the field to a scene."""
+        n, half, most = self._NODES, self._HALF, self._MOST * self._sea.height
+        self._x, self._y = np.meshgrid(*(centre[i] + np.linspace(-half, half, n) for i in (0, 1)))
+        spec.add_hfield(name="sea", nrow=n, ncol=n, size=[half, half, 2.0 * most, 1e-3], userdata=np.zeros(n * n))
+        place = [centre[0], centre[1], self._sea.surface - most]
+        kind = mujoco.mjtGeom.mjGEOM_HFIELD
+        spec.worldbody.add_geom(type=kind, hfieldname="sea", pos=place, rgba=[0.55, 0.85, 0.95, 0.45])
+
+    def put(self, model: mujoco.MjModel, t: float) -> None:
+        """Set the heights of a compiled scene to a time [s]."""
+        most = self._MOST * self._sea.height
+        high = elevation(self._records, t, self._x, self._y)
+        model.hfield_data[:] = np.clip(0.5 + 0.5 * high / most, 0.0, 1.0).ravel()
+
+
 def model_of(
-    header: Header, centre: Sequence[float] | np.ndarray, extent: float = 1.0, floor: float = FLOOR, samples: int = 8
+    header: Header,
+    centre: Sequence[float] | np.ndarray,
+    extent: float = 1.0,
+    floor: float = FLOOR,
+    samples: int = 8,
+    surface: SeaSurface | None = None,
 ) -> mujoco.MjModel:
     """A model of the run's vehicle and walls for drawing only.
 
@@ -155,6 +194,7 @@ def model_of(
         extent: distance from the camera at which the fog begins to hide [m].
         floor: height of the floor in W [m].
         samples: samples of a pixel; they also decide how finely shadows are drawn, which takes most of the time.
+        surface: the surface of the sea, if there is one.
     """
     scenario, spec = header.scenario, header.mjcf.spec()
     add_water(spec, "water", 512)
@@ -178,9 +218,11 @@ def model_of(
     for body, each in _contact_bodies(header):
         place = {"size": each.size, "pos": each.position, "quat": each.quat}
         spec.body(body).add_geom(type=_kind(each), rgba=each.rgba, mass=0.0, **place)
+    if surface is not None:
+        surface.add_to(spec, centre)
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     sun = spec.light("sun") or spec.worldbody.add_light(name="sun", type=directional, pos=[0, 0, 2])
-    sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
+    sun.castshadow, sun.dir, sun.diffuse = surface is None, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
     visual = spec.visual
     visual.headlight.ambient, visual.headlight.diffuse = [0.34, 0.42, 0.46], [0.25, 0.27, 0.28]
     visual.quality.shadowsize, visual.quality.offsamples = 1024 * samples, samples
@@ -245,6 +287,12 @@ class Offscreen:
         mujoco.mjr_render(rect, self.scene, self._context)
         mujoco.mjr_readPixels(pixels, None, rect, self._context)
         return np.flipud(pixels)
+
+    def upload_surface(self) -> None:
+        """Draw the heights that the model has from now on, from both sides."""
+        self._gl.make_current()
+        mujoco.mjr_uploadHField(self.model, self._context, 0)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 0
 
     def place(self, points_W: np.ndarray) -> np.ndarray:
         """Places (..., 2) of points (..., 3) in W in the last picture, from the upper left corner [pixels]."""
