@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from twin import TwinParameters, skew
-from uvms_mj import Buoyancy, InputError, NearWall, Scenario, Sea, Simulation, Volume, attach, simulate
+from uvms_mj import Buoyancy, Current, InputError, NearWall, Scenario, Sea, Simulation, Volume, attach, simulate
 from uvms_mj.analysis.summary import ending, rows, summary
 from uvms_mj.physics.buoyancy import BALL, BLOCK, ROD, VOLUME, add_half_ball, cut, cut_ball, find_wet
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
@@ -271,7 +271,7 @@ def test_attach_deep_below_is_attach_without_shapes():
     parts, p, nu = [], (0.2, 0.1, -2.0), (0.4, -0.3, 0.2, 0.5, -0.7, 0.3)
     for given in ({}, {"buoyancy": Buoyancy(shapes=tuple(Volume(**each) for each in MANY)), "sea": Sea(surface=0.0)}):
         _, model, data = body(1e-3, D=True)
-        with attach(model, data, current_W=(0.3, 0.1, 0.0), **given) as attachment:
+        with attach(model, data, current=Current.of((0.3, 0.1, 0.0)), **given) as attachment:
             place(model, data, p, quat_from_euler_deg(40, 30, 20), nu)
             mujoco.mj_forward(model, data)
             parts.append((attachment.wrench, data.qacc.copy()))
