@@ -36,8 +36,8 @@ p. 443). The kinetic energy is :math:`\tfrac12 \varphi\, \nu_r^\top M_A \nu_r`, 
 where :math:`\dot\varphi_\eta` is the surface's own motion. So the water gives back what it has taken. A real entry
 loses energy to the spray: by momentum alone (von Karman, NACA TN 321, 1929) the force is the first term.
 
-**Thrusters.** A propeller in the air gives no thrust. At the surface its thrust is scaled by the share of a sphere of its
-radius that is wet, a smooth model without ventilation.
+**Thrusters.** A propeller in the air gives no thrust. At the surface its thrust is scaled by the share of a sphere of
+its radius that is wet, a smooth model without ventilation.
 
 **Waves.** Each shape has the tangent plane of the surface above its centre, by :math:`\eta` of linear theory.
 """
@@ -127,8 +127,8 @@ def dry_fraction(effects, t, p_WB, R_WB) -> float:
 
 @kernel
 def covered(effects, t, place_W) -> float:
-    """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a sphere of its radius there,
-    the share below the surface."""
+    """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a sphere of its radius
+    there, the share below the surface."""
     volume, n, rise = effects.buoyancy[0], np.zeros(3), np.zeros(3)
     if volume.volume == 0.0:
         return 1.0
