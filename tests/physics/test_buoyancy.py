@@ -13,9 +13,10 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from twin import TwinParameters, skew
 from uvms_mj import Buoyancy, Current, InputError, NearWall, Scenario, Sea, Simulation, Volume, attach, simulate
 from uvms_mj.analysis.summary import ending, rows, summary
-from uvms_mj.physics.buoyancy import BALL, BLOCK, ROD, VOLUME, add_half_ball, cut, cut_ball, find_wet
+from uvms_mj.physics.buoyancy import VOLUME, add_hemisphere, cut, cut_sphere, find_wet
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.kernels import record_of
+from uvms_mj.physics.surfaces import BOX, CAPSULE, SPHERE
 from uvms_mj.plant.effects import effect_records
 from uvms_mj.plant.settings import World
 from uvms_mj.setup.checks import checked
@@ -23,11 +24,11 @@ from vehicles import load, place
 
 pytestmark = pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 
-A_BALL, H_BLOCK, ROD_SIZE = 0.2, np.array([0.23, 0.17, 0.12]), (0.15, 0.3)
+RADIUS, HALF_EDGES, CAPSULE_SIZE = 0.2, np.array([0.23, 0.17, 0.12]), (0.15, 0.3)
 SIZES = {
-    BALL: ((A_BALL, 0.0, 0.0), 4.0 / 3.0 * math.pi * A_BALL**3),
-    BLOCK: (tuple(H_BLOCK), 8.0 * H_BLOCK.prod()),
-    ROD: ((*ROD_SIZE, 0.0), math.pi * 0.15**2 * (0.6 + 4.0 / 3.0 * 0.15)),
+    SPHERE: ((RADIUS, 0.0, 0.0), 4.0 / 3.0 * math.pi * RADIUS**3),
+    BOX: (tuple(HALF_EDGES), 8.0 * HALF_EDGES.prod()),
+    CAPSULE: ((*CAPSULE_SIZE, 0.0), math.pi * 0.15**2 * (0.6 + 4.0 / 3.0 * 0.15)),
 }
 SHAPES = {
     "sphere": {"shape": "sphere", "radius": 0.2},
@@ -65,16 +66,16 @@ def directions(seed, count):
 
 def test_a_box_at_any_attitude_is_the_hull_of_its_clipped_faces():
     for n, share in directions(0, 120):
-        reach = np.abs(n) @ H_BLOCK
+        reach = np.abs(n) @ HALF_EDGES
         D = 0.999 * share * reach
-        faces = np.vstack([np.c_[np.eye(3), -H_BLOCK], np.c_[-np.eye(3), -H_BLOCK], [*n, -D]])
-        lowest = -np.sign(n) * H_BLOCK
+        faces = np.vstack([np.c_[np.eye(3), -HALF_EDGES], np.c_[-np.eye(3), -HALF_EDGES], [*n, -D]])
+        lowest = -np.sign(n) * HALF_EDGES
         within = lowest * (1.0 - (D + reach) / (2.0 * reach)) if n.all() else 0.5 * (D - reach) * n
         hull = ConvexHull(HalfspaceIntersection(faces, within * (1.0 - 1e-6)).intersections, qhull_options="QJ")
         middle, moment = hull.points.mean(axis=0), np.zeros(3)
         for corners in hull.points[hull.simplices]:
             moment += abs(np.linalg.det(corners - middle)) / 24.0 * (corners.sum(axis=0) + middle)
-        V, found, _, _ = wet_part(BLOCK, n, D)
+        V, found, _, _ = wet_part(BOX, n, D)
         assert V[0] == pytest.approx(hull.volume, rel=1e-8)
         np.testing.assert_allclose(found, moment, rtol=0.0, atol=1e-8 * hull.volume)
 
@@ -116,18 +117,18 @@ def test_a_capsule_and_a_sphere_are_the_integral_over_their_discs():
     for n, share in directions(1, 24):
         if math.hypot(n[0], n[1]) < 1e-3:
             continue
-        for kind, (a, half) in ((ROD, ROD_SIZE), (BALL, (A_BALL, 0.0))):
+        for kind, (a, half) in ((CAPSULE, CAPSULE_SIZE), (SPHERE, (RADIUS, 0.0))):
             D = 0.99 * share * (a + half * abs(n[2]))
             for found, other in zip(wet_part(kind, n, D), by_discs(a, half, n, D), strict=True):
                 np.testing.assert_allclose(found, np.atleast_1d(other), rtol=0.0, atol=1e-9)
 
 
-def test_two_half_balls_are_a_ball():
+def test_two_hemispheres_are_a_sphere():
     for n, share in directions(4, 60):
         ball, two = np.zeros(8), np.zeros(8)
-        cut_ball(A_BALL, n, share * A_BALL, ball)
+        cut_sphere(RADIUS, n, share * RADIUS, ball)
         for end in (1.0, -1.0):
-            add_half_ball(A_BALL, 0.0, n, end, share * A_BALL, two)
+            add_hemisphere(RADIUS, 0.0, n, end, share * RADIUS, two)
         np.testing.assert_allclose(two, ball, rtol=0.0, atol=1e-16)
 
 
@@ -135,7 +136,7 @@ def test_two_half_balls_are_a_ball():
 def test_the_waterplane_is_the_slope_of_the_volume_and_the_limits_are_dry_and_whole(kind):
     size, whole = SIZES[kind]
     for n, share in directions(2, 40):
-        reach = np.abs(n) @ H_BLOCK if kind == BLOCK else size[0] + size[1] * abs(n[2])
+        reach = np.abs(n) @ HALF_EDGES if kind == BOX else size[0] + size[1] * abs(n[2])
         D, h = 0.98 * share * reach, 1e-6
         more, less = wet_part(kind, n, D + h)[0][0], wet_part(kind, n, D - h)[0][0]
         V, _, A, at = wet_part(kind, n, D)
@@ -470,7 +471,7 @@ def test_a_floating_sphere_follows_a_long_wave():
     assert found.std() == pytest.approx(wanted.std(), rel=0.03)
 
 
-BOX = [{"shape": "box", "edges": [0.5, 0.3, 0.25]}]
+LARGE = [{"shape": "box", "edges": [0.5, 0.3, 0.25]}]
 """More than a bluerov1 displaces."""
 
 
@@ -478,16 +479,16 @@ BOX = [{"shape": "box", "edges": [0.5, 0.3, 0.25]}]
     ("over", "said"),
     [
         ({"buoyancy.shapes": [{"shape": "box", "edges": [0.1, 0.1, 0.1]}]}, r"shapes: hold 1 l, and the vehicle"),
-        ({"buoyancy.shapes": [BOX[0] | {"position": [0.1, 0, 0]}]}, r"shapes: their centroid is \(0.1 0 0\) m in B"),
-        ({"buoyancy.shapes": BOX, "vehicle.displaced_mass": 0.0}, r"buoyancy.shapes: the vehicle displaces no water"),
+        ({"buoyancy.shapes": [LARGE[0] | {"position": [0.1, 0, 0]}]}, r"shapes: their centroid is \(0.1 0 0\) m in B"),
+        ({"buoyancy.shapes": LARGE, "vehicle.displaced_mass": 0.0}, r"buoyancy.shapes: the vehicle displaces no water"),
         ({"buoyancy.shapes": [{"shape": "sphere"}]}, r"a sphere needs radius"),
         ({"buoyancy.shapes": [{"shape": "box", "edges": [1, 1, 1], "radius": 0.1}]}, r"a box has no radius"),
         ({"buoyancy.shapes": [{"shape": "cylinder", "radius": 0.1}]}, r"shape"),
-        ({"buoyancy.shapes": BOX, "near_wall": [{"radius": 0.2}]}, r"buoyancy.shapes: .*near_wall"),
-        ({"buoyancy.shapes": BOX, "pads": [{"radius": 0.1, "position": [0.1, 0, 0]}]}, r"buoyancy.shapes: .*pads"),
-        ({"buoyancy.shapes": BOX, "controller.name": "ideal"}, r"buoyancy.shapes: .*ideal"),
+        ({"buoyancy.shapes": LARGE, "near_wall": [{"radius": 0.2}]}, r"buoyancy.shapes: .*near_wall"),
+        ({"buoyancy.shapes": LARGE, "pads": [{"radius": 0.1, "position": [0.1, 0, 0]}]}, r"buoyancy.shapes: .*pads"),
+        ({"buoyancy.shapes": LARGE, "controller.name": "ideal"}, r"buoyancy.shapes: .*ideal"),
         (
-            {"buoyancy.shapes": BOX, "tether.elements": 5, "tether.length": 3.0, "tether.anchor": [0.0, 2.0, 0.0]},
+            {"buoyancy.shapes": LARGE, "tether.elements": 5, "tether.length": 3.0, "tether.anchor": [0.0, 2.0, 0.0]},
             r"buoyancy.shapes: .*tether",
         ),
     ],
@@ -515,7 +516,7 @@ def test_joints_and_a_tilted_gravity_are_refused_in_a_run_and_in_attach():
 
 
 def test_closed_forms_and_notes_say_that_they_do_not_know_the_surface():
-    trace = simulate(Scenario.load("push_wall", {"buoyancy.shapes": BOX, "simulation.duration": 4.0}))
+    trace = simulate(Scenario.load("push_wall", {"buoyancy.shapes": LARGE, "simulation.duration": 4.0}))
     assert trace.analytic.reason == "closed forms do not know buoyancy"
     assert trace.wet_fraction.min() == 1.0
     assert any("a share of" in note for note in trace.notes)  # of the box displaces
@@ -538,12 +539,12 @@ def test_a_reset_takes_the_shapes_away_and_back():
 
 
 def test_a_thruster_that_leaves_the_water_gives_no_thrust_and_the_law_does_not_know():
-    """By the share of a ball of the propeller's radius, for each thruster at its own place."""
+    """By the share of a sphere of the propeller's radius, for each thruster at its own place."""
     over = LEAPING | {"vehicle.model": "bluerov2_heavy", "initial.velocity": [0.0] * 6}
     over |= {"buoyancy.propeller_radius": 0.05}
     for z, roll in ((-0.5, 0.0), (0.02, 0.0), (0.0, 20.0), (0.6, 0.0)):
         start = {"initial.position": [0.0, 0.0, z], "initial.attitude_deg": [roll, 0.0, 0.0]}
-        scenario = Scenario.load("push_wall", over | start | {"buoyancy.shapes": BOX})
+        scenario = Scenario.load("push_wall", over | start | {"buoyancy.shapes": LARGE})
         with Simulation(scenario, engine="free_body") as sim:
             vehicle, tau_cmd = sim.setup.vehicle, np.array([5.0, 3.0, 8.0, 0.0, 0.0, 0.0])
             sim.tau_cmd[:] = tau_cmd
@@ -560,7 +561,7 @@ def test_a_thruster_that_leaves_the_water_gives_no_thrust_and_the_law_does_not_k
 
 def test_a_run_says_that_the_vehicle_left_the_water():
     """At every step, whatever the rows: thrown up from above, it falls into the water."""
-    over = {"wall.present": False, "sea.surface": 0.3, "buoyancy.shapes": BOX, "simulation.timestep": 1e-3}
+    over = {"wall.present": False, "sea.surface": 0.3, "buoyancy.shapes": LARGE, "simulation.timestep": 1e-3}
     over |= {"initial.velocity": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], "initial.position": [0.0, 0.0, 0.6]}
     over |= {"reference.target": [0.0, 0.0, -0.5]}
     scenario = Scenario.load("push_wall", over | {"simulation.duration": 3.0}, "impedance")

@@ -6,7 +6,7 @@ the volume V, its first moment, the waterplane's area A and its first moment are
 
 - of a sphere in closed form,
 - of a box at any attitude from its faces, each cut at the plane, by the divergence theorem from a point of the plane,
-- of a capsule as two half balls and a cylinder. With e, out of the flat side of a half ball of the radius 1,
+- of a capsule as two hemispheres and a cylinder. With e, out of the flat side of a hemisphere of the radius 1,
   :math:`e_n = n^\top e`, :math:`e_t = \sqrt{1 - e_n^2}` and the integral over heights :math:`\zeta` up to D,
 
 .. math::
@@ -36,8 +36,8 @@ p. 443). The kinetic energy is :math:`\tfrac12 \varphi\, \nu_r^\top M_A \nu_r`, 
 where :math:`\dot\varphi_\eta` is the surface's own motion. So the water gives back what it has taken. A real entry
 loses energy to the spray: by momentum alone (von Karman, NACA TN 321, 1929) the force is the first term.
 
-**Thrusters.** A propeller in the air gives no thrust. At the surface its thrust is scaled by the share of a ball of its
-radius that is wet, a smooth model without ventilation.
+**Thrusters.** A propeller in the air gives no thrust. At the surface its thrust is scaled by the share of a sphere of
+its radius that is wet, a smooth model without ventilation.
 
 **Waves.** Each shape has the tangent plane of the surface above its centre, by :math:`\eta` of linear theory.
 """
@@ -47,11 +47,12 @@ import math
 import numpy as np
 
 from .kernels import kernel
+from .surfaces import BOX, SPHERE
 from .waves import surface_of
 
 VOLUME = np.dtype(
     [
-        ("kind", "i8"),  # BALL, BLOCK or ROD
+        ("kind", "i8"),  # SPHERE, BOX or CAPSULE
         ("size", "f8", (3,)),  # radius and half length, or half edges [m]
         ("r", "f8", (3,)),  # centre in B [m]
         ("R_BS", "f8", (3, 3)),
@@ -63,7 +64,6 @@ VOLUME = np.dtype(
     align=True,
 )
 """One shape of the displaced volume."""
-BALL, BLOCK, ROD = 0, 1, 2
 WET = np.dtype(
     [
         ("fraction", "f8"),  # of the displaced mass below the surface
@@ -127,8 +127,8 @@ def dry_fraction(effects, t, p_WB, R_WB) -> float:
 
 @kernel
 def covered(effects, t, place_W) -> float:
-    """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a ball of its radius there,
-    the share below the surface."""
+    """The share of its thrust that a propeller at place_W (3,) gives at the time t [s]: of a sphere of its radius
+    there, the share below the surface."""
     volume, n, rise = effects.buoyancy[0], np.zeros(3), np.zeros(3)
     if volume.volume == 0.0:
         return 1.0
@@ -143,23 +143,23 @@ def cut(volume, n, D, out):
     its axes [m^4], the area of the waterplane [m^2] and its first moment (3,) [m^3]. The centre is D below the plane
     with the unit vector n (3,) out of the water, in the shape's axes."""
     size = volume.size
-    if volume.kind == BALL:
-        cut_ball(size[0], n, D, out)
+    if volume.kind == SPHERE:
+        cut_sphere(size[0], n, D, out)
         return
     reach = size[0] + size[1] * abs(n[2])
-    if volume.kind == BLOCK:
+    if volume.kind == BOX:
         reach = np.abs(n) @ size
     if reach <= D:
         out[0] = volume.volume
     elif -reach < D:
-        if volume.kind == BLOCK:
-            cut_block(size, n, D, out)
+        if volume.kind == BOX:
+            cut_box(size, n, D, out)
         else:
-            cut_rod(size[0], size[1], n, D, out)
+            cut_capsule(size[0], size[1], n, D, out)
 
 
 @kernel
-def cut_ball(a, n, D, out):
+def cut_sphere(a, n, D, out):
     """As :func:`cut`, of a sphere of the radius a [m]."""
     s = min(a, max(-a, D))
     chord = (a - s) * (a + s)
@@ -169,7 +169,7 @@ def cut_ball(a, n, D, out):
 
 
 @kernel
-def cut_block(h, n, D, out):
+def cut_box(h, n, D, out):
     """As :func:`cut`, of a box with the half edges h (3,) [m]."""
     apex, face = D * n, np.zeros((6, 3))  # the wet part of a face has at most five corners
     for i in range(3):
@@ -206,12 +206,12 @@ def cut_block(h, n, D, out):
 
 
 @kernel
-def cut_rod(a, half, n, D, out):
+def cut_capsule(a, half, n, D, out):
     """As :func:`cut`, of a capsule of the radius a about a segment of the half length ``half`` along z [m]."""
     g, e_t = abs(n[2]), math.sqrt(n[0] * n[0] + n[1] * n[1])
     up = 1.0 if n[2] >= 0.0 else -1.0  # along z, the way out of the water
     for end in (1.0, -1.0):
-        add_half_ball(a, half * end, n, end, D - half * end * n[2], out)
+        add_hemisphere(a, half * end, n, end, D - half * end * n[2], out)
     k = np.zeros(3)
     if e_t > 0.0:
         k[0], k[1] = n[0] / e_t, n[1] / e_t
@@ -253,8 +253,8 @@ def cut_rod(a, half, n, D, out):
 
 
 @kernel
-def add_half_ball(a, z, n, end, D, out):
-    """Add to out (8,) as :func:`cut` a half ball of the radius a about (0, 0, z), on the side ``end`` of it, 1 or
+def add_hemisphere(a, z, n, end, D, out):
+    """Add to out (8,) as :func:`cut` a hemisphere of the radius a about (0, 0, z), on the side ``end`` of it, 1 or
     -1."""
     s = min(1.0, max(-1.0, D / a))
     e_n, e_t = end * n[2], math.sqrt(n[0] * n[0] + n[1] * n[1])
@@ -272,7 +272,7 @@ def add_half_ball(a, z, n, end, D, out):
     up += 0.125 * e_n * (e_t * e_t * (theta - four) + math.pi)
     aside = 2.0 / 3.0 * e_t * (0.375 * theta + 0.5 * twice + 0.125 * four + 0.1875 * math.pi)
     A = circle * (0.5 * math.pi + alpha) + slant
-    h = np.zeros(3)  # across n, the way of the half ball
+    h = np.zeros(3)  # across n, the way of the hemisphere
     if e_t > 0.0:
         h[0], h[1], h[2] = -e_n * n[0] / e_t, -e_n * n[1] / e_t, (end - e_n * n[2]) / e_t
     out[0] += a * a * a * V

@@ -8,14 +8,13 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
-from ..physics.buoyancy import BALL, BLOCK, ROD
 from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.surfaces import SHAPES
+from ..physics.surfaces import BOX, CAPSULE, SHAPES, SPHERE
 from ..quantities import STRICT, Angles, Lowercase, Number, Position, doc, within
-from .settings import EffectTable, Length, World
+from .settings import EffectTable, Length, World, wrong_size
 
-KINDS = {"sphere": BALL, "box": BLOCK, "capsule": ROD}
+KINDS = {"sphere": SPHERE, "box": BOX, "capsule": CAPSULE}
 """The shapes whose volume below a plane is known."""
 OFF_CENTRE = 1e-3
 """Distance between the shapes' centroid and the centre of buoyancy up to which the shapes are moved to meet [m]."""
@@ -34,11 +33,7 @@ class Volume:
     attitude_deg: Angles = doc("roll, pitch, yaw in B; at zero a capsule stands [deg]", (0.0,) * 3)
 
     def __post_init__(self) -> None:
-        needed = SHAPES[self.shape].keys
-        wrong = [f"a {self.shape} needs {key}" for key in needed if getattr(self, key) is None]
-        others = {key for kind in KINDS for key in SHAPES[kind].keys} - {*needed}
-        wrong += [f"a {self.shape} has no {key}" for key in sorted(others) if getattr(self, key) is not None]
-        if wrong:
+        if wrong := wrong_size(self):
             raise ValueError("; ".join(wrong))
 
     @property
@@ -71,7 +66,7 @@ class Buoyancy(EffectTable):
     )
     density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
     propeller_radius: Annotated[Number, within(1e-4, 10.0, "m")] = doc(
-        "of the propellers, whose thrust ends as a ball of it at their place leaves the water [m]", 0.038
+        "of the propellers, whose thrust ends as a sphere of it at their place leaves the water [m]", 0.038
     )
 
     @property

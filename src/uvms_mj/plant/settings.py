@@ -121,6 +121,14 @@ Response = tuple[Annotated[Number, within(0.0, 1e3, "rad/s")], Annotated[Number,
 _MOST_ROWS = 100_000
 
 
+def wrong_size(table: Any) -> list[str]:
+    """The errors of the keys of the size of a table with a shape."""
+    needed = SHAPES[table.shape].keys
+    wrong = [f"a {table.shape} needs {key}" for key in needed if getattr(table, key) is None]
+    others = {key for shape in SHAPES.values() for key in shape.keys} - {*needed}
+    return wrong + [f"a {table.shape} has no {key}" for key in sorted(others) if getattr(table, key) is not None]
+
+
 @dataclass(frozen=True, config=STRICT)
 class Surface:
     """One table of ``[[walls]]``."""
@@ -163,10 +171,7 @@ class Surface:
     heading_deg: Angle = doc("heading of the hull's axis forward in W [deg]", 0.0)
 
     def __post_init__(self) -> None:
-        needed = SHAPES[self.shape].keys
-        wrong = [f"a {self.shape} needs {key}" for key in needed if getattr(self, key) is None]
-        others = {key for shape in SHAPES.values() for key in shape.keys} - {*needed}
-        wrong += [f"a {self.shape} has no {key}" for key in sorted(others) if getattr(self, key) is not None]
+        wrong = wrong_size(self)
         if (self.layer_depth is None) != (self.layer_stiffness is None):
             wrong.append("layer_depth and layer_stiffness belong together")
         wrong += self._wrong_contact()
