@@ -145,6 +145,23 @@ def test_waves_are_in_it_and_keep_their_seed(tmp_path):
             np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
 
 
+def test_a_cable_among_walls_is_in_it_and_fixes_the_walls(tmp_path):
+    """Its nodes begin outside of the walls, which are no parameters then."""
+    pile = {"shape": "cylinder", "position": [-1.6, 1.7, 0.0], "radius": 0.3, "amplitude": [0.0, 0.1, 0.0]}
+    cable = {"tether.length": 6.0, "tether.elements": 12, "tether.anchor": [-3.0, 1.0, -1.0]}
+    over = {"controller.name": "external", "walls": [pile | {"frequency_hz": 0.5}], **cable}
+    scenario = Scenario.load("push_wall", over)
+    parameters = write_fmu(scenario, tmp_path / "cable.fmu")
+    assert "wall.stiffness" in parameters
+    assert "wall.position" not in parameters
+    unit = Unit(tmp_path / "cable.fmu")
+    with Simulation(scenario, engine="free_body") as sim:
+        for _ in range(10):
+            unit.step(1000)
+            sim.step(1000)
+            np.testing.assert_array_equal(unit.all(), unit.of(sim), err_msg=f"t = {sim.t}")
+
+
 @pytest.mark.parametrize("name", ["plant", "noisy"])
 def test_the_plant_is_that_of_a_simulation_bit_for_bit(plants, name):
     keys = {"controller.name": "external", "wall.position": 0.1, **(NOISY if name == "noisy" else {})}

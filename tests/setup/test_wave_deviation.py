@@ -146,3 +146,42 @@ def test_super_twisting_is_held_to_the_rate_of_the_waves():
         scenario = setup.scenario.updated({"controller.k_2": k_2 * largest})
         notes = list(scenario.controller.notes(set_up(scenario)))
         assert any("faster than k_2/2" in note for note in notes) == noted
+
+
+@pytest.mark.parametrize("case", range(4))
+def test_drawn_seas_vehicles_and_gains_are_announced_within_a_tenth(case):
+    """Spectra in any depth and direction, at a wall that throws them back or not, with a tether's drag and a model that
+    is wrong; walls of springs and of Hertz."""
+    random = np.random.default_rng(case)
+    law, vehicle = ("impedance", "admittance", "dob_impedance")[case % 3], ("bluerov1", "bluerov2_heavy")[case % 2]
+    settings = {
+        "vehicle.model": vehicle,
+        "impedance.F_d": [-random.uniform(15.0, 35.0), 0.0, 0.0, 0.0, 0.0, 0.0],
+        "impedance.K_d": [*random.uniform(50.0, 500.0, 3).tolist(), *random.uniform(20.0, 100.0, 3).tolist()],
+        "impedance.damping_ratio": random.uniform(0.6, 1.4),
+        "estimates.inertia": random.uniform(0.8, 1.2),
+        "tether.length": random.uniform(0.0, 15.0),
+        "current.speed": random.uniform(0.0, 0.2),
+        "current.direction_deg": random.uniform(-180.0, 180.0),
+        "sea.spectrum": "jonswap",
+        "sea.height": random.uniform(0.05, 0.15) * (0.3 if law == "impedance" else 1.0),
+        "sea.period": random.uniform(3.0, 8.0),
+        "sea.direction_deg": random.uniform(-180.0, 180.0),
+        "sea.surface": random.uniform(1.5, 4.0),
+        "sea.depth": random.uniform(5.0, 15.0),
+        "sea.spreading": 4.0,
+        "sea.reflecting": bool(case % 4 == 0),
+        "sea.seed": case,
+    }
+    if case % 4 == 3:
+        reach = set_up(Scenario.load("push_wall", {"vehicle.model": vehicle})).plant.probe.radius
+        wall = {"shape": "plane", "position": [1.0 + reach, 0.0, 0.0], "contact": "hertz", "modulus": 1e5}
+        settings |= {"wall.present": False, "walls": [wall | {"restitution": 0.6}]}
+    else:
+        settings |= {"wall.stiffness": 10.0 ** random.uniform(3.5, 4.6)}
+    base = {key: value for key, value in PRESSING.items() if not (case % 4 == 3 and key.startswith("wall."))}
+    scenario = Scenario.load("push_wall", base | settings, law)
+    found = deviations(set_up(scenario))
+    assert isinstance(found, Deviations), found
+    trace = simulate(scenario, engine="free_body", log_rate=50.0)
+    assert trace.push[trace.t > 20.0].std() == pytest.approx(found.push, rel=0.1)

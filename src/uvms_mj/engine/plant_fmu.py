@@ -196,6 +196,8 @@ class _Parts:
 
     def _sets(self, key: str) -> list[Set] | None:
         """The numbers that a key sets; None if it is no parameter."""
+        if key == "wall.position" and self.scenario.tether.advances:
+            return None  # the cable begins outside of the wall
         default = self._value(key)
         unit = abs(default) if default else 1.0
         values = [default, *(p * unit for p in _PROBES)]
