@@ -195,3 +195,54 @@ def test_what_is_no_hull_is_refused():
 def test_a_hull_without_waves_is_said():
     with Simulation(Scenario.load("push_wall", NO_WALL | {"walls": [HULL]})) as simulation:
         assert any("walls[0]: heave, roll and pitch have no effect" in note for note in simulation.notes)
+
+
+OWN = {"shape": "plane", "position": [1.4, 0.3, -0.2], "swell_height": 0.8, "swell_period": 5.0}
+
+
+def test_a_wall_with_waves_of_its_own_heaves_by_their_spectrum():
+    """Hs is four standard deviations, of the components and over an hour; the seed and no sea decides it."""
+    calm, rough = Sea(), Sea(height=2.0, period=9.0)
+    rows = swell(hull_of(OWN), calm, World(3, G))
+    assert 4.0 * math.sqrt(0.5 * np.sum(rows[:, 3] ** 2 + rows[:, 6] ** 2)) == pytest.approx(0.8, rel=1e-12)
+    assert not rows[:, [1, 2, 4, 5]].any()
+    places, _ = moved(hull_of(OWN), calm, np.arange(0.0, 3600.0, 0.5), seed=3)
+    assert 4.0 * places[:, 2].std() == pytest.approx(0.8, rel=0.05)
+    assert np.array_equal(rows, swell(hull_of(OWN), rough, World(3, G)))
+    assert not np.array_equal(rows, swell(hull_of(OWN), calm, World(4, G)))
+    seeded = hull_of(OWN | {"swell_seed": 3})
+    assert np.array_equal(rows, swell(seeded, calm, World(4, G)))
+
+
+def test_its_operators_answer_its_own_waves_as_those_of_a_sea():
+    own = hull(swell_height=0.6, swell_period=6.0, swell_spectrum="pierson_moskowitz")
+    sea = Sea(height=0.6, period=6.0, spectrum="pierson_moskowitz")
+    assert np.array_equal(swell(own, Sea(), World(1, G)), swell(hull(), sea, World(1, G)))
+
+
+def test_both_engines_press_on_a_wall_that_heaves_by_itself_in_still_water():
+    wall = SHIP | {"swell_height": 0.5, "swell_period": 4.0}
+    scenario = Scenario.load("push_wall", PRESSED | {"sea.height": 0.0, "walls": [wall]})
+    free, mujoco = (simulate(scenario, engine=engine) for engine in ("free_body", "mujoco"))
+    assert free.push.max() > 1.0
+    np.testing.assert_allclose(free.push, mujoco.push, atol=1e-6 * free.push.max())
+    assert not any("have no effect" in note for note in free.notes)
+
+
+@pytest.mark.parametrize(
+    ("wall", "said"),
+    [
+        ({"swell_height": 0.0, "swell_seed": 2}, "which it has with swell_height"),
+        ({"swell_height": 0.5, "swell_period": 0.1, "swell_spectrum": "jonswap"}, "walls[0].swell_period"),
+        ({"swell_height": 0.5, "heave": [[2.0, 1.0, 0.0], [3.0, 1.0, 0.0]]}, "the wall has waves from"),
+    ],
+)
+def test_waves_of_a_wall_that_are_none_are_refused(wall, said):
+    given = {"shape": "plane", "position": [1.4, 0.0, 0.0]} | wall
+    with pytest.raises(InputError) as raised:
+        Simulation(Scenario.load("push_wall", NO_WALL | {"simulation.timestep": 2e-3, "walls": [given]}))
+    assert said in str(raised.value)
+
+
+def hull_of(keys):
+    return Surface(**{key: tuple(value) if isinstance(value, list) else value for key, value in keys.items()})

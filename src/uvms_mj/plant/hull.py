@@ -18,6 +18,8 @@ the hull moves a wall at x by
 
 with :math:`x_h` and :math:`y_h` forward and to the left of the hull. Between its rows an operator is linear in its real
 and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn.
+
+A wall may have waves of its own, a spectrum that no water moves by. Without operators it heaves as they do.
 """
 
 import math
@@ -26,7 +28,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import Fault
-from .sea import Sea
+from .sea import Sea, least_period
 from .settings import Surface, World
 
 MODES = ("heave", "roll", "pitch")
@@ -45,9 +47,17 @@ def response(rows: tuple[tuple[float, float, float], ...], omega: np.ndarray) ->
     return np.interp(omega, at, value.real) + 1j * np.interp(omega, at, value.imag)
 
 
+def waves_at(wall: Surface, sea: Sea) -> Sea:
+    """The waves that move a wall: its own, or the sea."""
+    if not wall.swell_height:
+        return sea
+    return Sea(wall.swell_height, wall.swell_period, spectrum=wall.swell_spectrum, seed=wall.swell_seed)
+
+
 def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
-    """The displacement of a wall in the sea as rows (n, 7) of :func:`uvms_mj.physics.surfaces.move`; none of a wall
-    that does not follow the sea."""
+    """The displacement of a wall in waves as rows (n, 7) of :func:`uvms_mj.physics.surfaces.move`; none of a wall
+    that follows none."""
+    sea = waves_at(wall, sea)
     if not wall.follows_sea or not sea.moves:
         return np.zeros((0, WIDTH))
     waves = sea.waves(world)
@@ -55,6 +65,8 @@ def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
     pivot = np.array(wall.position if wall.pivot is None else wall.pivot)
     crest = a * np.exp(-1j * (k * (e_x * pivot[0] + e_y * pivot[1]) + phase))
     heave, roll, pitch = (response(getattr(wall, mode), omega) for mode in MODES)
+    if not (wall.heave or wall.roll or wall.pitch):
+        heave = np.ones(len(omega), complex)
     heading, arm = math.radians(wall.heading_deg), np.array(wall.position) - pivot
     forward = np.array([math.cos(heading), math.sin(heading), 0.0])
     left = np.array([-forward[1], forward[0], 0.0])
@@ -65,24 +77,33 @@ def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
 
 def hull_faults(walls: tuple[Surface, ...], sea: Sea, world: World) -> Iterator[Fault]:
     """Errors of walls that follow the sea."""
-    following = [(i, wall) for i, wall in enumerate(walls) if wall.follows_sea]
-    if not following or not sea.moves or world.gravity == 0.0:
-        return
-    if sea.reflecting:
-        wrong = "the response of a hull is that to waves that run, and [wall] throws them back"
-        yield Fault("sea.reflecting", f"{wrong}; take false, or no heave, roll and pitch of walls[{following[0][0]}]")
-        return
-    omega = [wave[1] for wave in sea.waves(world)]
-    low, high = min(omega), max(omega)
-    for i, wall in following:
+    for i, wall in enumerate(walls):
+        waves = waves_at(wall, sea)
+        if not wall.follows_sea or not waves.moves:
+            continue
+        if wall.swell_height and world.gravity == 0.0:
+            yield Fault(f"walls[{i}].swell_height", "there are no waves in a world without gravity")
+        if wall.swell_height and wall.swell_period < (least := least_period(waves, world.timestep)) * (1.0 - 1e-9):
+            wrong = f"{wall.swell_period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
+            yield Fault(f"walls[{i}].swell_period", wrong)
+        if world.gravity == 0.0:
+            continue
+        if waves.reflecting:
+            wrong = "the response of a hull is that to waves that run, and [wall] throws them back"
+            yield Fault("sea.reflecting", f"{wrong}; take false, or no heave, roll and pitch of walls[{i}]")
+            return
+        omega = [wave[1] for wave in waves.waves(world)]
+        low, high = min(omega), max(omega)
         for mode in MODES:
             rows = getattr(wall, mode)
             if rows and not rows[0][0] * (1.0 - 1e-9) <= low <= high <= rows[-1][0] * (1.0 + 1e-9):
                 wrong = f"the rows are from {rows[0][0]:g} to {rows[-1][0]:g} rad/s"
-                yield Fault(f"walls[{i}].{mode}", f"{wrong}, and [sea] has waves from {low:.4g} to {high:.4g} rad/s")
+                whose = "the wall" if wall.swell_height else "[sea]"
+                yield Fault(f"walls[{i}].{mode}", f"{wrong}, and {whose} has waves from {low:.4g} to {high:.4g} rad/s")
 
 
 def hull_notes(walls: tuple[Surface, ...], sea: Sea) -> Iterator[str]:
     """A warning for walls that would follow a sea without waves."""
-    if not sea.moves and (still := [f"walls[{i}]" for i, wall in enumerate(walls) if wall.follows_sea]):
+    still = [f"walls[{i}]" for i, wall in enumerate(walls) if wall.follows_sea and not waves_at(wall, sea).moves]
+    if still:
         yield f"{', '.join(still)}: heave, roll and pitch have no effect: [sea] has no waves"

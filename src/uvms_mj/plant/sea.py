@@ -147,7 +147,7 @@ class Sea(EffectTable):
             return
         if self.reflecting and world.face is None:
             yield Fault("reflecting", "there is no [wall] that throws the waves back")
-        least = STEPS * world.timestep * (1.0 if self.spectrum == "regular" else _HIGH)
+        least = least_period(self, world.timestep)
         if self.period < least * (1.0 - 1e-9):
             wrong = f"{self.period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
             yield Fault("period", wrong)
@@ -198,6 +198,11 @@ def sea_notes(sea: Sea, gravity: float, displaced_mass: float, start_z: float, s
     many_only = ("gamma", "components", "spreading", "seed") if sea.spectrum == "regular" else ("gamma",)
     if sea.spectrum != "jonswap" and (idle := [key for key in many_only if getattr(sea, key) != getattr(Sea(), key)]):
         yield f"sea: {', '.join(idle)}: without effect with spectrum = {sea.spectrum!r}"
+
+
+def least_period(sea: Sea, timestep: float) -> float:
+    """The least period whose shortest wave a time step [s] resolves [s]."""
+    return STEPS * timestep * (1.0 if sea.spectrum == "regular" else _HIGH)
 
 
 def elevation(waves: np.ndarray, t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -119,6 +119,7 @@ Length = Annotated[Number, within(1e-6, 1e6, "m")]
 Displacement = tuple[Time, Coordinate, Coordinate, Coordinate]
 Response = tuple[Annotated[Number, within(0.0, 1e3, "rad/s")], Annotated[Number, within(0.0, 1e3, "m/m, deg/m")], Angle]
 _MOST_ROWS = 100_000
+_OF_SWELL = {"swell_period": 6.0, "swell_spectrum": "jonswap", "swell_seed": None}
 
 
 def wrong_size(table: Any) -> list[str]:
@@ -169,6 +170,16 @@ class Surface:
     pitch: tuple[Response, ...] = doc("as heave, about the hull's axis to the left [rad/s, deg/m, deg]", ())
     pivot: Position | None = doc("place in W that the hull rolls and pitches about; default: position [m]", None)
     heading_deg: Angle = doc("heading of the hull's axis forward in W [deg]", 0.0)
+    swell_height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
+        "height of waves that move this wall alone, in the place of [sea]; 0: none [m]", 0.0
+    )
+    swell_period: Annotated[Number, within(0.1, 100.0, "s")] = doc("their period, or that of the peak [s]", 6.0)
+    swell_spectrum: Annotated[Literal["regular", "jonswap", "pierson_moskowitz"], Lowercase] = doc(
+        "one wave, or many", "jonswap"
+    )
+    swell_seed: Annotated[int, within(0, 2**62, "")] | None = doc(
+        "seed of their frequencies and phases; null: simulation.seed [1]", None
+    )
 
     def __post_init__(self) -> None:
         wrong = wrong_size(self)
@@ -193,6 +204,9 @@ class Surface:
             wrong.append("roll and pitch need pivot, which the hull turns about")
         if self.pivot is not None and not self.follows_sea:
             wrong.append("pivot needs heave, roll or pitch")
+        idle = [key for key in _OF_SWELL if not self.swell_height and getattr(self, key) != _OF_SWELL[key]]
+        if idle:
+            wrong.append(f"{', '.join(idle)}: of waves of the wall's own, which it has with swell_height")
         if self.heading_deg and not (self.roll or self.pitch):
             wrong.append("heading_deg needs roll or pitch")
         if wrong:
@@ -251,8 +265,8 @@ class Surface:
 
     @property
     def follows_sea(self) -> bool:
-        """Whether it is a hull that answers the waves."""
-        return bool(self.heave or self.roll or self.pitch)
+        """Whether it answers waves, of the sea or of its own."""
+        return bool(self.heave or self.roll or self.pitch or self.swell_height)
 
     @property
     def size(self) -> tuple[float, float, float]:
