@@ -101,6 +101,17 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         {"tether.length": 4.0, "tether.elements": 4, "tether.anchor": [-2.0, 0.0, 0.0]},
         {"tether.length": [4.0, 4.5], "tether.mass": [0.04, 0.06]},
     ),
+    "water at the wall": (
+        {
+            "near_wall": [
+                {"shape": "spheroid", "radius": 0.15, "length": 0.5, "position": [0.0, 0.0, 0.1]},
+                {"shape": "cylinder", "radius": 0.1, "length": 0.4, "axis": [0.2, 1.0, 0.3]},
+                {"radius": 0.2},
+            ],
+            "pads": [{"radius": 0.1, "position": [0.02, 0.0, 0.0]}],
+        },
+        {"near_wall[0].length": [0.45, 0.6], "near_wall[2].radius": [0.2, 0.15]},
+    ),
     "a linear mixer, late and slow pulses, outputs that freeze": (
         {
             "vehicle.model": "bluerov2_heavy",
