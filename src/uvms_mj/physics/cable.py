@@ -148,7 +148,7 @@ def swing(cable, state, R_WB, gravity_W, flows, surfaces, walls):
         if lengths[j] > _SHORT * cable.length:
             per_length[j] = 1.0 / lengths[j]
             e[j] = per_length[j] * d
-    weight = (cable.mass - cable.displaced) * gravity_W
+    weight, out = (cable.mass - cable.displaced) * gravity_W, np.zeros(3)
     for i in range(1, n):
         below, above = e[i - 1], e[i]
         chord = below + above
@@ -169,7 +169,13 @@ def swing(cable, state, R_WB, gravity_W, flows, surfaces, walls):
         A[i, _ACROSS], A[i, _MORE] = a_n, more
         A[i, _LOW], A[i, _HIGH] = a_n + more * k_low * k_low, a_n + more * k_high * k_high
         A[i, _BOTH] = a_n * (below @ above) + more * k_low * k_high
-        touch(cable, surfaces, walls, p[i], v[i], t[i], below, above, A[i], z[i], a)
+        depth, wall = cable.floor - p[i, 2], -1
+        for k in range(walls):
+            inside = -signed_distance(surfaces[k], p[i], out)
+            if inside > depth:
+                depth, wall = inside, k
+        if depth > 0.0:
+            touch(cable, surfaces, wall, depth, p[i], v[i], t[i], below, above, A[i], z[i], a)
         u[i] = v[i] + h * a
     low = np.zeros(3)
     end_of(cable, state, R_WB, gravity_W, flows[n], e[n - 1], u[n], low)
@@ -187,19 +193,18 @@ def swing(cable, state, R_WB, gravity_W, flows, surfaces, walls):
 
 
 @kernel
-def touch(cable, surfaces, walls, p, v, t, below, above, A, z, a):
-    """Change the inverse of a node below the floor or inside a wall, and its acceleration a (3,) without tension, by
-    the spring and the damper there: a matrix of rank one (Sherman and Morrison)."""
-    depth, rate, n, out = cable.floor - p[2], v[2], np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    for k in range(walls):
-        inside = -signed_distance(surfaces[k], p, out)
-        if inside > depth:
-            depth, rate = inside, out @ (v - surfaces[k].v_W)
-            n[:] = out
+def touch(cable, surfaces, wall, depth, p, v, t, below, above, A, z, a):
+    """Change the inverse of a node at a depth [m] inside a wall, or below the floor with a wall of -1, and its
+    acceleration a (3,) without tension, by the spring and the damper there: a matrix of rank one (Sherman and
+    Morrison)."""
+    n, rate = np.array([0.0, 0.0, 1.0]), v[2]
+    if wall >= 0:
+        signed_distance(surfaces[wall], p, n)
+        rate = n @ (v - surfaces[wall].v_W)
     h, m = cable.timestep, cable.mass + cable.added
     stop = m * STOP * (h * STOP + 2.0)
     push = m * STOP * STOP * depth - stop * rate
-    if depth <= 0.0 or push <= 0.0:
+    if push <= 0.0:
         return
     z[:] = A[_ACROSS] * n + (A[_MORE] * (t @ n)) * t
     a += push * z
