@@ -23,7 +23,8 @@ the variance :math:`S(\omega)` at each frequency. A wrench :math:`e^{i \omega k 
     (e^{i \omega N h} - \Phi)\, z_0 = \sum_{k < N} A_{N-1} \cdots A_{k+1} B e^{i \omega k h},
 
 which is exact for the sampled loop, and :math:`z_k` adds the variance :math:`z_k S z_k^H`. The drag with \|u\| u is in
-S, and so the answer is linear in what the loop does with the wrench alone.
+S, and so the answer is linear in what the loop does with the wrench alone. The pressure of the waves in a measured
+depth is a seventh part of S, which enters where the depth is sampled.
 """
 
 import dataclasses
@@ -279,8 +280,6 @@ def deviations(setup: Setup) -> Deviations | str | None:
         return reason
     if waves and scenario.effects:
         return f"the waves' way through the effect {scenario.effects[0].label()} is not known"
-    if waves and getattr(scenario.navigation, "pressure_depth", False):
-        return "the way of the waves' pressure through the depth is not known: navigation.pressure_depth"
     rest = steady_state(calm)
     if not isinstance(rest, SteadyState) or rest.tau is None:
         return getattr(rest, "reason", "the law's theory gives no whole state at rest")
@@ -369,10 +368,12 @@ class _Loop:
 
     def at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state after step k, the measurements (18,) and the thrust (6,) in it."""
-        z = np.eye(self.size, self.size + 24)
+        z = np.eye(self.size, self.size + 25)
         x, states, *registers, u = (z[place] for place in self.places)
         now = self.sensed @ x
         now[:, self.size : self.size + 18] = self.sigmas
+        if getattr(self.setup.scenario.navigation, "pressure_depth", False):
+            now[2, -1] = -(1.0 + self.channels[0].scale)
         waiting = [[old[i : i + w] for i in range(0, len(old), w)] for old, w in zip(registers, _WIDTHS, strict=True)]
 
         def arrived(which: int, fresh: np.ndarray) -> np.ndarray:
@@ -390,7 +391,7 @@ class _Loop:
             states = states + self.h * self.control * response[6:]
         u = commanded if k % self.actuation == 0 else u
         nu = x[6:] + self.h * (self.vehicle.acceleration_by_state @ x + self.delivered @ u)
-        nu[:, -6:] += self.h * self.vehicle.acceleration_by_thrust
+        nu[:, -7:-1] += self.h * self.vehicle.acceleration_by_thrust
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
         return np.vstack([x[:6] + moved, nu, states, *kept, u]), y, u
 
@@ -425,19 +426,21 @@ class _Loop:
             P = A @ P @ A.T + G @ G.T
         if sea is not None:
             for P, (_, *outputs) in zip(self._answers(*sea, found, phi), found, strict=True):
-                add(P, outputs)
+                direct = [(np.hstack([by_state, by_sea]), 0.0, 0.0) for by_state, _, by_sea in outputs]
+                add(P, direct)
         return self._checked({name: each / self.steps for name, each in sums.items()}, largest, regular and not noisy)
 
     def _answers(self, omega: np.ndarray, spectrum: np.ndarray, found: Any, phi: np.ndarray) -> Iterator[np.ndarray]:
-        """The covariance of the state before each of the N steps, by wrenches on the vehicle that have the variance
-        (m, 6, 6) at the angular frequencies (m,)."""
-        z = np.zeros((len(omega), self.size, 6), complex)
+        """The covariance of the state and of the sea before each of the N steps, by wrenches on the vehicle and heads
+        at its sensor that have the variance (m, 7, 7) at the angular frequencies (m,)."""
+        z, sea = np.zeros((len(omega), self.size, 7), complex), np.eye(7)
         turned = np.exp(1j * self.h * np.arange(self.steps + 1) * omega[:, None])[:, :, None, None]  # (m, N + 1, 1, 1)
         for k, ((A, _, by_wrench), _, _) in enumerate(found):
             z = A @ z + by_wrench * turned[:, k]
         z = np.linalg.solve(turned[:, -1] * np.eye(self.size) - phi, z)
         for k, ((A, _, by_wrench), _, _) in enumerate(found):
-            yield np.einsum("mai,mij,mbj->ab", z, spectrum, z.conj(), optimize=True).real
+            both = np.concatenate([z, sea * turned[:, k]], axis=1)
+            yield np.einsum("mai,mij,mbj->ab", both, spectrum, both.conj(), optimize=True).real
             z = A @ z + by_wrench * turned[:, k]
 
     def _checked(self, means: Mapping[str, Any], largest: float, sines: bool) -> Deviations | str:

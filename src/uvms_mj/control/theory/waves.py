@@ -36,23 +36,25 @@ segments of a rate."""
 def sea_spectrum(
     setup: SetupLike, position: np.ndarray, R_WB: np.ndarray, mean: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The spectrum of the wrench of the sea about its mean, on a vehicle held at a place [m, W].
+    """The spectrum of the wrench of the sea about its mean, on a vehicle held at a place [m, W], and of the pressure
+    head there.
 
     ``mean`` is the velocity (3,) of the water without waves at a place (3,). A regular wave has one segment, its
     period; of a spectrum it is Welch's mean of segments with Hann's window.
 
     Returns:
-        Angular frequencies (m,) [rad/s], and the variance (m, 6, 6) at each, complex and Hermitian, in B [N^2, N^2 m,
-        N^2 m^2]. The real part of their sum is the covariance of the wrench.
+        Angular frequencies (m,) [rad/s], and the variance (m, 7, 7) at each, complex and Hermitian: of the wrench in B
+        [N, N m] and of the head [m]. The real part of their sum is the covariance.
     """
     sea = setup.scenario.sea
     step, regular = sea.period / _SAMPLES, sea.spectrum == "regular"
     n = _SAMPLES * (1 if regular else _SEGMENT)
-    tau = sea_wrenches(setup, position, R_WB, mean, step * np.arange(n * (1 if regular else _SEGMENTS)))
-    tau -= tau.mean(axis=0)
-    starts = range(0, len(tau) - n + 1, max(1, n // 2))
+    t = step * np.arange(n * (1 if regular else _SEGMENTS))
+    both = np.column_stack([sea_wrenches(setup, position, R_WB, mean, t), _moved(setup, position, t)[:, -1]])
+    both -= both.mean(axis=0)
+    starts = range(0, len(both) - n + 1, max(1, n // 2))
     window = np.ones(n) if regular else 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n) / n)
-    found = np.fft.rfft(np.array([tau[start : start + n] for start in starts]) * window[:, None], axis=1)[:, 1:-1]
+    found = np.fft.rfft(np.array([both[start : start + n] for start in starts]) * window[:, None], axis=1)[:, 1:-1]
     scale = 2.0 / (n * (window @ window) * len(starts))
     return 2.0 * np.pi / (n * step) * np.arange(1, n // 2), scale * np.einsum("smi,smj->mij", found, found.conj())
 
@@ -75,21 +77,11 @@ def sea_wrenches(
     setup: SetupLike, position: np.ndarray, R_WB: np.ndarray, mean: Callable[[np.ndarray], np.ndarray], t: np.ndarray
 ) -> np.ndarray:
     """tau_sea (n, 6) at times (n,) [s], in B [N, N m]."""
-    vehicle, records = setup.vehicle, setup.effects["sea"][0]
-    moved = np.zeros((len(t), 15))  # v, v_dot and the gradient
-    for k in range(len(records)):
-        record = records.view(np.recarray)[k : k + 1]
-        by_part = []
-        for instant in (0.0, 0.5 * math.pi / record.omega[0]):
-            v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-            add_waves(record, instant, position, v, v_dot, gradient)
-            by_part.append(np.concatenate([v, v_dot, gradient.ravel()]))
-        angle = record.omega[0] * t
-        moved += np.outer(np.cos(angle), by_part[0]) + np.outer(np.sin(angle), by_part[1])
+    vehicle, moved = setup.vehicle, _moved(setup, position, t)
     small = 1e-6
     shear = np.array([(mean(position + e) - mean(position - e)) / (2.0 * small) for e in small * np.eye(3)]).T
     v, v_dot = moved[:, :3] + mean(position), moved[:, 3:6]
-    a_c = v_dot + np.einsum("nij,nj->ni", moved[:, 6:].reshape(-1, 3, 3) + shear, v)
+    a_c = v_dot + np.einsum("nij,nj->ni", moved[:, 6:15].reshape(-1, 3, 3) + shear, v)
     force = vehicle.displaced_mass * a_c @ R_WB
     tau = v_dot @ R_WB @ vehicle.M_A[:, :3].T + np.hstack([force, np.cross(vehicle.r_b, force)])
     body = np.zeros(1, IN_WATER)
@@ -101,3 +93,18 @@ def sea_wrenches(
         in_water()
         tau[k] += body["d"][0]
     return tau
+
+
+def _moved(setup: SetupLike, position: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Velocity, its rate, the gradient and the pressure head (n, 16) of the waves at a place and times (n,)."""
+    records, moved = setup.effects["sea"][0], np.zeros((len(t), 16))
+    for k in range(len(records)):
+        record = records.view(np.recarray)[k : k + 1]
+        by_part = []
+        for instant in (0.0, 0.5 * math.pi / record.omega[0]):
+            v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+            head = add_waves(record, instant, position, v, v_dot, gradient)
+            by_part.append(np.concatenate([v, v_dot, gradient.ravel(), [head]]))
+        angle = record.omega[0] * t
+        moved += np.outer(np.cos(angle), by_part[0]) + np.outer(np.sin(angle), by_part[1])
+    return moved
