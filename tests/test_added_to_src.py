@@ -119,8 +119,8 @@ ROTOR = {
     ],
     "scenario.py": [
         (
-            "import Current, Disturbance, Drag, Fin, NearWall, Pad",
-            "import Current, Disturbance, Drag, Fin, NearWall, Pad, Rotor",
+            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad",
+            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad, Rotor",
         ),
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    rotor: Rotor = Rotor()\n"),
     ],
