@@ -101,7 +101,7 @@ class Engine(ABC):
 
 
 _KNOWN = {
-    "simulation": ("timestep", "duration", "integrator", "seed"),
+    "simulation": ("timestep", "duration", "integrator", "seed", "law_seed"),
     "initial": ("position", "attitude_deg", "velocity"),
     "wall": ("present", "position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
     "bumper": ("stiffness", "damping"),

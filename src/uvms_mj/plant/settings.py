@@ -389,12 +389,26 @@ class VehicleChoice:
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
 
 
+_Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+
+
 @dataclass(frozen=True, config=STRICT)
 class Stepping:
     timestep: Step = doc("time step [s]", 1e-4)
     duration: Duration = doc("simulated time [s]", 20.0)
     integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("seed of the random numbers of the stages", 0)
+    seed: _Seed = doc("seed of the random numbers of the stages, of gusts and of waves", 0)
+    law_seed: _Seed | None = doc(
+        "seed of the random numbers of controller, task, observer and actuation; null: seed. With one, no number that "
+        "a law is given follows from seed",
+        None,
+    )
+
+    def seed_of(self, table: str) -> int:
+        """The seed of the random numbers of a stage, by its table."""
+        if self.law_seed is not None and table in ("controller", "task", "observer", "actuation"):
+            return self.law_seed
+        return self.seed
 
 
 OF_VEHICLE = {"vehicle.contact_bodies": ContactBody, "vehicle.payloads": Payload}

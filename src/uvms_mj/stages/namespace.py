@@ -26,6 +26,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from ..files import parsed
+from .confined import users_code
 
 PREFIX = "uvms_mj_users_"
 _NAME = re.compile(rf"{PREFIX}\d+\.")
@@ -255,7 +256,8 @@ class _Source(importlib.machinery.SourceFileLoader):
 
     def exec_module(self, module: ModuleType) -> None:
         vars(module)["__builtins__"] = self._namespace.builtins
-        super().exec_module(module)
+        with users_code(str(self._namespace.folder)):
+            super().exec_module(module)
 
 
 _extensions: dict[str, tuple[tuple[int, int], ModuleType, Any]] = {}

@@ -45,6 +45,7 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
+from ..stages.confined import confined
 from .plan.metrics import AFTER, BEFORE, METRICS, columns_of, succeeded, users_numbers
 
 if TYPE_CHECKING:
@@ -70,8 +71,9 @@ def lost_row(plan: "Plan", index: int) -> dict[str, Any]:
 
 def rows_of(bundle: "StudyBundle", indices: tuple[int, ...]) -> list[dict[str, Any]]:
     """Run some runs of a study in a worker and return their rows."""
-    plan = bundle.plan()
-    return [one_row(plan, index) for index in indices]
+    with confined(bool(bundle.tables["run"].get("confined"))):
+        plan = bundle.plan()
+        return [one_row(plan, index) for index in indices]
 
 
 def log_of(bundle: "StudyBundle", index: int, engine: str) -> bytes:

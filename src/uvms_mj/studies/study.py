@@ -100,6 +100,7 @@ class Study:
         workers: int | None = None,
         executor: Executor | None = None,
         progress: Progress | bool | None = None,
+        until: int | None = None,
     ) -> "Study":
         """Run what the folder lacks, and return this study. Called again after an interruption, it goes on.
 
@@ -110,6 +111,7 @@ class Study:
                 a future. :func:`.pool.executors.Cluster` is one.
             progress: True for a progress bar, or a function that is called with what is being done, the runs done,
                 those that did not complete, and the number of runs. An exception that it raises ends the study.
+            until: run the first runs alone, by index; the engines are compared, and logs written, when all are done.
 
         Raises:
             InputError: the folder has another study, or is in use, or the workers can't go on.
@@ -128,7 +130,7 @@ class Study:
                 following(progress, "starting", "{done} of {total} runs, {failed} failed", _shown) as advance,
                 executor_of(executor, workers) as pool,
             ):
-                Execution(self.plan, bundle, results, pool, advance).run()
+                Execution(self.plan, bundle, results, pool, advance).run(until)
         self.folder, self.damaged = folder, tuple(results.damaged)
         return self
 

@@ -623,9 +623,9 @@ class Pipeline:
         steps = [round(stage.period_in(scenario) / h) for stage in stages]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
-    def write_keys(self, seed: int) -> None:
-        """Set the keys of the random numbers of the stages that a scenario chooses."""
-        self.rows["key"] = [key_of(seed, table) if table in self._named else 0 for table in self.stages]
+    def write_keys(self, seed_of: Callable[[str], int]) -> None:
+        """Set the keys of the random numbers of the stages that a scenario chooses, from the seed of each table."""
+        self.rows["key"] = [key_of(seed_of(table), table) if table in self._named else 0 for table in self.stages]
 
     def take_back(self, index: int) -> None:
         """Let a stage that was interrupted begin its instant again, without advancing its states twice."""

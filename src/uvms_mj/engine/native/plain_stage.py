@@ -21,6 +21,7 @@ from ...compiler.refusals import field_suggestion
 from ...errors import error_text
 from ...physics.kernels import Record
 from ...stages.base import Stage
+from ...stages.confined import users_code
 from ...stages.foreign import SUFFIXES
 from ...stages.namespace import is_installed, namespace_named, without_names
 from .guard import end_copy
@@ -55,6 +56,7 @@ class PlainStage:
         self.stage, self.own, self._library = stage, own, library
         self._memory: Any = None
         self._generators = _Generators()
+        self._folder = os.path.dirname(getattr(sys.modules.get(type(stage).__module__), "__file__", None) or "")
         self._arguments, self._references = self._taken(), 0
 
     def _taken(self, readonly: bool = False) -> list[Any]:
@@ -94,7 +96,7 @@ class PlainStage:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
         process, before = os.getpid(), self._read_bytes()
         try:
-            with self._generators:
+            with self._generators, users_code(self._folder):
                 returned = self.function(*self._arguments)
         except KeyboardInterrupt:
             raise

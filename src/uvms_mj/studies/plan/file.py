@@ -341,6 +341,9 @@ class Execution:
         "auto: free_body where it can, checked by a sample; gpu: all runs at once on a GPU, likewise", "auto"
     )
     time_limit_s: Annotated[Number, within(1e-3, 1e7, "s")] | None = doc("wall time after which a run ends [s]", None)
+    confined: Annotated[bool, Field(strict=True)] = doc(
+        "true: code of users reads the files beside its own alone, and no other of the machine", False
+    )
     tolerance: Annotated[Number, within(0.0, 1e3, "")] = doc(
         "largest relative difference of a metric between the two engines of a sample [1]", 1e-4
     )

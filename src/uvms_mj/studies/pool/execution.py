@@ -54,15 +54,17 @@ class Execution:
         self._rows: dict[int, dict[int, dict[str, Any]]] = {}
         self.what, self.done, self.failures, self.total = "running", 0, 0, plan.runs
 
-    def run(self) -> None:
-        """Run everything that the folder lacks.
+    def run(self, until: int | None = None) -> None:
+        """Run everything that the folder lacks; or the blocks of the runs before ``until`` alone, and nothing after.
 
         Raises:
             InputError: the executor or its workers can't go on.
             OSError: a file can't be written, e.g. because the disk is full.
         """
         calls = []
-        for i, block in enumerate(self.results.blocks):
+        wanted = [block for block in self.results.blocks if until is None or block.start < until]
+        self.total = wanted[-1].stop if wanted else 0
+        for i, block in enumerate(wanted):
             statuses = self.results.statuses(i)  # of earlier sessions
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
@@ -70,6 +72,8 @@ class Execution:
         if self.plan.engine == GPU and calls:
             calls = self._on_gpu([index for _, block in calls for index in block])
         each_call(self.executor, rows_of, calls, self._take, self._tick, run_by_run)
+        if len(wanted) < len(self.results.blocks):
+            return
         self.results.finish()
         rows = frame(self.results.folder)
         self._check(rows)
