@@ -26,7 +26,7 @@ from uvms_mj.cli.listing import (
 )
 from uvms_mj.records.mcap import topics
 from uvms_mj.records.mcap.layout import Format
-from uvms_mj.reproduce.bench import execution as bench_page
+from uvms_mj.reproduce.bench import page as bench_page
 from uvms_mj.reproduce.bench import results
 from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.scenario import STAGES, Scenario
@@ -254,9 +254,10 @@ def _bench_tasks() -> str:
     found = results.shipped()
     parts = [
         "# Tasks of Contact-10",
-        "The ten tasks of [](../evidence/contact10.md): why each is there, what passes it, and how the shipped laws "
-        "fare in its 20 draws. `uvms-mj bench tasks` prints the tasks, and `uvms-mj bench` runs them. "
-        "*Never* stands for a number that most draws lack, or that the worst one lacks.",
+        "The ten tasks of [](../evidence/contact10.md): why each is there, its levels, what passes a draw, and how the "
+        f"shipped laws fare, on {bench_page.drawn(found)}. `uvms-mj bench tasks` prints the tasks, and `uvms-mj bench` "
+        "runs them. The numbers are of the level that a law holds, or of level 1. *Never* stands for a number that most"
+        " draws lack, or that the worst one lacks.",
     ]
     for task in tasks().values():
         if (found["tasks"][task.name]["version"], found["tasks"][task.name]["digest"]) != (task.version, task.digest):
@@ -264,14 +265,16 @@ def _bench_tasks() -> str:
         bounds = [
             (f"`{name}`", bench_page.bounds(name, limit), task.why[name]) for name, limit in task.criteria.items()
         ]
-        drawn = [entry.get("key") or ", ".join(entry["keys"]) for entry in task.tables["vary"]]
-        law = bench_page.table(found, task, "tasks")
+        entries = [*task.tables.get("vary", ()), *task.tables["levels"].get("vary", ())]
+        drawn = [entry.get("key") or ", ".join(entry["keys"]) for entry in entries]
+        law = bench_page.table(found, task)
         parts += [
             f"## {task.number}. {task.name}",
             f"*{task.title}.* {task.reason}",
             "- " + "\n- ".join(task.literature),
-            f"Version {task.version}. Each draw has its own `{'`, `'.join(drawn)}`. A draw is passed if the run "
-            "completes and meets:",
+            f"Version {task.version}. Each draw has its own `{'`, `'.join(drawn)}`.",
+            _table(("level", "difficulty"), [(str(i), text) for i, text in enumerate(task.levels, 1)]),
+            "A draw is passed if the run completes and meets:",
             _table(("metric", "bounds", "why"), bounds),
             _table((law.corner, *law.heads), [(name, *map(str, cells)) for name, cells in law.rows]),
             *([f"`ideal`: {task.truth}"] if task.truth else []),

@@ -23,7 +23,7 @@ from .errors import InputError, number_hint, shortened, suggestion
 _PACKAGE = Path(__file__).parent
 _SHIPPED = {
     "scenarios": (".toml", _PACKAGE / "scenarios"),
-    "studies": (".toml", _PACKAGE / "studies" / "shipped", _PACKAGE / "reproduce" / "bench" / "tasks"),
+    "studies": (".toml", _PACKAGE / "studies" / "shipped"),
     "models": (".xml", _PACKAGE.parents[1] / "models", _PACKAGE / "models"),  # in a checkout; in a wheel
     "examples": (".*", _PACKAGE.parents[1] / "examples", _PACKAGE / "examples"),
 }

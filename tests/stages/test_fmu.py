@@ -188,8 +188,8 @@ def test_a_study_varies_a_parameter_of_an_fmu(pd, in_python, tmp_path):
 
 @pytest.mark.slow
 def test_a_benchmark_takes_an_fmu(pd, in_python, tmp_path):
-    laws = bench([pd, "label=unit", in_python], tmp_path / "out", only=["two_contacts"], draws=1, workers=1)["laws"]
-    cells = [law["tasks"]["two_contacts"] for law in laws]
+    laws = bench([pd, "label=unit", in_python], tmp_path / "out", only=["two_bumpers"], at_most=1, workers=1)["laws"]
+    cells = [law["tasks"]["two_bumpers"] for law in laws]
     assert cells[0] == cells[1]
     assert [list(law["files"]) for law in laws] == [["pd.fmu"], ["pd.py"]]
 

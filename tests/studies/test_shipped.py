@@ -7,7 +7,6 @@ from uvms_mj.analysis.metrics import chattering, final_force
 from uvms_mj.control.design import demanded_force
 from uvms_mj.control.theory.certificate import rate_bound
 from uvms_mj.files import shipped
-from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.rows import one_row
 
@@ -15,7 +14,7 @@ SHORT = {"simulation.duration": 0.3, "initial.position": [0.995, 0.0, 0.0], "ref
 
 
 def test_the_studies_are_those_of_the_docs():
-    assert sorted(shipped("studies")) == sorted(["gain_map", "monte_carlo", "waves", *tasks()])
+    assert sorted(shipped("studies")) == ["gain_map", "monte_carlo", "waves"]
 
 
 def test_monte_carlo_is_a_thousand_draws_of_the_papers_laws():

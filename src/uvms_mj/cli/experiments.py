@@ -308,7 +308,14 @@ validate.add_command(speed)
 @click.argument("laws", nargs=-1, metavar="[LAW [KEY=VALUE]...]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/bench].")
 @click.option("--tasks", "only", multiple=True, metavar="NAME[,NAME]", help="Some of the tasks; may be repeated.")
-@click.option("--draws", type=click.IntRange(1), metavar="N", help="The first N draws of each task, for a look.")
+@click.option(
+    "--draws",
+    default="development",
+    metavar="WHICH",
+    help="development, secret:FILE or seed:NUMBER [default: development].",
+)
+@click.option("--at-most", type=click.IntRange(1), metavar="N", help="At most N draws of each level, for a look.")
+@click.option("--tune", type=click.IntRange(0), default=0, metavar="N", help="Also judge each law with tuned gains.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
 @output_options
@@ -316,15 +323,18 @@ def run_bench(
     laws: tuple[str, ...],
     out: str | None,
     only: tuple[str, ...],
-    draws: int | None,
+    draws: str,
+    at_most: int | None,
+    tune: int,
     workers: int | None,
     scheduler: str | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Measure laws on Contact-10: ten tasks of contact under water, 20 draws each, the same for everybody.
+    """Measure laws on Contact-10: ten tasks of contact under water, five levels of difficulty each.
 
-    LAW is a shipped law, a file (my_law.py:MyLaw, my_law.c, libmy_law.so:my_law, my_law.fmu), or a TOML file with
+    A law climbs from level 1 of each task to the first level that it does not hold in 90 % of draws, by a sequential
+    test. LAW is a shipped law, a file (my_law.py:MyLaw, my_law.c, libmy_law.so:my_law, my_law.fmu), or a TOML file with
     [[laws]], as study files have them; without one, all shipped laws. Settings after a law are its own, and the same
     for all tasks: controller.*, task.*, impedance.*, observer.*, actuation.*, and label=NAME.
 
@@ -332,61 +342,72 @@ def run_bench(
     uvms-mj bench                                   all shipped laws, some minutes
     uvms-mj bench gsta my_law.py:MyLaw --out mine
     uvms-mj bench gsta controller.k_1=8 label=stiff --out stiff
-    uvms-mj bench my_laws.toml --tasks slide,force_sensor --draws 5
+    uvms-mj bench my_laws.toml --tasks arm,waves --at-most 5
     uvms-mj bench tasks                             the tasks and what passes them
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
 
-    Gains for single tasks are in a file, and have a table of their own:
+    The draws of the development are known to everybody, and gains can be chosen on them. A result to publish has blind
+    draws, which are given after the laws and their gains are fixed: of a number, or of a file that nobody has seen. The
+    result has the digest of the file, which can be published before.
 
     \b
-    [[laws]]
-    name = "gsta"
-    label = "gsta, tuned"
-    [laws.tuned.force_sensor]
-    controller.k_1 = 1.0
+    head -c 32 /dev/urandom > secret
+    uvms-mj bench my_law.py:MyLaw --draws secret:secret --out blind
+    uvms-mj bench my_law.py:MyLaw --draws seed:20270101 --out blind
+
+    With --tune N each law has a second row, with the gains that N trials found: of each trial one development draw of
+    each level of each task. N is the same for all laws; DIR/laws.toml has the gains.
+
+    \b
+    uvms-mj bench --tune 60 --draws seed:20270101 --out tuned
 
     DIR/report.html is the page, DIR/bench.json has everything and is the same, byte for byte, for any number of
-    workers, and DIR/table.tex is for a paper. DIR/LAW/TASK is a study, for `uvms-mj study report` and `uvms-mj run
-    --from`. After any interruption the same command goes on where it was, and where a law is added, it alone runs.
+    workers, and DIR/table.tex is for a paper. DIR/LAW/TASK/level-N is a study, for `uvms-mj study report` and `uvms-mj
+    run --from`. After any interruption the same command goes on where it was, and where a law is added, it alone runs.
     """
-    resumed = Resumed("runs")
+    resumed = Resumed("levels")
     draw_to_files()
     folder = Path(out or Path("runs", "bench"))
     with resumed.filling(folder), pool_of(scheduler, workers) as executor:
-        from ..reproduce.bench import LATEX, PAGE, RESULT, bench
+        from ..reproduce.bench import LATEX, MOST, PAGE, RESULT, bench
 
         names = names_in("--tasks", only)
-        with resumed.bar("running", as_json or quiet, "{done:.0f} of {total} runs") as update:
-            found = bench(laws, folder, only=names, draws=draws, progress=update, executor=executor)
+        with resumed.bar("climbing", as_json or quiet, "{done:.1f} of {total} levels") as update:
+            most = MOST if at_most is None else at_most
+            how = {"draws": draws, "at_most": most, "tune": tune}
+            found = bench(laws, folder, only=names, **how, progress=update, executor=executor)
     files = {"result": str(folder / RESULT), "report": str(folder / PAGE), "latex": str(folder / LATEX)}
     if as_json:
-        click.echo(json.dumps({"digest": found["digest"], "passed": _passed(found), **files}, allow_nan=False))
+        click.echo(json.dumps({"digest": found["digest"], "levels": _held(found), **files}, allow_nan=False))
     elif not quiet:
-        _draws_passed(found)
+        _levels_held(found)
         click.echo(printable("\n".join((files["report"], files["result"]))))
 
 
-def _passed(found: "Mapping[str, Any]") -> dict[str, dict[str, Any]]:
-    """Draws passed by law and task; None where the law can't run."""
+def _held(found: "Mapping[str, Any]") -> dict[str, dict[str, Any]]:
+    """The level held by law and task; None where the law can't run."""
     return {
-        law["label"]: {name: cell["passed"] if cell["runs"] else None for name, cell in law["tasks"].items()}
+        law["label"]: {name: task["level"] if task["runs"] else None for name, task in law["tasks"].items()}
         for law in found["laws"]
     }
 
 
-def _draws_passed(found: "Mapping[str, Any]") -> None:
+def _levels_held(found: "Mapping[str, Any]") -> None:
+    from ..reproduce.bench.page import drawn
+
     tasks = found["tasks"]
     heads = [str(task["number"]) for task in tasks.values()]
     rows = [
-        (law["label"], *(f"{c['passed']}/{c['draws']}" if c["runs"] else "-" for c in law["tasks"].values()))
+        (law["label"], *(str(each["level"]) if each["runs"] else "-" for each in law["tasks"].values()))
         for law in found["laws"]
     ]
-    Listing(f"{found['benchmark']}: draws passed", ("law", *heads), rows, right=heads, fixed=heads, width=40).show()
+    title = f"{found['benchmark']}, version {found['version']}: level held, of 5; {drawn(found)}"
+    Listing(title, ("law", *heads), rows, right=heads, fixed=heads, width=40).show()
     click.echo("; ".join(f"{task['number']} {name}" for name, task in tasks.items()))
     for law in found["laws"]:
-        whys = {cell["reason"]: name for name, cell in law["tasks"].items() if not cell["runs"]}
+        whys = {each["reason"]: name for name, each in law["tasks"].items() if not each["runs"]}
         for why in whys:
-            where = ", ".join(name for name, cell in law["tasks"].items() if cell.get("reason") == why)
+            where = ", ".join(name for name, each in law["tasks"].items() if each.get("reason") == why)
             click.echo(printable(f"- {law['label']} can't run {where}: {why}"))
 
 
@@ -401,15 +422,16 @@ bench.otherwise = run_bench
 @command("tasks")
 @json_option
 def bench_tasks(as_json: bool) -> None:
-    """List the tasks: what each asks for, its version, and the criteria that a run must meet."""
+    """List the tasks: what each asks for, its version, its levels, and the criteria that a run must meet."""
     with bad_input():
-        from ..reproduce.bench.execution import bounds
+        from ..reproduce.bench.page import bounds
         from ..reproduce.bench.task import tasks
 
         each = tasks()
     if as_json:
         numbers = {
             name: {"number": t.number, "version": t.version, "digest": t.digest, "criteria": dict(t.criteria)}
+            | {"levels": list(t.levels)}
             for name, t in each.items()
         }
         click.echo(json.dumps(numbers))
@@ -417,6 +439,8 @@ def bench_tasks(as_json: bool) -> None:
     for name, task in each.items():
         click.echo(f"{task.number}. {name}, version {task.version}: {task.title}")
         click.echo(f"   {task.reason}")
+        for level, difficulty in enumerate(task.levels, 1):
+            click.echo(f"   level {level}: {difficulty}")
         for metric, limit in task.criteria.items():
             click.echo(f"   {metric} {bounds(metric, limit)}: {task.why[metric]}")
 
@@ -428,13 +452,14 @@ def bench_tasks(as_json: bool) -> None:
 def bench_compare(first: str, second: str, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
-    Of each task: the draws that each law passes, the draws that one of them alone passes, the better law, by how many
-    points of the share of draws, and the interval; "not resolved" if the interval has zero. Below it stands whether the
+    Of each task: the level that each law holds, and of the draws that both ran, at the levels at which both were
+    judged, the draws that each law passes, the draws that one of them alone passes, the better law, by how many points
+    of the share of draws, and the interval; "not resolved" if the interval has zero. Below it stands whether the
     comparison is valid, and why: other code is no fault where a law that is in both results has the same numbers.
 
     Laws are paired by their labels; with one law in each file, or with :LAW behind both names, these two are a pair.
-    The file "shipped" is the result of the shipped laws. Tasks whose version or contents differ are left out, with a
-    note.
+    The file "shipped" is the result of the shipped laws, "shipped-version-1" their result on the first version of the
+    benchmark, which is compared with its like alone. Tasks whose version or contents differ are left out, with a note.
 
     \b
     uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after

@@ -10,8 +10,8 @@ from ..studies.pages import PAGE as PAGE
 from ..studies.pages import write
 from ..views.progress import following
 
-Progress = Callable[[int, int], None]
-"""Called with the runs or steps that are done, and their total."""
+Progress = Callable[[float, int], None]
+"""Called with the runs, steps or levels that are done, and their total."""
 
 
 def running(progress: Progress | bool | None) -> AbstractContextManager[Progress]:

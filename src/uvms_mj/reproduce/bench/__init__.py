@@ -8,7 +8,10 @@ from typing import Any
 
 from ...errors import InputError
 from ...files import locked
+from ...studies.pool.executors import executor_of
 from .. import Progress, running
+from .draws import DEVELOPMENT, Draws
+from .sequential import MOST as MOST
 from .task import LATEX as LATEX
 from .task import PAGE as PAGE
 from .task import RESULT as RESULT
@@ -20,7 +23,9 @@ def bench(
     out: str | os.PathLike = "runs/bench",
     *,
     only: Sequence[str] = (),
-    draws: int | None = None,
+    draws: str = DEVELOPMENT,
+    at_most: int = MOST,
+    tune: int = 0,
     progress: Progress | bool | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -33,23 +38,29 @@ def bench(
             shipped laws.
         out: the folder.
         only: names of tasks; default: all ten.
-        draws: the first draws of each task, for a look; default: all.
-        progress: True for a progress bar, or a function of the runs done and their total.
+        draws: ``"development"``, the known draws; ``"secret:FILE"`` or ``"seed:NUMBER"``, blind ones.
+        at_most: draws of each level after which the test is cut; with fewer than 60, for a look, its errors are larger.
+        tune: trials of a search for gains, for each law; the law is then judged with its own gains and with the best.
+        progress: True for a progress bar, or a function of the levels done and their total.
         workers: processes on this machine; default: one per core.
         executor: in place of them, as in :meth:`uvms_mj.studies.study.Study.run`.
 
     Raises InputError if a law can't run on any task, or the folder has other runs.
     """
     from .execution import execute, jobs, warn_of_slow_laws
+    from .tuning import tuned_laws
 
     entries = [law for law in laws if isinstance(law, Entry)]
     words = [law for law in laws if not isinstance(law, Entry)]
     entries += entries_of(words, tasks()) if words or not entries else []
-    folder, some = Path(out), chosen(only)
-    if draws is not None and not 1 <= draws <= min(task.draws for task in some):
-        raise InputError(f"draws: {draws} must be from 1 to {min(task.draws for task in some)}")
-    planned = jobs(entries, some, folder, draws)
+    folder, some, drawn = Path(out), chosen(only), Draws.parsed(draws)
+    if not 1 <= at_most <= MOST:
+        raise InputError(f"at_most: {at_most} must be from 1 to {MOST}")
+    planned = jobs(entries, some, folder, drawn, at_most)
     warn_of_slow_laws(planned)
     folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder), running(progress) as told:
-        return execute(planned, folder, told, workers, executor)
+    with locked(folder), running(progress) as told, executor_of(executor, workers) as pool:
+        if tune:
+            entries = tuned_laws(entries, some, folder, tune, pool, told)
+            planned = jobs(entries, some, folder, drawn, at_most)
+        return execute(planned, folder, told, pool)

@@ -1,8 +1,10 @@
-"""The results: of each law on each task how many draws it passes, its numbers, and what broke each failed draw.
+"""The results: of each law on each task the level that it holds, at each level that it was judged at its draws and
+numbers, and what broke each failed draw.
 
-They depend on the code, the tasks and the laws alone, so that their JSON has the same bytes for any number of workers,
-on any machine of a cluster and after any interruption. Numbers have :data:`DIGITS` digits. Two results are compared law
-by law and task by task, in the same draws.
+They depend on the code, the tasks, the draws and the laws alone, so that their JSON has the same bytes for any number
+of workers, on any machine of a cluster and after any interruption. Numbers have :data:`DIGITS` digits. Two results are
+compared law by law, task by task and level by level, in the same draws. A result of the first version of the benchmark
+has the one level of its tasks; it is read and compared with its like, and with no result of the second version.
 """
 
 import gzip
@@ -22,13 +24,16 @@ from ...files import is_file, is_folder
 from ...studies.plan.metrics import COMPLETED
 from ...studies.report.statistics import difference_of_rates, rate
 from ...studies.report.tables import without_folders
-from .task import NAME, RESULT, Task
+from .draws import KNOWN, Draws
+from .sequential import MOST, verdict
+from .task import NAME, RESULT, VERSION, Task
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-FORMAT = 1
+FORMATS = {1: 1, 2: 2}
+"""The format of the JSON of each version of the benchmark."""
 DIGITS = 6
 COSTS = (
     *("hold.error_N", "hold.bias_N", "hold.worst_N", "contact.peak_N", "contact.settling_s", "hold.lost_s"),
@@ -58,10 +63,17 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
-    """The result of a law on a task, from its rows."""
+def cell(task: Task, frame: "pd.DataFrame", most: int = MOST) -> dict[str, Any] | None:
+    """The result of a law at a level of a task, from its rows in order, of which the test of :mod:`.sequential` takes
+    what it needs, at most ``most``. None while it needs more."""
+    rows = frame.to_dict("records")
+    held, n = verdict((not broken(task, row) for row in rows), most)
+    return None if held is None else {"held": held} | _counted(task, rows[:n])
+
+
+def _counted(task: Task, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     draws: list[dict[str, Any]] = []
-    for row in frame.to_dict("records"):
+    for row in rows:
         broke = broken(task, row)
         each = {"draw": row["draw"], "seed": row["seed"], "passed": not broke, "broke": broke, "status": row["status"]}
         if row["message"]:
@@ -71,14 +83,27 @@ def cell(task: Task, frame: "pd.DataFrame") -> dict[str, Any]:
     passed, n = sum(each["passed"] for each in draws), len(draws)
     share = rate(passed, n, n)
     return {
-        "runs": True,
         "passed": passed,
         "draws": n,
         "interval": [rounded(share.low), rounded(share.high)],
         "broke": {name: sum(name in each["broke"] for each in draws) for name in (COMPLETED, *task.criteria)},
+        "used": {
+            name: _used([each[name] for each in draws], high) for name, (_, high) in task.criteria.items() if high
+        },
         "metrics": {name: _spread([each[name] for each in draws]) for name in COSTS},
         "rows": draws,
     }
+
+
+MARGIN = 0.9
+"""Share of the draws whose use of a criterion's bound is told [1]."""
+
+
+def _used(values: Sequence[float | None], bound: float) -> float | None:
+    """The margin of a criterion: the share of its upper bound that 90 % of the draws stay within [1], as the smallest
+    value that so many draws have. Below 1 there is room. None if more than 10 % of the draws lack the number."""
+    order = sorted(math.inf if value is None else abs(value) for value in values)
+    return rounded(order[math.ceil(MARGIN * len(order)) - 1] / bound)
 
 
 def _spread(values: Sequence[float | None]) -> dict[str, Any]:
@@ -89,23 +114,41 @@ def _spread(values: Sequence[float | None]) -> dict[str, Any]:
     return {"median": rounded(middle), "worst": rounded(order[-1]), "missing": sum(value is None for value in values)}
 
 
+def ladder(levels: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """The result of a law on a task, from its cells by level: the level that it holds, below which it holds all, 0 if
+    none; and the cells."""
+    held = 0
+    while levels.get(held + 1, {}).get("held"):
+        held += 1
+    return {"runs": True, "level": held, "levels": {str(level): dict(found) for level, found in levels.items()}}
+
+
 def refused(reason: str) -> dict[str, Any]:
-    """The cell of a law that can't run on a task."""
+    """The result of a law that can't run on a task."""
     return {"runs": False, "reason": reason}
 
 
-def document(tasks: Sequence[Task], laws: Sequence[Mapping[str, Any]], code: Mapping[str, str]) -> dict[str, Any]:
-    """The whole result; each of ``laws`` has its label, its identity and its cells."""
+def document(
+    tasks: Sequence[Task],
+    laws: Sequence[Mapping[str, Any]],
+    code: Mapping[str, str],
+    draws: Draws = KNOWN,
+    most: int = MOST,
+) -> dict[str, Any]:
+    """The whole result; each of ``laws`` has its label, its identity and its ladders."""
     found: dict[str, Any] = {
         "benchmark": NAME,
-        "format": FORMAT,
+        "version": VERSION,
+        "format": FORMATS[VERSION],
         "code": dict(code),
+        "draws": draws.named() | {"most": most},
         "tasks": {
             task.name: {
                 "number": task.number,
                 "version": task.version,
                 "digest": task.digest,
                 "title": task.title,
+                "levels": list(task.levels),
                 "criteria": {name: list(limit) for name, limit in task.criteria.items()},
             }
             for task in tasks
@@ -113,6 +156,18 @@ def document(tasks: Sequence[Task], laws: Sequence[Mapping[str, Any]], code: Map
         "laws": list(laws),
     }
     return found | {"digest": digest(found)}
+
+
+def version(found: Mapping[str, Any]) -> int:
+    """The version of the benchmark that a result is of; the first did not say it."""
+    return int(found.get("version", 1))
+
+
+def levels_of(task: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The cells of a law on a task by level; of a result of version 1 the one of its draws. Empty if it can't run."""
+    if not task["runs"]:
+        return {}
+    return dict(task["levels"]) if "levels" in task else {"1": task}
 
 
 def digest(found: Mapping[str, Any]) -> str:
@@ -142,11 +197,13 @@ def _json(value: Any, name: str, depth: int) -> str:
 
 SHIPPED = Path(__file__).with_name("shipped.json.gz")
 """The result of all shipped laws."""
+FIRST_VERSION = Path(__file__).with_name("shipped_version_1.json.gz")
+"""The last result of all shipped laws on the first version of the benchmark."""
 
 
-def shipped() -> dict[str, Any]:
+def shipped(path: Path = SHIPPED) -> dict[str, Any]:
     """The result of all shipped laws on all tasks, as the package has it."""
-    return parsed(gzip.decompress(SHIPPED.read_bytes()), SHIPPED.name)
+    return parsed(gzip.decompress(path.read_bytes()), path.name)
 
 
 def parsed(data: bytes, place: str) -> dict[str, Any]:
@@ -155,8 +212,9 @@ def parsed(data: bytes, place: str) -> dict[str, Any]:
         found = json.loads(data)
         if not isinstance(found, dict) or found.get("benchmark") != NAME:
             raise InputError(f"{place}: is not a result of uvms-mj bench")
-        if found.get("format") != FORMAT:
-            raise InputError(f"{place}: has the format {found.get('format')}; this version reads {FORMAT}")
+        if found.get("format") != FORMATS.get(version(found)):
+            known = " and ".join(map(str, FORMATS.values()))
+            raise InputError(f"{place}: has the format {found.get('format')}; this version reads {known}")
     except (ValueError, RecursionError) as error:
         raise InputError(f"{place}: is not JSON: {error}") from None
     if found.get("digest") != digest(found):
@@ -164,8 +222,8 @@ def parsed(data: bytes, place: str) -> dict[str, Any]:
     return found
 
 
-OF_PACKAGE = "shipped"
-"""The name of the result that the package has."""
+OF_PACKAGE = {"shipped": SHIPPED, "shipped-version-1": FIRST_VERSION}
+"""The names of the results that the package has."""
 
 
 def compared(first: str, second: str) -> dict[str, Any]:
@@ -177,6 +235,9 @@ def compared(first: str, second: str) -> dict[str, Any]:
     result, or there is nothing to compare.
     """
     (a, one), (b, other) = (_read(given) for given in (first, second))
+    if version(a) != version(b):
+        of = f"{first} is of version {version(a)} of {NAME}, {second} of version {version(b)}"
+        raise InputError(f"{of}: their tasks and draws differ, and nothing can be compared")
     notes = _alone(a["tasks"], b["tasks"])
     tasks = []
     for name in (name for name in a["tasks"] if name in b["tasks"]):
@@ -229,9 +290,13 @@ def _validity(a: Mapping[str, Any], b: Mapping[str, Any], tasks: Sequence[str]) 
 
 
 def _same_draws(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """The rows of the draws that both cells of a task have."""
-    x, y = ({row["draw"]: row for row in each.get("rows", ())} for each in (mine, theirs))
-    return [(row, y[draw]) for draw, row in x.items() if draw in y]
+    """The rows of the draws that both laws have on a task, at all levels."""
+    x, y = (_rows_of(each) for each in (mine, theirs))
+    return [(row, y[key]) for key, row in x.items() if key in y and row["seed"] == y[key]["seed"]]
+
+
+def _rows_of(task: Mapping[str, Any]) -> dict[tuple[str, int], dict[str, Any]]:
+    return {(level, row["draw"]): row for level, each in levels_of(task).items() for row in each["rows"]}
 
 
 def _read(given: str) -> tuple[dict[str, Any], str]:
@@ -242,10 +307,10 @@ def _read(given: str) -> tuple[dict[str, Any], str]:
         raise InputError(f"{given}: the label of a law is empty")
     if is_file(file):
         found = parsed(Path(file).read_bytes(), file)
-    elif file == OF_PACKAGE:
-        found = shipped()
+    elif file in OF_PACKAGE:
+        found = shipped(OF_PACKAGE[file])
     else:
-        raise InputError(f"{file}: no such file; {OF_PACKAGE} is the result of the shipped laws")
+        raise InputError(f"{file}: no such file; {' and '.join(OF_PACKAGE)} are results of the shipped laws")
     labels = [law["label"] for law in found["laws"]]
     if label and label not in labels:
         raise InputError(f"{given}: no law {label!r}; {suggestion(label, labels)}")
@@ -272,7 +337,8 @@ def _alone(a: Collection[str], b: Collection[str]) -> list[str]:
 
 
 def _task(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
-    """The draws that both laws ran, paired: how many each passes, difference of the shares with its interval."""
+    """The levels that both laws hold; of the levels at which both were judged the draws that both ran, paired: how many
+    each passes, difference of the shares with its interval."""
     if not (mine["runs"] and theirs["runs"]):
         return {"reason": mine.get("reason") or theirs.get("reason")}
     rows = _same_draws(mine, theirs)
@@ -280,8 +346,10 @@ def _task(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
         return {"reason": "no draw is in both"}
     passed = np.array([[row["passed"] for row in pair] for pair in rows], dtype=float)
     difference = difference_of_rates(passed[:, 1] - passed[:, 0])
+    levels = [each.get("level") for each in (mine, theirs)]
     better = "second" if difference.value > 0.0 else "first" if difference.value < 0.0 else None
     return {
+        "levels": levels,
         "draws": len(rows),
         "passed": [int(n) for n in passed.sum(axis=0)],
         "only": [int((passed[:, 0] > passed[:, 1]).sum()), int((passed[:, 1] > passed[:, 0]).sum())],
@@ -300,12 +368,16 @@ def _median(rows: Sequence[Mapping[str, Any]]) -> float | None:
 
 
 def sentences(name: str, task: Mapping[str, Any], labels: Sequence[str]) -> list[str]:
-    """The cells of a task in a table: what each law passes, the better one of the two, by how many points of the share
-    of draws, and the interval of it."""
+    """The cells of a task in a table: the level that each law holds, if the result has levels, and what it passes of
+    the draws that both ran; the better one of the two, by how many points of the share of draws, and the interval."""
     if "reason" in task:
         return [name, "-", "-", "-", "-", "can't run", "", ""]
-    n, (a, b), (low, high) = task["draws"], task["passed"], task["interval"]
-    counts = [name, f"{a}/{n}", f"{b}/{n}", *map(str, task["only"])]
+    n, (low, high) = task["draws"], task["interval"]
+    each = [
+        f"{passed}/{n}" if level is None else f"level {level}, {passed}/{n}"
+        for level, passed in zip(task["levels"], task["passed"], strict=True)
+    ]
+    counts = [name, *each, *map(str, task["only"])]
     if task["same_numbers"] or task["better"] is None:
         return [*counts, "the same numbers" if task["same_numbers"] else "neither", "", ""]
     sign = 1.0 if task["better"] == "second" else -1.0

@@ -1,5 +1,6 @@
-"""The tasks of the benchmark: study files, each with its number, version, reason, literature and pass criteria;
-and the laws on the benchmark, as a user names them: a shipped name, a file, or a TOML file with ``[[laws]]``.
+"""The tasks of the benchmark: study files, each with its number, version, reason, literature, pass criteria and levels
+of difficulty; and the laws on the benchmark, as a user names them: a shipped name, a file, or a TOML file with
+``[[laws]]``.
 """
 
 import functools
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...analysis.summary import COURSES
 from ...control import BUILT_IN
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import parse_setting, plain, tables_of
@@ -20,11 +22,20 @@ from ...studies.bundle import StudyBundle
 from ...studies.plan import Plan
 from ...studies.plan.file import PATHS, absolute
 from .. import PAGE as PAGE
+from .draws import KNOWN, Draws
+from .sequential import MOST
 
-NAME = "Contact-10"
+NAME, VERSION = "Contact-10", 2
 RESULT, LATEX = "bench.json", "table.tex"
 """Names of the result and of the LaTeX table in the folder."""
 FOLDER = Path(__file__).with_name("tasks")
+LEVELS = (1, 2, 3, 4, 5)
+METRICS = (
+    *("hold.error_N", "hold.bias_N", "hold.worst_N", "hold.lost_s", "hold.contacts", "hold.path_error_m"),
+    *("hold.turn_error_deg", "contact.peak_N", "contact.settling_s", "contact.touches", "effort_N2s", "saturated_s"),
+    *("chattering_N_per_s", *COURSES),
+)
+"""The metrics of each draw."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,8 @@ class Task:
         literature: where the problem is from.
         criteria: the least and the greatest value of each metric that a run must meet besides its completion.
         why: the reason for each criterion.
-        truth: what the law does here that knows the truth, if it is not itself or can't pass; empty otherwise.
+        truth: what ends the ladder of the law that is told the truth, or what it is here; empty if nothing is to say.
+        levels: one sentence a level: its difficulty.
         tables: the tables of its study file.
     """
 
@@ -53,6 +65,7 @@ class Task:
     criteria: Mapping[str, tuple[float, float]]
     why: Mapping[str, str]
     truth: str
+    levels: Sequence[str]
     tables: Mapping[str, Any]
 
     @classmethod
@@ -70,6 +83,7 @@ class Task:
             criteria={name: (float(low), float(high)) for name, (low, high) in tables["success"].items()},
             why=about["criteria"],
             truth=" ".join(about.get("truth", "").split()),
+            levels=about["levels"],
             tables=tables,
         )
 
@@ -77,18 +91,34 @@ class Task:
     def digest(self) -> str:
         """Digest of everything in the file that a run or its verdict depends on."""
         ours = {name: value for name, value in self.tables.items() if name not in ("about", "description")}
-        ours |= {"yardstick": self.yardstick}
         return hashlib.sha256(json.dumps(ours, sort_keys=True).encode()).hexdigest()[:16]
 
-    @property
-    def draws(self) -> int:
-        """Number of draws."""
-        return int(self.tables["design"]["runs"])
+    def at(self, level: int, knows: bool = False) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The study file of a level, without its laws and its design, and the keys of its base scenario that are the
+        level's own.
 
-    @property
-    def yardstick(self) -> Mapping[str, Any]:
-        """The law and the keys that stand for the law that knows the truth; see :func:`plan_of`."""
-        return dict(self.tables["about"].get("yardstick", {}))
+        In ``[levels]`` stands a list of one value a level: of keys of the base in ``base``, and of each entry of
+        ``vary`` in ``low`` and ``high``, or in ``values``. ``[yardstick]`` has such keys of the yardstick alone
+        (``knows``), in ``base``, and in ``levels`` with one value a level. A key that it has does not vary.
+        """
+        tables = {name: value for name, value in self.tables.items() if name not in ("about", "levels", "yardstick")}
+        levels, i = self.tables["levels"], LEVELS.index(level)
+        yardstick = self.tables.get("yardstick", {}) if knows else {}
+        fixed = dict(leaves(yardstick.get("base", {}), lists=False)) | _column(yardstick.get("levels", {}), i)
+        vary = [*tables.get("vary", ()), *(_at(entry, i) for entry in levels.get("vary", ()))]
+        tables |= {"keep": {"metrics": METRICS}, "run": tables["run"] | {"confined": True}}
+        tables["vary"] = [entry for entry in vary if not {entry.get("key"), *entry.get("keys", ())} & fixed.keys()]
+        return tables, {"simulation.law_seed": 0} | _column(levels.get("base", {}), i) | fixed
+
+
+def _column(table: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """The values of a level, by dotted key, from lists of one value a level."""
+    return {key: values[i] for key, values in leaves(table, lists=False)}
+
+
+def _at(entry: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """An entry of ``[[levels.vary]]`` at a level."""
+    return {key: value[i] if key in ("low", "high", "values") else value for key, value in entry.items()}
 
 
 @functools.cache
@@ -105,27 +135,6 @@ def chosen(names: Sequence[str]) -> list[Task]:
         if name not in known:
             raise InputError(f"no task {name!r}; {suggestion(name, known)}")
     return [task for name, task in known.items() if not names or name in names]
-
-
-def plan_of(task: Task, law: Mapping[str, Any], draws: int | None = None, knows: bool = False) -> Plan:
-    """The runs of a law, a table of ``[[laws]]``, on a task: all of its draws, or the first few. Raises InputError if
-    the law can't run there.
-
-    A law may know the truth at B (``knows``). Where the task has a yardstick in its place, the yardstick's law runs
-    with its keys, which do not vary then.
-    """
-    tables = {name: value for name, value in task.tables.items() if name != "about"} | {"laws": [dict(law)]}
-    if knows and task.yardstick:
-        keys = dict(task.yardstick["keys"])
-        tables["laws"] = [{"name": task.yardstick["law"], "label": law["label"], **keys}]
-        left = [entry for entry in tables["vary"] if entry.get("key", "").partition(".")[0] not in _tables(keys)]
-        tables["vary"] = left
-    overrides = {} if draws is None else {"design.runs": draws}
-    return Plan.from_dict(tables, FOLDER, overrides, place=task.name)
-
-
-def _tables(keys: Mapping[str, Any]) -> set[str]:
-    return {key.partition(".")[0] for key in keys}
 
 
 TABLES = ("controller", "task", "impedance", "observer", "actuation")
@@ -149,23 +158,25 @@ class Entry:
         label: its name in tables, and of its folder.
         source: a shipped name, or path/to/file.py:Class, path/to/file.c, path/to/library.so:NAME, path/to/file.fmu.
         settings: dotted keys, the same for all tasks.
-        tuned: dotted keys for single tasks, in place of the settings; the second table has them.
     """
 
     label: str
     source: str
     settings: Mapping[str, Any] = field(default_factory=dict)
-    tuned: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def table(self, task: Task | None = None) -> dict[str, Any]:
-        """The law as a table of ``[[laws]]``, with the gains of a task or of all tasks."""
-        own = self.tuned.get(task.name, {}) if task is not None else {}
-        return {"name": self.source, "label": self.label, **self.settings, **own}
+    @property
+    def knows(self) -> bool:
+        """Whether the law is told the truth: the yardstick."""
+        return self.source in BUILT_IN and BUILT_IN[self.source].uses_truth
 
-    def plan(self, task: Task, draws: int | None = None, tuned: bool = False) -> Plan:
-        """Its runs on a task. Raises InputError if it can't run there."""
-        knows = self.source in BUILT_IN and BUILT_IN[self.source].uses_truth
-        return plan_of(task, self.table(task if tuned else None), draws, knows)
+    def plan(self, task: Task, level: int, draws: Draws = KNOWN, most: int = MOST) -> Plan:
+        """Its runs at a level of a task, at most so many draws. Raises InputError if it can't run there."""
+        tables, overrides = task.at(level, self.knows)
+        law = {"name": self.source, "label": self.label, **self.settings}
+        if self.knows and "law" in task.tables.get("yardstick", {}):
+            law = {"name": task.tables["yardstick"]["law"], "label": self.label}
+        tables |= {"laws": [law], "design": {"kind": "random", "runs": most, "seed": draws.seed(task.name, level)}}
+        return Plan.from_dict(tables, FOLDER, overrides, place=task.name)
 
 
 def entries_of(words: Sequence[str], known: Iterable[str]) -> list[Entry]:
@@ -224,7 +235,7 @@ def _of_file(path: Path) -> list[tuple[dict[str, Any], Path, str]]:
 def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str], faults: list[Fault]) -> Entry | None:
     """The entry of a table of ``[[laws]]``. Errors are appended to ``faults``."""
     before = len(faults)
-    source, label, tuned = table.pop("name", None), table.pop("label", None), table.pop("tuned", {})
+    source, label = table.pop("name", None), table.pop("label", None)
     if not isinstance(source, str) or not source:
         faults.append(Fault(place, f"name: {shortened(source)} is not a law; give a name or a file"))
         return None
@@ -239,18 +250,7 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
         wanted = "must be a text of 1 to 60 characters without / and :, which names a folder"
         faults.append(Fault(place, f"label: {shortened(label)} {wanted}"))
     settings = _settings(table, folder, place, faults)
-    if not isinstance(tuned, Mapping):
-        faults.append(Fault(place, "tuned: must be tables by task, [laws.tuned.slide]"))
-        tuned = {}
-    own = {}
-    for task, keys in tuned.items():
-        if task not in known:
-            faults.append(Fault(place, f"tuned.{task}: no such task; {suggestion(task, known)}"))
-        elif isinstance(keys, Mapping) and keys:
-            own[task] = _settings(keys, folder, f"{place}: tuned.{task}", faults)
-        else:
-            faults.append(Fault(place, f"tuned.{task}: must be a table of settings"))
-    return Entry(label, source, settings, own) if len(faults) == before else None
+    return Entry(label, source, settings) if len(faults) == before else None
 
 
 def _settings(table: Mapping[str, Any], folder: Path, place: str, faults: list[Fault]) -> dict[str, Any]:
