@@ -11,7 +11,7 @@ from llvmlite import ir
 from . import library
 from .emission import Emission
 from .refusals import CONVERSION, DIVISION, OVERFLOW, RAISED
-from .targets import LIBM
+from .symbols import LIBM
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}

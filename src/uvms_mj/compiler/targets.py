@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import llvmlite.binding as llvm
 
-LIBM = "uvms_mj_libm_"
-"""The prefix of the symbols of functions in :mod:`.libm`."""
+from .symbols import LIBM
 
 
 @dataclass(frozen=True)

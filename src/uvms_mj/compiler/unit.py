@@ -16,7 +16,7 @@ from .function import Function
 from .lifetimes import Again, Plan
 from .refusals import Lacking, Untranslatable
 from .scalars import of_libm
-from .targets import LIBM
+from .symbols import LIBM
 from .values import (
     BOOL,
     DOUBLE,

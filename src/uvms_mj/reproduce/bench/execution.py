@@ -4,7 +4,6 @@ does not hold. A level is a study, whose draws run until the test of :mod:`.sequ
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,38 +13,16 @@ from ...engine.simulation import Simulation
 from ...errors import Fault, InputError
 from ...studies.bundle import code
 from ...studies.pages import write
-from ...studies.plan import Plan
 from ...studies.pool.executors import size_of
 from ...studies.study import Study
 from .. import Progress
 from . import results
 from .draws import Draws
 from .page import latex_table, page
-from .task import LATEX, LEVELS, PAGE, RESULT, Entry, Task, identity
+from .task import LATEX, LEVELS, PAGE, RESULT, Entry, Job, Task, identity
 
 LEAST = 6
 """Draws that run at once: most levels that a law does not hold are decided by them."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """A law on a task: its folder, and the plan of its first level, or why it can't run there."""
-
-    entry: Entry
-    task: Task
-    folder: Path
-    draws: Draws
-    most: int
-    first: Plan | None
-    reason: str = ""
-
-    def level(self, level: int) -> Path:
-        """The folder of a level's study."""
-        return self.folder / f"level-{level}"
-
-    def plan(self, level: int) -> Plan:
-        """The draws of a level."""
-        return self.entry.plan(self.task, level, self.draws, self.most)
 
 
 def jobs(entries: Sequence[Entry], tasks: Sequence[Task], folder: Path, draws: Draws, most: int) -> list[Job]:

@@ -37,12 +37,10 @@ from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .draws import DEVELOPMENT
 from .results import broken, levels_of
 from .sequential import HELD, NOT_HELD, chance
-from .task import LEVELS, Task
+from .task import LEVELS, Job, Task
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from .execution import Job
 
 
 def decided(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
@@ -232,7 +230,7 @@ _KNOWN = (
 )
 
 
-def page(found: Mapping[str, Any], jobs: "Sequence[Job]") -> str:
+def page(found: Mapping[str, Any], jobs: Sequence[Job]) -> str:
     """The page as HTML."""
     tasks = {job.task.name: job.task for job in jobs}
     shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
@@ -278,7 +276,7 @@ def page(found: Mapping[str, Any], jobs: "Sequence[Job]") -> str:
     return rendered(Page(title, lead, sections, [_STYLE]))
 
 
-def _courses(found: Mapping[str, Any], task: Task, own: "Mapping[str, Job]", shown: Mapping[str, str]) -> Picture:
+def _courses(found: Mapping[str, Any], task: Task, own: Mapping[str, Job], shown: Mapping[str, str]) -> Picture:
     ladders = {law["label"]: law["tasks"][task.name] for law in found["laws"] if law["label"] in own}
     last = {label: max(ladder["levels"]) for label, ladder in ladders.items()}
     titles = {label: f"{label}, level {last[label]}" for label in own}
@@ -492,7 +490,7 @@ def short(spread: Mapping[str, Any], which: str) -> str:
     return "never" if value is None else number(value, 3)
 
 
-def worst(found: Mapping[str, Any], task: Task, own: "Mapping[str, Job]") -> Table:
+def worst(found: Mapping[str, Any], task: Task, own: Mapping[str, Job]) -> Table:
     """Of each law its failed draw with the largest error at the level that ended its ladder, and the command that
     repeats it."""
     rows = []

@@ -179,6 +179,27 @@ class Entry:
         return Plan.from_dict(tables, FOLDER, overrides, place=task.name)
 
 
+@dataclass(frozen=True)
+class Job:
+    """A law on a task: its folder, and the plan of its first level, or why it can't run there."""
+
+    entry: Entry
+    task: Task
+    folder: Path
+    draws: Draws
+    most: int
+    first: Plan | None
+    reason: str = ""
+
+    def level(self, level: int) -> Path:
+        """The folder of a level's study."""
+        return self.folder / f"level-{level}"
+
+    def plan(self, level: int) -> Plan:
+        """The draws of a level."""
+        return self.entry.plan(self.task, level, self.draws, self.most)
+
+
 def entries_of(words: Sequence[str], known: Iterable[str]) -> list[Entry]:
     """The laws that the words of a command name: ``LAW [KEY=VALUE]... LAW ...``; none: all shipped ones.
 
