@@ -358,7 +358,7 @@ def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
     """A figure with a panel a task: the laws as bars in the order of what they hold."""
     names = list(found["tasks"])
     with styled():
-        figure, drawn_in = panels(len(names), 5, 0.1, 0.35 + 0.13 * len(found["laws"]), sharex=True)
+        figure, drawn_in = panels(len(names), _COLUMNS, 0.1, 0.35 + 0.13 * len(found["laws"]), sharex=True)
         for ax, name in zip(drawn_in, names, strict=True):
             lengths = {law["label"]: reach(law["tasks"][name]) for law in found["laws"] if law["tasks"][name]["runs"]}
             labels = sorted(lengths, key=lambda label: lengths[label])
@@ -367,6 +367,7 @@ def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
                 [lengths[each] for each in labels],
                 color=[shown[each] for each in labels],
                 height=0.7,
+                alpha=0.5,
             )
             for i, label in enumerate(labels):
                 ax.text(0.06, i, label, va="center", fontsize=0.75 * SMALL, parse_math=False)
@@ -374,6 +375,8 @@ def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
             ax.set_xlim(0.0, len(LEVELS))
             ax.set_xticks(range(len(LEVELS) + 1))
             ax.set_title(f"{found['tasks'][name]['number']} {name.replace('_', ' ')}", fontsize=SMALL, loc="left")
+        for ax in drawn_in[-_COLUMNS:]:  # also above the end of a row that is not full
+            ax.tick_params(labelbottom=True)
         figure.supxlabel("level", fontsize=SMALL)
     return figure
 
