@@ -173,7 +173,7 @@ class Surface:
     swell_height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
         "height of waves that move this wall alone, in the place of [sea]; 0: none [m]", 0.0
     )
-    swell_period: Annotated[Number, within(0.1, 100.0, "s")] = doc("their period, or that of the peak [s]", 6.0)
+    swell_period: Annotated[Number, within(0.1, 100.0, "s")] = doc("their period, or the peak's [s]", 6.0)
     swell_spectrum: Annotated[Literal["regular", "jonswap", "pierson_moskowitz"], Lowercase] = doc(
         "one wave, or many", "jonswap"
     )

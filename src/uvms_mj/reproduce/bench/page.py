@@ -355,7 +355,7 @@ _ORDER = (
 
 
 def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
-    """A figure with a panel a task: the laws as bars in the order of what they hold."""
+    """A figure with a panel a task: the laws as bars, in the order of their levels."""
     names = list(found["tasks"])
     with styled():
         figure, drawn_in = panels(len(names), _COLUMNS, 0.1, 0.35 + 0.13 * len(found["laws"]), sharex=True)
@@ -400,7 +400,7 @@ def levels(task: Task) -> Table:
 
 
 def criteria(task: Task) -> Table:
-    """Each criterion: what it bounds, its bounds, and why."""
+    """Each criterion: its metric, its bounds, and the reason for them."""
     rows = [
         (marked("<code>{}</code>", name), [bounds(name, limit), task.why[name]])
         for name, limit in task.criteria.items()

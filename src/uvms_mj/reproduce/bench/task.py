@@ -51,7 +51,7 @@ class Task:
         literature: where the problem is from.
         criteria: the least and the greatest value of each metric that a run must meet besides its completion.
         why: the reason for each criterion.
-        truth: what ends the ladder of the law that is told the truth, or what it is here; empty if nothing is to say.
+        truth: a sentence on the row of the law that is told the truth; empty if nothing is to say.
         levels: one sentence a level: its difficulty.
         tables: the tables of its study file.
     """
