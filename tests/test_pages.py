@@ -54,7 +54,7 @@ def shortened(words: list[str]) -> list[str]:
         case ["tune", *_]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]
         case ["bench", first, *_] if first not in ("compare", "tasks"):
-            more = ["--draws=1", "--tasks=two_contacts", "--workers=1"]
+            more = ["--at-most=1", "--tasks=two_bumpers", "--workers=1"]
         case ["video", *_]:
             more = ["--size=320x180"]
         case _:

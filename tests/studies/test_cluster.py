@@ -132,7 +132,7 @@ def test_the_command_on_a_cluster(dask, study_file, here):
 
 
 def test_a_benchmark_on_a_cluster_has_the_same_bytes(dask, here, tmp_path):
-    arguments = ("bench", "impedance", "--tasks", "two_contacts", "--draws", "2", "-q")
+    arguments = ("bench", "impedance", "--tasks", "two_bumpers", "--at-most", "2", "-q")
     for options in (("-o", "there", "--scheduler", dask.address), ("-o", "same", "-j", "1")):
         done = here(*arguments, *options)
         assert done.exit_code == 0, done.output
