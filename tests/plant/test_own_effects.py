@@ -232,7 +232,7 @@ def test_mistakes_are_named_with_their_place(tmp_path):
 
 def test_an_array_as_a_setting_is_told_what_to_write(tmp_path):
     text = effect("Wide", "tau[:] = 0.0").replace("k: float = setting(1.0,", "k: np.ndarray = setting(np.eye(3),")
-    with pytest.raises(InputError, match=r"my_effect.py, line \d: TypeError: a setting begins with .* a tuple"):
+    with pytest.raises(InputError, match=r"my_effect.py, line \d: TypeError: a setting is a tuple"):
         Scenario.load("push_wall", {"effects": [{"name": f"{effect_file(tmp_path, text)}:Wide"}]})
 
 

@@ -57,8 +57,8 @@ def setting(default: Any, unit: str, meaning: str) -> Any:
     """A dataclass field for a setting, with its default value, unit and meaning. Raises TypeError for a default that
     can change."""
     if isinstance(default, list | dict | set | np.ndarray):
-        wrong = f"a setting begins with a number, true or false, or a tuple of numbers, not {shortened(default)}"
-        raise TypeError(wrong)
+        wrong = "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]"
+        raise TypeError(f"{wrong}; {shortened(default)} can change")
     return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
 
 
