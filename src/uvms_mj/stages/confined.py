@@ -21,8 +21,13 @@ _INSTALLED = tuple(
 _PACKAGE = str(Path(__file__).resolve().parents[1])
 _IMPORT = "<frozen importlib._bootstrap"
 """Beginning of the name of the file of a frame that loads a module."""
-_REFUSED = ("ctypes.", "gc.", "glob.", "mmap.", "os.", "pty.", "shutil.", "signal.", "socket.", "subprocess.", "sys._")
-"""Beginnings of the names of Python's audit events that are refused, but for what reads files."""
+_HARMLESS = (
+    *("import", "compile", "exec", "object.__getattr__", "object.__setattr__", "object.__delattr__", "builtins.id"),
+    *("code.__new__", "function.__new__", "marshal.loads", "marshal.dumps", "array.__new__", "time.sleep"),
+    *("sys.excepthook", "sys.unraisablehook", "pickle.find_class"),
+)
+"""Python's audit events of a user's code that show nothing of the machine. Any other one is refused, but for reading
+files, which depends on the place."""
 
 
 class _State(threading.local):
@@ -69,7 +74,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
         if event in ("open", "os.listdir", "os.scandir"):
             wrong = _elsewhere(arguments, folders, event)
         else:
-            wrong = event if event.startswith(_REFUSED) and _asked_by_user(folders) else ""
+            wrong = event if event not in _HARMLESS and _asked_by_user(folders) else ""
     finally:
         _state.folders = folders
     if wrong:
