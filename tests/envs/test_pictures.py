@@ -218,6 +218,9 @@ def test_success_is_lost_and_begins_anew():
     while not (info := env.step(push)[4])["is_success"]:
         assert info["t"] < 5.0
     assert info["contact"]
+    assert not env.reset(seed=0)[1]["is_success"]
+    while not env.step(push)[4]["is_success"]:
+        pass
     for _ in range(50):
         info = env.step(rest)[4]
     assert not info["is_success"]
