@@ -1,7 +1,9 @@
 """A policy learns on the development draws of Contact-10: augmented random search, as in examples/learn_push.py.
 
-python scripts/learning_bench.py FOLDER --seed 0    writes FOLDER/bench_0.py and FOLDER/bench_curve_0.csv
-uvms-mj bench FOLDER/bench_0.py:Learned --draws seed:20261129 --out blind_0
+python scripts/learning_bench.py FOLDER             learns three seeds, judges them on blind draws, and writes
+                                                    docs/evidence/learning/bench.csv and bench_curves.csv
+python scripts/learning_bench.py FOLDER --seed 0    learns one of them: FOLDER/bench_0.py
+uvms-mj bench FOLDER/bench_0.py:Learned --draws seed:20261129 --out FOLDER/blind_0
 
 It learns on the nine tasks of a rigid vehicle, at levels 1 to 3, on the development draws 0 to 39. Draws 40 to 59 are
 for the learning curve alone: nothing is chosen on them. The policy is a law whose weights are a setting, so that an
@@ -11,21 +13,28 @@ episode is a run at native speed with another setting. The last policy of a seed
 import itertools
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 
 from uvms_mj import Diverged, Scenario, Simulation
+from uvms_mj.reproduce.bench import bench
 from uvms_mj.reproduce.bench.task import Entry, tasks
 
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "docs/evidence/learning"
+SEEDS, BLIND = range(3), 20261129
 SIZES = (13, 32, 6)
 COUNT = sum(rows * columns for rows, columns in itertools.pairwise(SIZES))
 LEVELS, LEARNED, LOOKED = (1, 2, 3), range(40), range(40, 60)
 PAIRS, BEST = 16, 8
-STEP, NOISE, LEAST = 0.02, 0.04, 0.1  # of the first generation; the last one has LEAST times the step
+STEP, NOISE, LEAST = 0.02, 0.04, 0.1  # of the first generation; the step shrinks to LEAST times in SCHEDULE generations
+SCHEDULE = 60
 CHUNK_S, HOLD_S = 0.05, 5.0
 LAW = '''"""A policy that has learned to push on draws of Contact-10: seed {seed}, {generations} generations.
 
@@ -125,11 +134,10 @@ def written(path: Path, theta: np.ndarray, seed: int, generations: int) -> None:
     path.write_text(LAW.format(seed=seed, generations=generations, name=path.name, numbers=lines))
 
 
-def learn(
-    path: Path, seed: int, generations: int, told: Callable[[int, float, float, float | None], None]
-) -> np.ndarray:
-    """Learn. ``told`` is called with the generation, the time [s], the mean return of its policies and, of every tenth
-    one, of the policy before it on draws that it does not learn on."""
+def learn(path: Path, seed: int, generations: int) -> Iterator[tuple[float, float, float, np.ndarray]]:
+    """Learn, and write the last policy. Yields of each generation the time [s], the mean return of its policies, and,
+    of every tenth one, that of the policy after it on draws that it does not learn on, otherwise NaN; and its
+    parameters (d,)."""
     dice, begun = np.random.default_rng(seed), time.process_time()
     layers = [dice.normal(size=shape) / np.sqrt(shape[0]) for shape in itertools.pairwise(SIZES)]
     layers[-1][:] = 0.0
@@ -138,7 +146,7 @@ def learn(
     learned, looked = grounds(path, LEARNED), grounds(path, LOOKED)
     names = list(learned)
     for k in range(generations):
-        share = 1.0 - (1.0 - LEAST) * k / max(1, generations - 1)
+        share = 1.0 - (1.0 - LEAST) * min(1.0, k / (SCHEDULE - 1))
         noise = NOISE * (0.5 + 0.5 * share)
         ways = dice.normal(size=(PAIRS, theta.size))
         chosen = [learned[names[i]] for i in dice.choice(len(names), PAIRS, replace=False)]
@@ -147,32 +155,45 @@ def learn(
         best = np.argsort(-found.max(axis=0))[:BEST]
         spread = found[:, best].std()
         theta = theta + STEP * share / (BEST * spread + 1e-9) * (found[0] - found[1])[best] @ ways[best]
-        seen = None
+        seen = np.nan
         if k % 10 == 9 or k == generations - 1:
             seen = float(np.mean([value(ground, theta) for ground in list(looked.values())[::10]]))
             written(path, theta, seed, k + 1)
-        told(k, time.process_time() - begun, float(found.mean()), seen)
-    return theta
+        yield time.process_time() - begun, float(found.mean()), seen, theta
+
+
+def judged(folder: Path, name: str, law: str, workers: int | None) -> dict[str, Any]:
+    """The levels that a law holds on blind draws, by task; None where it can't run."""
+    found = bench([law], folder / f"blind_{name}", draws=f"seed:{BLIND}", workers=workers)
+    ladders = found["laws"][0]["tasks"]
+    return {"policy": name} | {task: each["level"] if each["runs"] else None for task, each in ladders.items()}
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--seed", type=int, default=0)
-@click.option("--generations", type=int, default=300)
-def main(folder: Path, seed: int, generations: int) -> None:
-    """Learn one seed, and write the policy and its curve."""
+@click.option("--seed", type=int, help="Learn this one alone, and judge nothing.")
+@click.option("--generations", type=int, default=SCHEDULE)
+@click.option("--workers", type=int, help="Processes of the benchmark; default: one a core.")
+def main(folder: Path, seed: int | None, generations: int, workers: int | None) -> None:
+    """Learn, judge on blind draws, and write the data of the page. What is learned is not learned again."""
+    warnings.simplefilter("ignore")
     folder.mkdir(parents=True, exist_ok=True)
-    rows = ["seed,generation,cpu_s,mean_return,held_out_return"]
-
-    def told(k: int, seconds: float, mean: float, seen: float | None) -> None:
-        rows.append(f"{seed},{k},{seconds:.2f},{mean:.5f},{'' if seen is None else f'{seen:.5f}'}")
-        if seen is not None:
-            print(f"generation {k}: return {mean:.3f}, on other draws {seen:.3f}, {seconds:.0f} s", flush=True)
-            (folder / f"bench_curve_{seed}.csv").write_text("\n".join(rows) + "\n")
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        learn(folder / f"bench_{seed}.py", seed, generations, told)
+    for each in SEEDS if seed is None else [seed]:
+        law, curve, rows = folder / f"bench_{each}.py", folder / f"bench_curve_{each}.csv", []
+        for k, (seconds, mean, seen, _) in enumerate(() if curve.exists() else learn(law, each, generations)):
+            rows.append((each, k, round(seconds, 2), mean, seen))
+            if np.isfinite(seen):
+                click.echo(f"generation {k}: return {mean:.3f}, on other draws {seen:.3f}, {seconds:.0f} s")
+        if rows:
+            names = ["seed", "generation", "cpu_s", "mean_return", "held_out_return"]
+            pd.DataFrame(rows, columns=names).to_csv(curve, index=False, float_format="%.5g")
+    if seed is None:
+        curves = pd.concat([pd.read_csv(folder / f"bench_curve_{each}.csv") for each in SEEDS])
+        curves.to_csv(DATA / "bench_curves.csv", index=False)
+        laws = {"walls": f"{ROOT / 'examples/learned_push.py'}:LearnedPush"}
+        laws |= {f"seed {each}": f"{folder / f'bench_{each}.py'}:Learned" for each in SEEDS}
+        levels = [judged(folder, name, law, workers) for name, law in laws.items()]
+        pd.DataFrame(levels).to_csv(DATA / "bench.csv", index=False)
 
 
 if __name__ == "__main__":

@@ -92,9 +92,8 @@ def test_the_rest_is_where_the_push_is_the_demanded_one(law):
 
 def test_a_seed_decides_what_is_learned(few, tmp_path):
     def learned(name, seed):
-        told = []
-        theta = bench.learn(tmp_path / name, seed, 2, lambda *given: told.append((given[2], given[3])))
-        return theta, told, (tmp_path / name).read_text().replace(name, "")
+        rows = list(bench.learn(tmp_path / name, seed, 2))
+        return rows[-1][3], [row[1:3] for row in rows][-1], (tmp_path / name).read_text().replace(name, "")
 
     (one, told, text), (again, told_again, text_again) = learned("a.py", 0), learned("b.py", 0)
     assert np.array_equal(one, again)
@@ -104,8 +103,8 @@ def test_a_seed_decides_what_is_learned(few, tmp_path):
 
 def test_a_step_goes_towards_better_policies(few, tmp_path, monkeypatch):
     """With the return -|theta - goal|^2, generations come nearer to the goal."""
-    goal, means = np.full(bench.COUNT, 0.3), []
+    goal = np.full(bench.COUNT, 0.3)
     monkeypatch.setattr(bench, "value", lambda ground, theta: -float(((theta - goal) ** 2).mean()))
-    bench.learn(tmp_path / "law.py", 0, 40, lambda k, t, mean, seen: means.append(mean))
+    means = [mean for _, mean, _, _ in bench.learn(tmp_path / "law.py", 0, 40)]
     assert np.polyfit(np.arange(40), means, 1)[0] > 0.0
     assert means[-1] > means[0]
