@@ -1,9 +1,7 @@
-"""A policy learns to push with Stable-Baselines3's PPO, on the walls and in the currents of learn_push.py.
+"""A policy learns to push with Stable-Baselines3: PPO on the walls and in the currents of learn_push.py.
 
 pip install 'uvms-mj[gym]' stable-baselines3
-python examples/sb3_push.py --steps 300000
-
-It is judged on walls of other seeds than it has learned on.
+python examples/sb3_push.py --steps 300000    and judges the policy on walls of other seeds
 """
 
 import argparse
