@@ -32,9 +32,9 @@ SEEDS, BLIND = range(3), 20261129
 SIZES = (13, 32, 6)
 COUNT = sum(rows * columns for rows, columns in itertools.pairwise(SIZES))
 LEVELS, LEARNED, LOOKED = (1, 2, 3), range(20), range(20, 21)
-PAIRS, BEST = 8, 4
+PAIRS, BEST = 16, 8
 STEP, NOISE, LEAST = 0.02, 0.04, 0.1  # of the first generation; the step shrinks to LEAST times in SCHEDULE generations
-SCHEDULE = 40
+SCHEDULE = 100
 EPISODE_S, CHUNK_S, HOLD_S = 8.0, 0.05, 3.0
 LAW = '''"""A policy that has learned to push on draws of Contact-10: seed {seed}, {generations} generations.
 
