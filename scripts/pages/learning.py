@@ -59,6 +59,17 @@ def limits(family: str, law: str) -> tuple[float, float]:
     return float(stiffness[~rows["success"]].min()), float(stiffness[rows["success"]].max())
 
 
+@functools.cache
+def levels() -> pd.DataFrame:
+    """The levels on Contact-10 by policy and task; NaN where a policy can't run."""
+    return pd.read_csv(DATA / "bench.csv", index_col="policy")
+
+
+@functools.cache
+def bench_curves() -> pd.DataFrame:
+    return pd.read_csv(DATA / "bench_curves.csv")
+
+
 def success_of_the_shipped() -> float:
     """Share of the episodes of learn_push.JUDGED that the policy of examples/learned_push.py ends with success."""
     sys.path.insert(0, str(EXAMPLES))
@@ -71,8 +82,20 @@ def success_of_the_shipped() -> float:
 
 
 def numbers() -> Iterator[tuple]:
-    for law, *passed in pd.read_csv(DATA / "bench.csv").itertuples(index=False):
-        yield f"| {law} |" + " {} |" * len(passed), *passed
+    seeds = levels().filter(like="seed", axis=0)
+    rows = {"walls": levels().loc["walls"], "Contact-10, mean of three seeds": seeds.mean()}
+    for what, row in (rows | {"least": seeds.min(), "greatest": seeds.max()}).items():
+        yield f"| {what} |" + " {} |" * len(row), *(float(each) for each in row)
+    looked = bench_curves().dropna().groupby("seed")
+    first, last = (getattr(looked, each)() for each in ("first", "last"))
+    seconds = last["cpu_s"]
+    rise = float(first["held_out_return"].mean()), float(last["held_out_return"].mean())
+    yield (
+        "on other draws rises from {} to {} in {} to {} s of one core",
+        *rise,
+        float(seconds.min()),
+        float(seconds.max()),
+    )
     yield "it ends {} % with", (100.0 * success_of_the_shipped(), 1.0)
     first, last = (getattr(curves().groupby("seed"), each)() for each in ("first", "last"))
     yield "rises from {} (mean of five seeds)", float(first["mean_return"].mean())
@@ -130,3 +153,12 @@ def main() -> None:
         right.set_title("runs that hold the demanded force")
         right.legend(loc="center left")
         written(figure, "learning")
+        figure, ax = plt.subplots(figsize=(0.6 * PAGE_IN, 2.4), layout="constrained")
+        for seed, mine in bench_curves().groupby("seed"):
+            smooth, looked = mine["mean_return"].rolling(5, min_periods=1).mean(), mine.dropna()
+            names = ("policies of a generation", "other draws") if seed == 0 else (None, None)
+            ax.plot(mine["generation"], smooth, color=COLOURS["x"], lw=0.9, label=names[0])
+            ax.plot(looked["generation"], looked["held_out_return"], "o", ms=3.0, color=BLACK, label=names[1])
+        ax.set(xlabel="generation", ylabel="return", title="learning on Contact-10, three seeds")
+        ax.legend(loc="lower right")
+        written(figure, "learning_bench")
