@@ -8,7 +8,6 @@ import functools
 import hashlib
 import json
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from ..stages.base import Stage
 from ..stages.contract import listed_files, wrong_files
 from ..stages.foreign import SUFFIXES, parted
 from ..stages.loader import load_file
-from ..stages.namespace import source_files
+from ..stages.namespace import import_folders, name_beside, source_files
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -149,10 +148,9 @@ def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
     Returns its name."""
     path = path.resolve()
     module = load_file(path, "study", function)
-    roots, name = _roots(path), _code_name(path)
+    name = _code_name(path)
     for source in (*source_files(module), *_listed(module)):
-        root = next((root for root in roots if source.is_relative_to(root)), source.parent)
-        files[f"{name}/{source.relative_to(root)}"] = source.read_bytes()
+        files[f"{name}/{name_beside(path, source)}"] = source.read_bytes()
     return f"{name}/{path.name}"
 
 
@@ -172,11 +170,6 @@ def _code_name(path: Path) -> str:
     return f"code-{_short(str(path).encode())}"
 
 
-def _roots(path: Path) -> list[Path]:
-    """The folders from which a file of Python imports, its own first."""
-    return [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
-
-
 def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
     """Names of the files that a text of a study's table needs and that are not in ``then``, the digests by name
     of version.json. Nothing is imported."""
@@ -187,7 +180,7 @@ def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
         folder = f"{_code_name(path)}/"
         now = {f"{folder}{path.name}": path.read_bytes()}
         for name in (name for name in then if name.startswith(folder)):
-            there = [root / name.removeprefix(folder) for root in _roots(path)]
+            there = [root / name.removeprefix(folder) for root in import_folders(path)]
             now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
     elif not file:
         _packed(value, now)
