@@ -43,6 +43,8 @@ def shortened(words: list[str]) -> list[str]:
     """The arguments of a command, with what makes it short unless the page says otherwise: few steps, or those up to a
     contact where the page uses the log; few draws and trials with the fast engine."""
     match words:
+        case [_, "--from", name, *_] if name.endswith(".zip"):
+            more = []  # it is repeated as it was
         case ["run", *_]:
             used = "--out" in words and "--log-rate" not in words
             more = ["simulation.duration=6.1"] if used else ["simulation.duration=0.02"]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import Console, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
+from .archive import about
+from .common import Console, Listing, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
 from .folders import remove_if_empty
 from .options import (
     asked_for,
@@ -33,17 +34,21 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 @click.option("--show", metavar="NAME", help="Print one of the files in the log, for example scenario.toml.")
 @json_option
 def info(log: str, show: str | None, as_json: bool) -> None:
-    """Print the contents of a log: the run's table, signals, topics, versions, files.
+    """Print the contents of a log: the run's table, signals, topics, versions, files; or of an archive.
 
     LOG is a run's log, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
-    export log take it, too.
+    export log take it, too. Or it is an archive, FILE.zip: every digest is checked, and nothing is executed.
 
     \b
     uvms-mj info results/run.mcap
     uvms-mj info dive.toml
     uvms-mj info results/run.mcap --show scenario.toml
+    uvms-mj info study.zip
     """
     with bad_input():
+        if log.lower().endswith(".zip"):
+            _of_archive(log, show, as_json)
+            return
         from ..analysis.summary import summary
         from ..errors import InputError, suggestion
         from ..records.mcap import read
@@ -82,6 +87,26 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         Console(as_json=False, quiet=False).report(trace, report)
         log_tables(Path(log), trace, files)
         say_how_measured(trace)
+
+
+def _of_archive(path: str, show: str | None, as_json: bool) -> None:
+    """Print the contents of an archive whose digests are right, or one of its files."""
+    from ..errors import InputError, suggestion
+    from ..reproduce.archive.container import contents, read
+
+    manifest = read(Path(path))
+    if show is not None:
+        if show not in manifest.members:
+            raise InputError(f"--show {show}: the archive has no such file; {suggestion(show, manifest.members)}")
+        sys.stdout.buffer.write(contents(Path(path), manifest, show))
+        return
+    if as_json:
+        click.echo(json.dumps(about(manifest)))
+        return
+    rows = [(name, f"{each.size}", each.sha256[:16]) for name, each in manifest.members.items()]
+    Listing(f"{manifest.kind} {manifest.name}", ("file", "bytes", "sha256"), rows, right=("bytes",), width=70).show()
+    click.echo(printable("\n".join(f"{name}: {version}" for name, version in manifest.versions.items())))
+    click.echo(printable(f"sha256 of {manifest.digest}; every digest is right\n{manifest.command}"))
 
 
 class _Exports(click.Group):

@@ -3,13 +3,27 @@
 import json
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
+from .archive import compared, unpacked
+from .common import (
+    EXIT_BAD_INPUT,
+    EXIT_UNSTABLE,
+    Console,
+    Stop,
+    bad_input,
+    end,
+    ended,
+    exit_interrupted,
+    printable,
+    warn,
+)
 from .folders import LOG, RunFolder, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
@@ -21,10 +35,13 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted "
-    "(143 SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 completed, 1 differs from the archive that it repeats, 2 bad input or a law that failed, 3 "
+    "unstable, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
 )
-@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
+@run_options(
+    "Repeat the run of a log, run.mcap, with its scenario and vehicle; of an archive, FILE.zip, with its laws; with "
+    "--row, of a study's folder."
+)
 @click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
@@ -47,6 +64,7 @@ def run(
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     uvms-mj run --from study --row 17 --viewer
+    uvms-mj run --from run.zip --out repeated
     uvms-mj run --engine free_body
     uvms-mj run --as-deployed vehicle.model=bluerov2_heavy thrusters.voltage=14 thrusters.mixer=linear
     """
@@ -59,6 +77,10 @@ def run(
             from ..files import locked
 
             deployed = asked["as_deployed"]
+            again = asked["log"] is not None and asked["log"].lower().endswith(".zip")
+            if again:
+                out, asked = _unpacked(out, asked)
+            as_it_was = again and not (asked["arguments"] or asked["settings"] or asked["controller"] or deployed)
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             if deployed and not quiet:
                 _say_what_is_left(scenario, mjcf)
@@ -76,6 +98,8 @@ def run(
                         console,
                         stop,
                     )
+                    if as_it_was and status in (0, EXIT_UNSTABLE):
+                        status = compared("run", folder, quiet) or status
                 finally:  # within the lock: the folder of another run, which has not written yet, is empty too
                     remove_if_empty(made)
     except KeyboardInterrupt:
@@ -93,9 +117,11 @@ def chosen(
     log_rate: str | None,
     row: int | None = None,
     as_deployed: bool = False,
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
-    is a log's. Raises InputError if the input is invalid."""
+    is a log's. ``names`` are the files of an archive by the keys that name them. Raises InputError if the input is
+    invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
@@ -117,7 +143,23 @@ def chosen(
         return scenario, None, log_rate, engine
     if Path(log, "study.toml").is_file():
         raise InputError(f"--from {log}: is the folder of a study; name one of its runs with --row N")
-    return _from_log(log, overrides, controller, log_rate)
+    if controller is not None:
+        names = {key: value for key, value in names.items() if key != "controller.name"}
+    return _from_log(log, {**names, **overrides}, controller, log_rate)
+
+
+def _unpacked(out: str | None, asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The output folder and the arguments of a run that repeats an archive, which is unpacked there."""
+    from ..errors import InputError
+    from ..reproduce.archive.contents import LOG as MEMBER
+    from ..reproduce.archive.contents import RESULTS
+
+    if asked["row"] is not None:
+        raise InputError("--row is a run of a study's folder: unpack the archive of the study with uvms-mj study")
+    folder, place, manifest = unpacked(asked["log"], "run", out)
+    names = {key: str((place / name).absolute()) for key, name in manifest.about["names"].items()}
+    names.pop("vehicle.model", None)  # the log has it
+    return str(folder), {**asked, "log": str(place / RESULTS / MEMBER), "names": names}
 
 
 def _say_what_is_left(scenario: "Scenario", mjcf: "Mjcf | None") -> None:
