@@ -100,6 +100,11 @@ def swell_room(k: int) -> str:
     return f"swell of wall {k}"
 
 
+def tilt_room(k: int) -> str:
+    """The room for the turn of a wall with the sea."""
+    return f"tilt of wall {k}"
+
+
 def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
@@ -108,7 +113,10 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
         if wall.motion:
             record["table"], record["rows"] = image.put(motion_room(k), np.array(wall.motion, float))
         if wall.follows_sea:
-            record["swell"], record["swell_rows"] = image.put(swell_room(k), setup.swells[k])
+            moved, turned = setup.swells[k]
+            record["swell"], record["swell_rows"] = image.put(swell_room(k), moved)
+            if wall.turns:
+                record["tilt"], record["tilt_rows"] = image.put(tilt_room(k), turned)
     run["surfaces"][0][: len(surfaces)] = surfaces
     own = run["pairs"][0][: len(pairs)]
     for name in _OF_PAIR:

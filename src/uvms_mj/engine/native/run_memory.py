@@ -57,6 +57,7 @@ from .bodies import (
     place_carriers,
     recorded_of_plant,
     swell_room,
+    tilt_room,
     write_contacts,
     write_wrist,
 )
@@ -182,9 +183,10 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     walls = [(motion_room(k), f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)]
     of_walls = {room: (key, np.array(table, float)) for room, key, table in walls if table}
     swells = {
-        swell_room(k): (f"{key}.heave", setup.swells[k])
+        room(k): (f"{key}.{name}", setup.swells[k][i])
         for k, (key, wall) in enumerate(setup.contacts.walls)
-        if wall.follows_sea
+        for i, (room, name) in enumerate([(swell_room, "heave"), (tilt_room, "roll")])
+        if (wall.turns if i else wall.follows_sea)
     }
     return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls | swells
 
@@ -223,7 +225,8 @@ class RunMemory:
         self._setup = setup
         self._tables, self._has_other_tables = tables_of(setup), False
         rooms = water_rooms() | {motion_room(k): MOST_ROWS * 4 for k in range(len(setup.contacts.walls))}
-        rooms |= {swell_room(k): MOST_WAVES * WIDTH for k in range(len(setup.contacts.walls))}
+        of_waves = [room(k) for k in range(len(setup.contacts.walls)) for room in (swell_room, tilt_room)]
+        rooms |= dict.fromkeys(of_waves, MOST_WAVES * WIDTH)
         rooms |= {room: max(rooms[room], table.size) for room, (_, table) in self._tables.items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
         self.image = Image({"run": self.shape.layout, "stages": self.stages.layout}, rooms)
