@@ -56,6 +56,7 @@ EXTRAS: Mapping[str, str] = {
     "fmi": "fmpy",
     "gpu": "cuda-bindings",
     "gym": "gymnasium",
+    "live": "foxglove-sdk",
     "tune": "optuna",
     "video": "imageio-ffmpeg",
     "xacro": "xacro",

@@ -214,15 +214,24 @@ class Header:
         return tables
 
 
+_Number = bool | int | float
+Values = dict[str, _Number | list[_Number | list[_Number]]]
+"""Numbers of a scenario by dotted key. No text is among them: a name of a stage or of a file would be loaded."""
+LIVE_NOTE = "numbers of the scenario could be changed from outside while the run went on"
+"""Note of a run with guides."""
+
+
 @checked(frozen=True, config=STRICT)
 class Outcome:
     """How a run ended: the status, truncated if the log lacks it; the reason why it stopped before its end; the number
-    of time steps done; and the wall time of the stepping [s]."""
+    of time steps done; the wall time of the stepping [s]; and the changes of the scenario that were made in the run,
+    each with the number of steps that were done before it."""
 
     status: Status
     message: str
     steps: Annotated[int, Field(ge=0)]
     wall_time_s: NonNegative
+    changes: tuple[tuple[Annotated[int, Field(ge=0)], Values], ...] = ()
 
 
 class Sink(Protocol):
