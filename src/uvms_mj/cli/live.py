@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Stop, warn
+from .common import Stop
 from .options import number
 
 if TYPE_CHECKING:
@@ -53,8 +53,6 @@ class Live:
             self._given["speed"] = (
                 math.inf if speed == "max" else number("--speed", speed, "times real time", 0.01, 100.0)
             )
-        if host is not None:
-            warn_of_host("--host", host, "read the run and change its numbers")
         self._served: Any = None
 
     def open(self) -> tuple[list["Sink"], list["Guide"]]:
@@ -82,13 +80,3 @@ class Live:
     def close(self) -> None:
         if self._served is not None:
             self._served.close()
-
-
-def warn_of_host(key: str, host: str, what: str) -> None:
-    """Warn of a port that other machines reach."""
-    import ipaddress
-
-    with contextlib.suppress(ValueError):
-        if ipaddress.ip_address(host).is_loopback:
-            return
-    warn(f"{key} {host}: every machine that reaches this address can {what}; nothing asks who it is")

@@ -12,7 +12,7 @@ import click
 
 from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
 from .folders import LOG, RunFolder, output_folder, remove_if_empty
-from .live import Live, live_options, warn_of_host
+from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 @live_options
 @click.option("--speed", metavar="N|max", help="With --live foxglove: times real time [default: 1], or as it runs.")
 @click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="TCP port of --live foxglove [default: 8765].")
-@click.option("--host", metavar="ADDRESS", help="Address of --live foxglove [default: 127.0.0.1]; others may connect.")
+@click.option(
+    "--host", metavar="ADDRESS", help="Address of --live foxglove [default: 127.0.0.1]. Others may then connect."
+)
 @output_options
 def run(
     out: str | None,
@@ -154,6 +156,7 @@ def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a log. Warns if a repetition may differ from the original."""
+    from ..control.base import Udp
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
@@ -174,6 +177,8 @@ def _from_log(
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded "
                 f"code{beside})"
             )
+    if isinstance(header.scenario.controller, Udp) and controller is None:
+        overrides = {"controller.host": Udp.host} | overrides  # a log sends nothing to another machine
     scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
@@ -372,7 +377,12 @@ def _engine_of(folder: Path, row: int) -> str:
     "--instance", type=click.IntRange(0, 99), default=0, metavar="N", help="ArduPilot's -I N: port 9002 + 10 N."
 )
 @click.option("--port", type=click.IntRange(1, 65535), metavar="P", help="UDP port, in place of the instance's.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; others may then send.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. Beyond this machine's own, others may command; a warning says so.",
+)
 @click.option("--motors", metavar="1,-2,...", help="Of each thruster its motor, and its sign [default: by geometry].")
 @click.option("--engine", metavar="NAME", help="free_body where it can [default], or mujoco.")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 100].")
@@ -423,7 +433,6 @@ def sitl(
             raise InputError(wrong)
         if not host or not math.isfinite(depth):
             raise InputError("--host must not be empty, and --depth must be a finite number")
-        warn_of_host("--host", host, "command the vehicle")
         shown = Live(live, viewer, "max" if live == "foxglove" else None)  # the autopilot has the pace
         setup = set_up(scenario)
         frame = "given"

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from ..control.base import NoClosedForm, SteadyState
+from ..control.base import NoClosedForm, SteadyState, Udp
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.contacts import Probe
@@ -205,12 +205,15 @@ class Header:
         return sum(signal.size for signal in self.signals)
 
     def portable_scenario(self) -> dict[str, Any]:
-        """The scenario's tables with file names without folders; the log contains the files."""
+        """The scenario's tables with file names without folders, and without the host of another machine; the
+        log contains the files."""
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
         for name, stage in self.sources.items():
             table_at(tables, name)["name"] = stage.source
+        if "host" in tables["controller"] and self.law.sha256 is None:
+            tables["controller"]["host"] = Udp.host  # no log says where this machine sends
         return tables
 
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from mcap.records import Channel, Schema
 
-from ..errors import InputError, needs_extra
+from ..errors import InputError, needs_extra, warn_of_host
 from ..quantities import leaves
 from ..records.header import Header, Outcome
 from ..records.mcap.layout import CHUNK_BYTES, Format, messages_in
@@ -102,6 +102,7 @@ class Foxglove(ServerListener):
                     context=self._context,
                 )
         self._once = {number: message for number, _, message in messages_in(self._format.once_block().data.tobytes())}
+        warn_of_host("--host", self._host, "machines that reach this address can read the run and change its numbers")
         rows = -(-header.scenario.steps // header.row_steps) + 1
         try:
             self._server = foxglove.start_server(
