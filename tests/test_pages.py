@@ -31,7 +31,7 @@ FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|sdf|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")
 NOT_RUN = {
     r"(make|pip|git|dask|apt-get)\b": "sets up a computer or a cluster",
-    r"uvms-mj .*--(viewer|web|scheduler)\b": "opens a window, or needs a cluster",
+    r"uvms-mj .*--(viewer|live|web|scheduler)\b": "opens a window, or needs a cluster",
     r"uvms-mj replay (?!.*--save)": "opens a window",
     r"uvms-mj (paper|practicality)\b": "takes minutes; tests/reproduce",
     r"(uvms-mj sitl|ardusub)\b": "waits for an autopilot; tests/engine",

@@ -75,6 +75,12 @@ class Stop:
         if self.requested:
             raise KeyboardInterrupt
 
+    def heed(self) -> None:
+        """Heed signals again, after :meth:`ignore`."""
+        self.requested = False
+        for each in STOPPING:
+            signal.signal(each, self._on_signal)
+
     def ignore(self) -> None:
         """Ignore signals while the last results are written. :meth:`watch` still ends a write that hangs."""
         for each in STOPPING:

@@ -1,5 +1,6 @@
 """One run: ``uvms-mj run``, and ``uvms-mj sitl`` with an autopilot in the loop."""
 
+import contextlib
 import json
 import math
 import sys
@@ -25,10 +26,11 @@ from .common import (
     warn,
 )
 from .folders import LOG, RunFolder, output_folder, remove_if_empty
+from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
-    from ..engine.run import Peer
+    from ..engine.run import Changes, Peer
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
@@ -49,10 +51,25 @@ if TYPE_CHECKING:
 @click.option(
     "--as-deployed", is_flag=True, help="Commands as a real vehicle takes them: late, slow, whole microseconds."
 )
-@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
+@live_options
+@click.option("--speed", metavar="N|max", help="With --live foxglove: times real time [default: 1], or as it runs.")
+@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="TCP port of --live foxglove [default: 8765].")
+@click.option(
+    "--host", metavar="ADDRESS", help="Address of --live foxglove [default: 127.0.0.1]. Others may then connect."
+)
 @output_options
 def run(
-    out: str | None, log_rate: str | None, engine: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any
+    out: str | None,
+    log_rate: str | None,
+    engine: str | None,
+    live: str | None,
+    viewer: bool,
+    speed: str | None,
+    port: int | None,
+    host: str | None,
+    as_json: bool,
+    quiet: bool,
+    **asked: Any,
 ) -> None:
     """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
@@ -65,6 +82,7 @@ def run(
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     uvms-mj run --from study --row 17 --viewer
     uvms-mj run --from run.zip --out repeated
+    uvms-mj run --live foxglove
     uvms-mj run --engine free_body
     uvms-mj run --as-deployed vehicle.model=bluerov2_heavy thrusters.voltage=14 thrusters.mixer=linear
     """
@@ -81,11 +99,13 @@ def run(
             if again:
                 out, asked = _unpacked(out, asked)
             as_it_was = again and not (asked["arguments"] or asked["settings"] or asked["controller"] or deployed)
+            shown = Live(live, viewer, speed, port, host)
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
+            changes = () if asked["log"] is None or asked["row"] is not None else _changes_of(asked["log"])
             if deployed and not quiet:
                 _say_what_is_left(scenario, mjcf)
             folder, made = output_folder(out, scenario)
-            with locked(folder):
+            with locked(folder), contextlib.closing(shown):
                 try:
                     status = run_and_report(
                         scenario,
@@ -94,9 +114,10 @@ def run(
                         files,
                         log_rate,
                         recorded if engine is None else engine,
-                        viewer,
+                        shown,
                         console,
                         stop,
+                        changes=changes,
                     )
                     if as_it_was and status in (0, EXIT_UNSTABLE):
                         status = compared("run", folder, quiet) or status
@@ -177,6 +198,7 @@ def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a log. Warns if a repetition may differ from the original."""
+    from ..control.base import Udp
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
@@ -197,11 +219,31 @@ def _from_log(
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded "
                 f"code{beside})"
             )
+    if isinstance(header.scenario.controller, Udp) and controller is None:
+        overrides = {"controller.host": Udp.host} | overrides  # a log sends nothing to another machine
     scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
     return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate, header.engine
+
+
+def _changes_of(log: str) -> "Changes":
+    """The changes that were made in the run of a log. Raises InputError if the log was cut off, and lacks them."""
+    from ..errors import InputError
+    from ..records.header import LIVE_NOTE, Status
+    from ..records.mcap import read, read_files
+
+    if LIVE_NOTE not in read_files(log)[0].notes:
+        return ()
+    outcome = read(log)[2]
+    if outcome.status is Status.truncated:
+        cut = "the log was cut off, and it lacks the numbers that were changed while its run went on"
+        raise InputError(f"--from {log}: {cut}; its run can't be repeated")
+    for step, values in outcome.changes:
+        said = ", ".join(f"{key} = {value}" for key, value in values.items())
+        click.echo(printable(f"again after step {step}: {said}"), err=True)
+    return outcome.changes
 
 
 def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
@@ -231,27 +273,26 @@ def run_and_report(
     files: dict[str, Path],
     log_rate: str | None,
     engine: str,
-    viewer: bool,
+    shown: Live,
     console: Console,
     stop: Stop,
     peer: "Peer | None" = None,
+    changes: "Changes" = (),
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``. ``peer`` is
-    that of :func:`uvms_mj.engine.run.simulate`."""
+    that of :func:`uvms_mj.engine.run.simulate`, and ``changes`` are made in the run as :class:`.Again` does."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
-    from ..engine.run import LawError, SinkError, simulate
+    from ..engine.run import Again, LawError, SinkError, simulate
     from ..errors import InputError
+    from ..records.header import Status
     from ..records.mcap import McapLog
     from .logs import FORMATS
     from .plot import WHATS
 
     made = [f"{what}.png" for what in WHATS] + [str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4")]
     sinks: list[Sink] = [RunFolder(folder, files, made), McapLog(folder / LOG)]
-    if viewer:
-        from ..views.rerun import LiveView
-
-        sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
+    viewers, guides = shown.open()
     error, half = None, max(AROUND_THE_END_S, 0.5 * scenario.simulation.duration)
     with console.running(scenario, stop) as progress:
         try:
@@ -259,11 +300,12 @@ def run_and_report(
                 scenario,
                 log_rate=log_rate,
                 progress=progress,
-                sinks=sinks,
+                sinks=[*viewers, *sinks],  # without a display or a port it fails before anything is written
                 keep_s=half if fluctuates(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
                 peer=peer,
+                guides=[*([Again(changes)] if changes else []), *guides],
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)
@@ -276,9 +318,12 @@ def run_and_report(
     console.report(trace, report)
     if error is not None:
         click.echo(printable(f"error: {error}"), err=True)
+        shown.stay(stop)
         return EXIT_BAD_INPUT
     for note in ending(trace):
         warn(note)
+    if trace.status is not Status.interrupted:
+        shown.stay(stop)
     return ended(trace)
 
 
@@ -374,11 +419,16 @@ def _engine_of(folder: Path, row: int) -> str:
     "--instance", type=click.IntRange(0, 99), default=0, metavar="N", help="ArduPilot's -I N: port 9002 + 10 N."
 )
 @click.option("--port", type=click.IntRange(1, 65535), metavar="P", help="UDP port, in place of the instance's.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; others may then send.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. Beyond this machine's own, others may command; a warning says so.",
+)
 @click.option("--motors", metavar="1,-2,...", help="Of each thruster its motor, and its sign [default: by geometry].")
 @click.option("--engine", metavar="NAME", help="free_body where it can [default], or mujoco.")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 100].")
-@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
+@live_options
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 def sitl(
     arguments: tuple[str, ...],
@@ -392,6 +442,7 @@ def sitl(
     motors: str | None,
     engine: str | None,
     log_rate: str | None,
+    live: str | None,
     viewer: bool,
     quiet: bool,
 ) -> None:
@@ -424,6 +475,7 @@ def sitl(
             raise InputError(wrong)
         if not host or not math.isfinite(depth):
             raise InputError("--host must not be empty, and --depth must be a finite number")
+        shown = Live(live, viewer, "max" if live == "foxglove" else None)  # the autopilot has the pace
         setup = set_up(scenario)
         frame = "given"
         if motors is not None:
@@ -433,7 +485,7 @@ def sitl(
         steps = steps_of(rate, scenario.simulation.timestep)
         place = PORT + 10 * instance if port is None else port
         folder, made = output_folder(out, scenario)
-        with locked(folder):
+        with locked(folder), contextlib.closing(shown):
             peer = ArduPilot(channels, signs, steps, depth, place, host)
             try:
                 if not quiet:
@@ -442,7 +494,7 @@ def sitl(
                     )
                 kind = engine or chosen_engine(scenario)
                 status = run_and_report(
-                    scenario, None, folder, files, log_rate or "100", kind, viewer, console, stop, peer
+                    scenario, None, folder, files, log_rate or "100", kind, shown, console, stop, peer
                 )
             finally:
                 peer.close()

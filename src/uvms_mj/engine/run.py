@@ -5,18 +5,20 @@ import functools
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from ..control import Controller
 from ..control.base import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf, mujoco_warnings
-from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
+from ..quantities import overrides_of
+from ..records.header import LIVE_NOTE, Header, Outcome, Sink, Status, Values, sources_of, versions
 from ..records.trace import Columns, Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
@@ -26,6 +28,9 @@ from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario
 from .udp import UdpLaw
+
+_GUIDED_S = 0.02
+"""Wall time after which rows are passed on while a run has guides, for a moving picture [s]."""
 
 
 class _Stopped(RuntimeError):
@@ -59,6 +64,37 @@ class Peer(Protocol):
         """Set the commands of the last instant, from which no step begins."""
 
 
+class Guide(Protocol):
+    """Somebody who watches a run: lets it go on, and changes numbers of its scenario."""
+
+    def go_on(self, sim: Simulation, change: Callable[[Mapping[str, Any]], None]) -> int:
+        """Wait until the run may go on. Returns the number of time steps until the next call, at least one.
+
+        ``change`` takes numbers by dotted key, from the next step on; it raises InputError, and changes nothing, if one
+        of them is no number or can't change in a run.
+        """
+
+
+Changes = Sequence[tuple[int, Mapping[str, Any]]]
+_VALUES = TypeAdapter(Values)
+
+
+class Again:
+    """A guide that makes the changes of another run again, each before the same step.
+
+    Args:
+        changes: those of the other run's outcome.
+    """
+
+    def __init__(self, changes: Changes) -> None:
+        self._left = deque(changes)
+
+    def go_on(self, sim: Simulation, change: Callable[[Mapping[str, Any]], None]) -> int:
+        while self._left and self._left[0][0] <= sim.steps:
+            change(self._left.popleft()[1])
+        return self._left[0][0] - sim.steps if self._left else sim.chunk_steps
+
+
 class PlainPythonWarning(UserWarning):
     """A law runs as plain Python because the language of the compiler lacks what it uses."""
 
@@ -74,6 +110,7 @@ def simulate(
     engine: str = "mujoco",
     mjcf: Mjcf | None = None,
     peer: Peer | None = None,
+    guides: Sequence[Guide] = (),
 ) -> Trace:
     """Run a scenario.
 
@@ -89,6 +126,7 @@ def simulate(
         engine: "mujoco" or "free_body", as in :class:`Simulation`.
         mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
         peer: another program that sets what a stage leaves to the caller of a Simulation.
+        guides: those who let the run go on, and change numbers of it, e.g. ``Again(trace.outcome.changes)``.
 
     Returns:
         The trace. If the run diverged or was interrupted (Ctrl-C), the trace has the samples up to then, and
@@ -110,7 +148,7 @@ def simulate(
         with closing(UdpLaw.of(scenario)) as law:
             return simulate(
                 scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=keep_s, engine=engine, mjcf=mjcf,
-                peer=law,
+                peer=law, guides=guides,
             )  # fmt: skip
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
     for stage in (scenario.controller, scenario.actuation):
@@ -132,7 +170,7 @@ def simulate(
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes, peer).go()
+        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes, peer, guides).go()
 
 
 @dataclasses.dataclass
@@ -146,11 +184,14 @@ class _Run:
     keep_s: float
     notes: tuple[str, ...]
     peer: Peer | None = None
+    guides: Sequence[Guide] = ()
 
     def __post_init__(self) -> None:
         self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
         self._taken_at = time.monotonic()
+        self._rows_every_s = _GUIDED_S if self.guides else CHUNK_S
+        self._changes: list[tuple[int, dict[str, Any]]] = []
 
     def go(self) -> Trace:
         """Step until the run ends or is stopped, and make the trace."""
@@ -161,7 +202,7 @@ class _Run:
             signals=sim.recorded,
             row_steps=self.row_steps,
             rest=functools.partial(steady_state, setup),
-            notes=self.notes,
+            notes=(*self.notes, LIVE_NOTE) if self.guides else self.notes,
             mjcf=setup.plant.mjcf,
             geometry=setup.plant.geometry,
             sources=sources_of(self.scenario, counts),
@@ -204,14 +245,27 @@ class _Run:
         except Exception as error:  # a StageFault, or an error of this package
             status, raised, message = Status.failed, error, f"t = {sim.t:.6g} s: {error}"
         wall_time_s = time.perf_counter() - start
-        return Outcome(status, message, min(sim.steps, self.scenario.steps), wall_time_s), raised
+        steps = min(sim.steps, self.scenario.steps)
+        return Outcome(status, message, steps, wall_time_s, tuple(self._changes)), raised
+
+    def _allowed(self) -> int:
+        """The steps until the guides are asked again, after they have let the run go on."""
+        return min((guide.go_on(self.sim, self._change) for guide in self.guides), default=self.sim.chunk_steps)
+
+    def _change(self, given: Mapping[str, Any]) -> None:
+        try:
+            values: dict[str, Any] = _VALUES.validate_python(overrides_of(given), strict=True)
+        except ValidationError as error:
+            raise InputError([Fault(name, "only numbers change in a run") for name in _places(error)]) from None
+        self.sim.set(values)
+        self._changes.append((self.sim.steps, values))
 
     def _chunks(self) -> Iterator[int]:
         """Step through the run. The rows of a chunk are taken even if it raises."""
         sim, steps, done, most = self.sim, self.scenario.steps, 0, self.sim.chunk_steps
         while done < steps:
             try:
-                done += sim.run(min(most - done % most, steps - done), CHUNK_S)
+                done += sim.run(min(most - done % most, steps - done, self._allowed()), CHUNK_S)
             finally:
                 self._take_rows()
             sim.check()
@@ -233,7 +287,7 @@ class _Run:
                         self._take_rows()
                         yield done
                         taken = done
-                    done += sim.run(min(end, taken + sim.chunk_steps) - done, CHUNK_S)
+                    done += sim.run(min(end, taken + sim.chunk_steps, done + self._allowed()) - done, CHUNK_S)
                 sim.check()
                 peer.measure(sim)
         finally:
@@ -246,7 +300,7 @@ class _Run:
         yield done
 
     def _due(self) -> bool:
-        return time.monotonic() - self._taken_at > CHUNK_S
+        return time.monotonic() - self._taken_at > self._rows_every_s
 
     def _idle(self) -> None:
         if self._due():
@@ -265,6 +319,11 @@ class _Run:
         while len(self.blocks) > 1 and self.blocks[-1][-1, 0] - self.blocks[1][0, 0] >= self.keep_s:
             self.blocks.popleft()
         self.memory.clear()
+
+
+def _places(error: ValidationError) -> list[str]:
+    """The keys of the values that are no numbers."""
+    return list(dict.fromkeys(str(each["loc"][0]) for each in error.errors()))
 
 
 def _warned(notes: tuple[str, ...]) -> str:

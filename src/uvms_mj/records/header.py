@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from ..control.base import NoClosedForm, SteadyState
+from ..control.base import NoClosedForm, SteadyState, Udp
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.contacts import Probe
@@ -212,24 +212,36 @@ class Header:
         return sum(signal.size for signal in self.signals)
 
     def portable_scenario(self) -> dict[str, Any]:
-        """The scenario's tables with file names without folders; the log contains the files."""
+        """The scenario's tables with file names without folders, and without the host of another machine; the
+        log contains the files."""
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
         for name, stage in self.sources.items():
             table_at(tables, name)["name"] = stage.source
+        if "host" in tables["controller"] and self.law.sha256 is None:
+            tables["controller"]["host"] = Udp.host  # no log says where this machine sends
         return tables
+
+
+_Number = bool | int | float
+Values = dict[str, _Number | list[_Number | list[_Number]]]
+"""Numbers of a scenario by dotted key. No text is among them: a name of a stage or of a file would be loaded."""
+LIVE_NOTE = "numbers of the scenario could be changed from outside while the run went on"
+"""Note of a run with guides."""
 
 
 @checked(frozen=True, config=STRICT)
 class Outcome:
     """How a run ended: the status, truncated if the log lacks it; the reason why it stopped before its end; the number
-    of time steps done; and the wall time of the stepping [s]."""
+    of time steps done; the wall time of the stepping [s]; and the changes of the scenario that were made in the run,
+    each with the number of steps that were done before it."""
 
     status: Status
     message: str
     steps: Annotated[int, Field(ge=0)]
     wall_time_s: NonNegative
+    changes: tuple[tuple[Annotated[int, Field(ge=0)], Values], ...] = ()
 
 
 class Sink(Protocol):

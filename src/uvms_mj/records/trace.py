@@ -257,7 +257,14 @@ class Trace:
     @property
     def analytic(self) -> SteadyState | NoClosedForm:
         """Predicted steady state from scenario and gains alone, or the reason why no closed form exists."""
+        if self.outcome.changes:
+            return NoClosedForm(f"{', '.join(self.changed)} changed in the run")
         return self.header.analytic
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """The keys of the scenario that were changed while the run went on."""
+        return tuple(dict.fromkeys(key for _, values in self.outcome.changes for key in values))
 
     @property
     def notes(self) -> tuple[str, ...]:
