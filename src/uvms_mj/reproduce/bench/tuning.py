@@ -1,6 +1,6 @@
 """Gains of a law for all tasks at once, by a stated budget: so many trials for every law, of the same draws.
 
-A trial has one factor for each gain of the law, from 1/20 to 20, and runs one development draw of each level of each
+A trial has one factor for each gain of the law, from 1/6 to 6, and runs one development draw of each level of each
 task. Its cost is the mean over these runs of the largest share that a criterion's value has of its bound, at most
 :data:`WORST`. Up to 1 a run is passed; beyond it the cost shows the search the way.
 """
@@ -28,7 +28,7 @@ from ...studies.tune.search import Journal, search
 from .. import Progress
 from .task import LEVELS, Entry, Task, identity
 
-RANGE = 20.0
+RANGE = 6.0
 """The factors of gains are from its inverse to it."""
 WORST = 3.0
 """The cost of a run that fails by far, or does not complete."""
@@ -62,13 +62,18 @@ class TunedGain:
 
 def gains_of(plan: Plan) -> list[TunedGain]:
     """The gains of a law that are tuned: its settings that are a positive number, or a list of numbers that are not
-    negative, and not all zero. Control rate and delay are the task's."""
+    negative, and not all zero; and K_f of eq. (7), the gain of the force, which no task sets. Control rate and delay
+    are the task's."""
+    scenario = plan.laws[0].scenario.to_dict()
+    settings = {f"controller.{name}": value for name, value in scenario["controller"].items()} | {
+        "impedance.K_f": scenario["impedance"]["K_f"]
+    }
     found = []
-    for name, value in plan.laws[0].scenario.to_dict()["controller"].items():
+    for key, value in settings.items():
         numbers = value if isinstance(value, list) else [value]
         given = bool(numbers) and all(isinstance(x, float) and 0.0 <= x < math.inf for x in numbers)
-        if given and max(numbers) > 0.0 and name not in ("period", "delay"):
-            found.append(TunedGain(f"controller.{name}", value))
+        if given and max(numbers) > 0.0 and key not in ("controller.period", "controller.delay"):
+            found.append(TunedGain(key, value))
     return found
 
 
