@@ -20,12 +20,14 @@ from .common import (
     print_verdicts,
     printable,
     progress_bar,
+    refuse_existing,
 )
 from .folders import folder_for, move_aside
 from .options import (
     OneOrNone,
     asked_for,
     command,
+    force_option,
     json_option,
     names_in,
     output_options,
@@ -344,6 +346,10 @@ validate.add_command(speed)
 )
 @click.option("--at-most", type=click.IntRange(1), metavar="N", help="At most N draws of each level, for a look.")
 @click.option("--tune", type=click.IntRange(0), default=0, metavar="N", help="Also judge each law with tuned gains.")
+@path_option(
+    "--with", "beside", metavar="RESULT",
+    help="Also have the rows of another result in table.tex, page and figure: shipped, bench.json or FILE:LAW.",
+)  # fmt: skip
 @path_option("--from", "archive", metavar="FILE.zip", help="Repeat the result of an archive, and compare its bytes.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
@@ -355,6 +361,7 @@ def run_bench(
     draws: str,
     at_most: int | None,
     tune: int,
+    beside: str | None,
     archive: str | None,
     workers: int | None,
     scheduler: str | None,
@@ -371,6 +378,7 @@ def run_bench(
     \b
     uvms-mj bench                                   all shipped laws, some minutes
     uvms-mj bench gsta my_law.py:MyLaw --out mine
+    uvms-mj bench my_law.py:MyLaw --with shipped    one table with the shipped laws
     uvms-mj bench gsta controller.k_1=8 label=stiff --out stiff
     uvms-mj bench my_laws.toml --tasks arm,waves --at-most 5
     uvms-mj bench --from bench.zip --out repeated   a result of an archive again
@@ -415,7 +423,7 @@ def run_bench(
             draws = draws.replace("secret:", f"secret:{place.absolute()}/", 1)
         with resumed.bar("climbing", as_json or quiet, "{done:.1f} of {total} levels") as update:
             most = MOST if at_most is None else at_most
-            how = {"draws": draws, "at_most": most, "tune": tune}
+            how = {"draws": draws, "at_most": most, "tune": tune, "beside": beside or ""}
             found = bench(laws, folder, only=names, **how, progress=update, executor=executor)
     files = {"result": str(folder / RESULT), "report": str(folder / PAGE), "latex": str(folder / LATEX)}
     if as_json:
@@ -491,8 +499,10 @@ def bench_tasks(as_json: bool) -> None:
 @command("compare", epilog="Exit status: 0, also where the results differ, 2 bad input or nothing to compare.")
 @click.argument("first", metavar="A.json[:LAW]")
 @click.argument("second", metavar="B.json[:LAW]")
+@path_option("-o", "--out", metavar="FILE.tex", help="Also write the table as LaTeX.")
+@force_option
 @json_option
-def bench_compare(first: str, second: str, as_json: bool) -> None:
+def bench_compare(first: str, second: str, out: str | None, force: bool, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
     Of each task: the level that each law holds, and of the draws that both ran, at the levels at which both were
@@ -507,11 +517,22 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
     \b
     uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
+    uvms-mj bench compare mine blind --out table.tex
     """
     with bad_input():
+        from ..errors import InputError
+        from ..files import atomic_write
+        from ..reproduce.bench.page import latex_comparison
         from ..reproduce.bench.results import compared, sentences
 
+        if out is not None:
+            if Path(out).suffix != ".tex":
+                raise InputError(f"--out {out}: the name must end in .tex")
+            refuse_existing("--out", Path(out), force)
         found = compared(first, second)
+        if out is not None:
+            with atomic_write(Path(out)) as part:
+                part.write_text(latex_comparison(found), encoding="utf-8")
     if as_json:
         click.echo(json.dumps(found, allow_nan=False))
         return

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf", "pgf")
-WIDTHS = {"column": 3.5, "page": 7.16}
+WIDTHS = {
+    **{"column": 3.5, "page": 7.16, "ieee-column": 88.9 / 25.4, "ieee-page": 181.0 / 25.4},
+    **{"elsevier-column": 90.0 / 25.4, "elsevier-middle": 140.0 / 25.4, "elsevier-page": 190.0 / 25.4},
+}
 """Widths of a figure by name [in]."""
 FONTS = ("sans", "serif", "cm", "latex")
 _CM = {"": 1.0, "cm": 1.0, "mm": 0.1, "in": 2.54}
@@ -37,7 +40,10 @@ def figure_options(function: Any) -> Any:
             help="sans, serif (Times), cm (Computer Modern), or latex: LaTeX sets the texts of a pdf or pgf.",
         ),
         click.option(
-            "--width", metavar="WIDTH", help="column (3.5in) or page (7.16in) of a paper, or 12cm, 88mm, 5in; 12 is cm."
+            "--width",
+            metavar="WIDTH",
+            help="column (3.5in) or page (7.16in); ieee-column (88.9mm), ieee-page (181mm); elsevier-column, -middle, "
+            "-page (90, 140, 190mm); or 12cm, 88mm, 5in; 12 is cm.",
         ),
         click.option(
             "--format",
