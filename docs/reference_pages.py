@@ -179,6 +179,7 @@ def _environment() -> str:
             ".. autoclass:: uvms_mj.envs.push.Pushes",
             ".. autoclass:: uvms_mj.envs.Seen",
             ".. automodule:: uvms_mj.envs.domain\n   :no-members:",
+            ".. autoclass:: uvms_mj.envs.gym.PushWall",
             ".. autoclass:: uvms_mj.envs.gym.PushWallVec\n```",
         ]
     )

@@ -1,7 +1,7 @@
 """A policy learns to push on walls that it does not know, in currents that it does not know: augmented random search.
 
 pip install 'uvms-mj[gym]'
-python examples/learn_push.py                 learns for some minutes and writes learned_push.py
+python examples/learn_push.py                 learns for a minute or two and writes learned_push.py
 uvms-mj run --controller learned_push.py:LearnedPush
 
 The policy is a network of two hidden layers of 64 without offsets behind a PI filter: u = a + z, where z' = a / T_I.
@@ -38,6 +38,9 @@ SIZES = (12, 64, 64, 6)
 PAIRS, BEST = 16, 8  # perturbations of a generation, and how many decide its step
 STEP, NOISE = 0.01, 0.03  # of the first generation
 LEAST = 0.1  # of both at the end, times those at the beginning
+LEARNED = 2**30  # seeds of episodes below it are learned on
+LOOKED = range(LEARNED, LEARNED + 32)  # for the learning curve, and to choose among policies
+JUDGED = range(LEARNED + 32, LEARNED + 232)  # for the last number alone: nothing is chosen on them
 
 
 def observe(seen):
@@ -75,16 +78,30 @@ def actions(layers, x):
 
 def returns(env, theta, seeds):
     """(n,) mean rewards of one episode each of n policies (n, d)."""
+    return episodes(env, theta, seeds)[0]
+
+
+def judged(theta, seeds):
+    """Share of the episodes of some seeds at whose end a policy (d,) has held the force: ``is_success``, which is 1 s
+    within a tenth of the demanded force."""
+    env = make(len(seeds))
+    _, held = episodes(env, np.tile(theta, (len(seeds), 1)), list(seeds))
+    env.close()
+    return float(held.mean())
+
+
+def episodes(env, theta, seeds):
+    """(n,) mean rewards, and (n,) successes, of one episode each of n policies (n, d)."""
     layers, steps = layers_of(theta), round(SHORT["simulation.duration"] * RATE)
     seen, _ = env.reset(seed=seeds)
     z, total, going = np.zeros((len(theta), 6)), np.zeros(len(theta)), np.ones(len(theta), bool)
     for _ in range(steps):
         a = actions(layers, seen)
         z = np.clip(z + a / (T_I * RATE), -1.0, 1.0)
-        seen, rewards, ended, _, _ = env.step(a + z)
+        seen, rewards, ended, _, infos = env.step(a + z)
         total += np.where(going, rewards, -1.0)  # an episode that has diverged is lost
         going &= ~ended
-    return total / steps
+    return total / steps, going & infos["is_success"]
 
 
 def make(n):
@@ -102,7 +119,7 @@ def learn(seed=0, generations=300):
         share = 1.0 - (1.0 - LEAST) * k / max(1, generations - 1)
         noise = NOISE * (0.5 + 0.5 * share)
         ways = dice.normal(size=(PAIRS, theta.size))
-        walls = dice.integers(2**30, size=PAIRS).tolist()
+        walls = dice.integers(LEARNED, size=PAIRS).tolist()
         found = returns(env, np.concatenate([theta + noise * ways, theta - noise * ways]), walls * 2)
         plus, minus = found.reshape(2, PAIRS)  # both on the same wall, in the same current
         best = np.argsort(-np.maximum(plus, minus))[:BEST]
@@ -174,14 +191,18 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--generations", type=int, default=300)
     parser.add_argument("--out", type=Path, default=Path("learned_push.py"))
-    parser.add_argument("--curve", type=Path, help="a CSV file for generation, time [s], mean return")
+    parser.add_argument("--curve", type=Path, help="a CSV file for generation, time [s], mean return, success")
     given = parser.parse_args()
-    rows = []
+    rows = ["seed,generation,time_s,mean_return,success"]
     for k, (seconds, mean, theta) in enumerate(learn(given.seed, given.generations)):
-        rows.append(f"{given.seed},{k},{seconds:.2f},{mean:.5f}")
+        success = ""
         if k % 10 == 0 or k == given.generations - 1:
-            print(f"generation {k}: mean return {mean:.3f}, {seconds:.0f} s", flush=True)
-            about = f"seed {given.seed}, {k + 1} generations."
-            export(theta, given.out, about)
-            if given.curve:
-                given.curve.write_text("seed,generation,time_s,mean_return\n" + "\n".join(rows) + "\n")
+            success = f"{judged(theta, LOOKED):.3f}"
+            print(
+                f"generation {k}: mean return {mean:.3f}, success {success} on other walls, {seconds:.0f} s", flush=True
+            )
+            export(theta, given.out, f"seed {given.seed}, {k + 1} generations.")
+        rows.append(f"{given.seed},{k},{seconds:.2f},{mean:.5f},{success}")
+        if given.curve:
+            given.curve.write_text("\n".join(rows) + "\n")
+    print(f"success on {len(JUDGED)} walls on which nothing was learned or chosen: {judged(theta, JUDGED):.3f}")

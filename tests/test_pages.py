@@ -25,7 +25,13 @@ from uvms_mj.engine.simulation import ENGINES
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *(page for part in ("start", "how_to") for page in sorted(ROOT.glob(f"docs/{part}/*.md")))]
 _LEARNING = ("gymnasium", "dm_control")
-EXTRAS = {"learn": _LEARNING, "learn_by_hand": _LEARNING, "tune": ("optuna",), "video": ("imageio_ffmpeg",)}
+EXTRAS = {
+    "learn": _LEARNING,
+    "learn_and_judge": (*_LEARNING, "moviepy"),
+    "learn_by_hand": _LEARNING,
+    "tune": ("optuna",),
+    "video": ("imageio_ffmpeg",),
+}
 """Modules of the extras that a page needs."""
 FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|sdf|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")

@@ -10,6 +10,7 @@ from dm_env import test_utils
 
 from uvms_mj import InputError, envs
 from uvms_mj.envs.push import Push
+from uvms_mj.views.video import underwater
 
 SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
 
@@ -73,6 +74,30 @@ def test_a_divergence_ends_an_episode_with_discount_zero():
     assert (step.reward, step.discount) == (-1.0, 0.0)
 
 
-def test_a_picture_is_refused_and_not_empty():
-    with pytest.raises(InputError, match="no geoms for drawing"):
-        envs.load("push_wall", overrides=SHORT).physics.render()
+def test_a_picture_shows_the_vehicle_and_what_else_is_asked_for_is_refused():
+    try:
+        underwater._gl_context(16, 16).free()
+    except InputError as error:
+        pytest.skip(str(error))
+    env = envs.load("push_wall", overrides=SHORT | {"initial.position": [0.6, 0.0, 0.0]})
+    env.reset()
+    first = env.physics.render(180, 320, camera_id="close")
+    assert first.shape == (180, 320, 3)
+    assert first.mean() > 40.0
+    for _ in range(8):
+        env.step(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    moved = np.abs(env.physics.render(180, 320, camera_id="close").astype(int) - first).sum(axis=2) > 60
+    assert 0.002 < moved[60:].mean() < 0.5  # the vehicle, below the text with the time
+    with pytest.raises(InputError, match="depth: can't be drawn"):
+        env.physics.render(depth=True)
+    with pytest.raises(InputError, match="render_view: 0: must be the name"):
+        env.physics.render(camera_id=0)
+    env.close()
+
+
+def test_the_info_is_beside_the_task():
+    env = envs.load("push_wall", overrides=SHORT)
+    env.reset()
+    env.step(np.zeros(6))
+    info = env.physics.push.info()
+    assert (info["t"], info["force"], info["contact"]) == (0.02, 0.0, False)

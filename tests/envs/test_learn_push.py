@@ -73,3 +73,43 @@ def test_the_policy_that_ships_holds_the_force_in_a_current(stiffness):
     force_d = demanded_force(scenario, stiffness)
     assert trace.between(19.0, 20.0).push == pytest.approx(force_d, rel=0.1)
     assert abs(trace.eta_e[-1, 1:3]).max() < 0.01
+
+
+def test_what_is_judged_on_is_neither_learned_nor_chosen_on(example, monkeypatch):
+    """Seeds of learning, looking and judging have none in common, and so have the draws of their episodes."""
+    used = []
+    monkeypatch.setattr(example, "returns", lambda env, theta, seeds: used.extend(seeds) or np.arange(len(theta)))
+    for seed in (0, 1):
+        list(example.learn(seed, 30))
+    learned, looked, judged = set(used), set(example.LOOKED), set(example.JUDGED)
+    assert len(learned) == 2 * 30 * example.PAIRS
+    assert max(learned) < example.LEARNED <= min(looked | judged)
+    assert not looked & judged
+    env = example.make(1)
+    draws = set()
+    for seed in (*used[:20], *list(looked)[:10], *list(judged)[:10]):
+        env.reset(seed=[seed])
+        draws.add(env.pushes.batch[0].scenario.wall.stiffness)
+    assert len(draws) == len({*used[:20]}) + 20
+    env.close()
+
+
+def test_success_is_what_the_law_does_in_a_run_of_the_same_draw(example, monkeypatch):
+    """Of the mean force by the trapezoidal rule of a trace, for each control step of the last second."""
+    monkeypatch.setitem(example.SHORT, "simulation.duration", 7.0)
+    policy = importlib.util.spec_from_file_location("learned_push", EXAMPLES / "learned_push.py")
+    module = importlib.util.module_from_spec(policy)
+    policy.loader.exec_module(module)
+    theta, seeds = np.array(module.WEIGHTS.split(), float), list(example.JUDGED)[16:24]
+    env, held = example.make(1), []
+    for seed in seeds:
+        env.reset(seed=[seed])
+        scenario = env.pushes.batch[0].scenario
+        law = scenario.updated({"controller.name": f"{EXAMPLES / 'learned_push.py'}:LearnedPush"})
+        push = simulate(law, engine="free_body", log_rate=1000.0).push[-1002:-1]
+        means = (0.5 * (push[1:] + push[:-1])).reshape(100, 10).mean(axis=1)
+        force_d = demanded_force(scenario, scenario.wall.stiffness)
+        held.append(bool((np.abs(means / force_d - 1.0) <= 0.1).all()))
+    assert example.judged(theta, seeds) == np.mean(held)
+    assert set(held) == {False, True}
+    assert example.judged(example.first(np.random.default_rng(0)), seeds) == 0.0

@@ -33,6 +33,24 @@ _GUIDED_S = 0.02
 """Wall time after which rows are passed on while a run has guides, for a moving picture [s]."""
 
 
+def header_of(sim: Simulation, row_steps: int = 1, notes: tuple[str, ...] = ()) -> Header:
+    """The header of a record of a Simulation's run, with a row every so many time steps."""
+    setup = sim.setup
+    counts = {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)}
+    return Header(
+        scenario=sim.scenario,
+        signals=sim.recorded,
+        row_steps=row_steps,
+        rest=functools.partial(steady_state, setup),
+        notes=notes,
+        mjcf=setup.plant.mjcf,
+        geometry=setup.plant.geometry,
+        sources=sources_of(sim.scenario, counts),
+        versions=versions(),
+        engine=sim.engine,
+    )
+
+
 class _Stopped(RuntimeError):
     """An exception that stopped a run after its first step. ``trace`` has the samples kept in memory."""
 
@@ -195,20 +213,8 @@ class _Run:
 
     def go(self) -> Trace:
         """Step until the run ends or is stopped, and make the trace."""
-        sim, setup = self.sim, self.sim.setup
-        counts = {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)}
-        header = Header(
-            scenario=self.scenario,
-            signals=sim.recorded,
-            row_steps=self.row_steps,
-            rest=functools.partial(steady_state, setup),
-            notes=(*self.notes, LIVE_NOTE) if self.guides else self.notes,
-            mjcf=setup.plant.mjcf,
-            geometry=setup.plant.geometry,
-            sources=sources_of(self.scenario, counts),
-            versions=versions(),
-            engine=sim.engine,
-        )
+        notes = (*self.notes, LIVE_NOTE) if self.guides else self.notes
+        header = header_of(self.sim, self.row_steps, notes)
         with Writing(self.sinks, header) as self.writing:
             outcome, raised = self._outcome()
             self._take_rows()

@@ -9,7 +9,8 @@ from dm_control.rl import control
 from dm_env import specs
 
 from ..engine.simulation import Diverged
-from ..errors import InputError
+from ..errors import Fault, InputError
+from .pictures import Pictures
 from .push import Observation, Push
 
 
@@ -19,6 +20,7 @@ class WaterPhysics(Physics):
     def __init__(self, push: Push) -> None:
         self.push = push
         self.divergence = ""
+        self._pictures = dict[tuple[Any, ...], Pictures]()
         super().__init__(MjData(push.simulation.data))
 
     def step(self, nstep: int = 1) -> None:
@@ -36,13 +38,30 @@ class WaterPhysics(Physics):
             self._reload_from_data(MjData(self.push.simulation.data))
         self.reward, self.divergence = 0.0, ""
 
-    def render(self, *arguments: Any, **settings: Any) -> Any:
-        """Refuse to draw an empty picture: the stepping model has no geoms for drawing.
+    def render(  # type: ignore[override]
+        self, height: int = 240, width: int = 320, camera_id: str = "overview", **settings: Any
+    ) -> np.ndarray:
+        """A picture (height, width, 3), uint8, of the instant after the last step. ``camera_id`` is a view of ``uvms-mj
+        video``.
 
         Raises:
-            InputError: always.
+            InputError: a setting is not of these, and so depth, segmentation and overlays are refused; there is no such
+                view; or no driver draws without a window.
         """
-        raise InputError("render: the environment's model has no geoms for drawing; uvms-mj replay draws a run")
+        if settings:
+            raise InputError(
+                [Fault(name, "can't be drawn; render takes height, width, camera_id") for name in settings]
+            )
+        chosen, push = (width, height, camera_id), self.push
+        if chosen not in self._pictures:
+            self._pictures[chosen] = Pictures((width, height), camera_id)
+        return self._pictures[chosen].of(0, push.episodes, push.simulation, push.force_d)
+
+    def free(self) -> None:
+        """Free the simulation and the scenes of pictures."""
+        for pictures in self._pictures.values():
+            pictures.close()
+        super().free()
 
     def after_reset(self) -> None:
         """Nothing: the simulation has evaluated the state, with the actuation that dm_control would disable."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..engine.simulation import Diverged
 from ..errors import Fault, InputError, needs_extra
+from .pictures import MODES, SIZE, Pictures, checked_mode
 from .push import Observation, Push, Pushes
 
 with needs_extra("gym"):
@@ -42,22 +43,40 @@ class PushWall(gymnasium.Env):
     """Push on the wall with a desired force; :mod:`uvms_mj.envs.push` describes actions, observations and reward.
 
     An episode is truncated at the scenario's duration and terminated if the run diverges. ``reset(options={...})``
-    takes dotted keys of the scenario with values for this episode. The settings are the keyword arguments of
-    :class:`uvms_mj.envs.push.Push`; the engine is "auto" unless it is given.
+    takes dotted keys of the scenario with values for this episode.
+
+    Args:
+        render_mode: "rgb_array", where :meth:`render` gives a picture, or None, where it gives nothing.
+        render_size: width and height of a picture in pixels, even numbers.
+        render_view: a view of ``uvms-mj video``: "overview", "close", "follow", ...
+        settings: the keyword arguments of :class:`uvms_mj.envs.push.Push`; the engine is "auto" unless it is given.
+
+    Raises:
+        InputError: an argument is wrong.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own attribute
+    metadata = {"render_modes": [*MODES]}  # noqa: RUF012  # Gymnasium's own attribute
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(
+        self,
+        *,
+        render_mode: str | None = None,
+        render_size: Sequence[int] = SIZE,
+        render_view: str = "overview",
+        **settings: Any,
+    ) -> None:
+        self.render_mode = checked_mode(render_mode)
+        self._pictures = Pictures(render_size, render_view)
         self.push = Push(**{"engine": "auto"} | settings)
         self.action_space = Box(-1.0, 1.0, (self.push.size,), np.float64)
         self.observation_space = _space(self.push.shapes)
+        self.metadata = self.metadata | {"render_fps": self.push.control_rate}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         super().reset(seed=seed)
-        return self.push.reset(seed, options), {}
+        return self.push.reset(seed, options), self.push.info()
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         push = self.push
@@ -65,10 +84,20 @@ class PushWall(gymnasium.Env):
         try:
             reward = push.advance(push.steps_each)
         except Diverged as divergence:
-            return _within(push.observation()), push.reward_diverged, True, False, {"diverged": str(divergence)}
-        return push.observation(), reward, False, push.over, {}
+            info = push.info() | {"diverged": str(divergence)}
+            return _within(push.observation()), push.reward_diverged, True, False, info
+        return push.observation(), reward, False, push.over, push.info()
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The picture (height, width, 3), uint8, of the instant after the last step. Raises InputError if no driver
+        draws without a window."""
+        push = self.push
+        if self.render_mode is None:
+            return None
+        return self._pictures.of(0, push.episodes, push.simulation, push.force_d)
 
     def close(self) -> None:
+        self._pictures.close()
         self.push.close()
 
 
@@ -81,19 +110,33 @@ class PushWallVec(VectorEnv):
         autoreset_mode: a ``gymnasium.vector.AutoresetMode``, or its value: an environment whose episode has ended
             begins the next one in the next step (the default), in the same step, with the last observation in
             ``infos["final_obs"]``, or when the caller resets it with ``options={"reset_mask": ...}``.
+        render_mode, render_size, render_view: as of :class:`PushWall`; :meth:`render` gives a tuple of pictures, and
+            each environment has a scene of its own in memory.
         settings: the settings of :class:`PushWall`, and ``threads``, the number of threads; default: one a core.
     """
 
     def __init__(
-        self, num_envs: int = 1, *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, **settings: Any
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        render_size: Sequence[int] = SIZE,
+        render_view: str = "overview",
+        **settings: Any,
     ) -> None:
         modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
             raise InputError([Fault("autoreset_mode", f"{autoreset_mode!r}: must be one of {', '.join(modes)}")])
         self.num_envs, self.autoreset_mode = num_envs, AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.render_mode, self._pictures = checked_mode(render_mode), Pictures(render_size, render_view)
         chosen: dict[str, Any] = {"engine": "auto"} | settings
         self.pushes = Pushes(**chosen, n=num_envs)
+        self.metadata = {
+            "render_modes": [*MODES],
+            "render_fps": self.pushes.control_rate,
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.single_action_space = Box(-1.0, 1.0, (self.pushes.size,), np.float64)
         self.single_observation_space = _space(self.pushes.shapes)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -115,7 +158,7 @@ class PushWallVec(VectorEnv):
         for i in self._all[mask].tolist():
             self.pushes.begin(i, seeds[i], given)
         self._over[mask], self._begun[mask] = False, True
-        return self.pushes.observations(), {}
+        return self.pushes.observations(), self._infos(mask)
 
     def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Do a control step in all environments; those whose episode has ended do what ``autoreset_mode`` says.
@@ -138,20 +181,41 @@ class PushWallVec(VectorEnv):
         self._over = ended | truncated
         seen = _within(pushes.observations()) if diverged else pushes.observations()
         messages = {i: {"diverged": str(divergence)} for i, divergence in sorted(diverged.items())}
-        infos: dict[str, Any] = {}
         if mode is AutoresetMode.SAME_STEP and self._over.any():
+            last, finals = pushes.infos(), dict[str, Any]()
             for i in self._all[self._over].tolist():
-                final = {"final_obs": _row(seen, i), "final_info": messages.get(i, {})}
-                infos = self._add_info(infos, final, i)
+                info = {name: rows[i] for name, rows in last.items()} | messages.get(i, {})
+                finals = self._add_info(finals, {"final_obs": _row(seen, i), "final_info": info}, i)
                 pushes.begin(i)
             self._over = np.zeros(self.num_envs, bool)
-            seen = pushes.observations()
-        else:
-            for i, info in messages.items():
-                infos = self._add_info(infos, info, i)
+            return pushes.observations(), rewards, ended, truncated, self._infos() | finals
+        infos = self._infos()
+        for i, info in messages.items():
+            infos = self._add_info(infos, info, i)
         return seen, rewards, ended, truncated, infos
 
+    def _infos(self, mask: np.ndarray | None = None) -> dict[str, Any]:
+        """The infos of all environments as Gymnasium has them: arrays by name, and who has one by _name; zeros outside
+        of a mask."""
+        infos: dict[str, Any] = {}
+        for name, rows in self.pushes.infos().items():
+            if mask is not None:
+                rows[~mask] = 0
+            infos[name] = rows
+            infos[f"_{name}"] = np.ones(self.num_envs, bool) if mask is None else mask.copy()
+        return infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """A picture (height, width, 3), uint8, of each environment. Raises InputError if no driver draws without a
+        window."""
+        if self.render_mode is None:
+            return None
+        pushes, forces = self.pushes, self.pushes.seen.force_d
+        each = zip(pushes.episodes.tolist(), forces.tolist(), strict=True)
+        return tuple(self._pictures.of(i, k, pushes.batch[i], force) for i, (k, force) in enumerate(each))
+
     def close_extras(self, **_: Any) -> None:
+        self._pictures.close()
         self.pushes.close()
 
 

@@ -22,6 +22,15 @@ where :math:`\tau_i` is ``wrench_scale`` and c ``effort_weight``. A vehicle that
 exp(-1) = 0.37 less its effort. A function of :class:`Seen` in its place gives the rewards (n,). A run that diverges
 ends with ``reward_diverged``.
 
+**Info** after a control step (:data:`INFO`): the time ``t`` [s], the mean pushing force ``force`` of the step and the
+desired one ``force_d`` [N], the measured contact force ``f_contact_m_W`` (3,) [N] at its end, ``contact``, whether a
+wall was touched in the step, and ``is_success``: for the last ``success[1]`` seconds, ``force`` of every control step
+was within a share ``success[0]`` of ``force_d``. What the force does within a control step does not count. At a reset
+``force`` is zero, ``contact`` and ``is_success`` are false.
+
+**End**: an episode is truncated at the scenario's duration, where a value may be bootstrapped, and terminated if the
+run diverges. Success ends nothing: the force has to be held.
+
 **Randomisation**: ``randomise`` is the ``[[vary]]`` of a study (:mod:`.domain`).
 """
 
@@ -80,6 +89,8 @@ Reward = Callable[[Seen], np.ndarray]
 
 OBSERVED = ("p_WB", "quat_WB", "nu", "f_contact_m_W", "p_d", "quat_d")
 """Signals of the observation, if none are given."""
+INFO = ("t", "force", "force_d", "f_contact_m_W", "contact", "is_success")
+"""The names of an info."""
 SPAN = 4.0
 """Largest factor by which an action changes a gain."""
 Action = Literal["wrench", "thrusts", "gains"]
@@ -107,6 +118,7 @@ class Pushes:
         wrench_scale: (6,) wrench at action 1, and the unit of the effort [N, N m].
         thrust_scale: thrust at action 1 [N].
         effort_weight: weight c of the effort in the reward.
+        success: the criterion of ``is_success``: a share of the desired force, and a time [s].
         randomise: what each episode draws: the name or the path of a study, for its ``[[vary]]``, or a list of such
             tables; or a lower and an upper bound by dotted key, for uniform draws, where a vector's bounds are vectors.
         engine: "mujoco", "free_body", or "auto" for free_body where it can, as in :class:`uvms_mj.Simulation`.
@@ -133,6 +145,7 @@ class Pushes:
         wrench_scale: Sequence[float] = (40.0, 40.0, 40.0, 10.0, 10.0, 10.0),
         thrust_scale: float = 20.0,
         effort_weight: float = 0.1,
+        success: tuple[float, float] = (0.1, 1.0),
         randomise: Mapping[str, tuple[Any, Any]] | Sequence[Mapping[str, Any]] | str | os.PathLike | None = None,
         engine: str = "mujoco",
         seed: int | None = None,
@@ -159,6 +172,8 @@ class Pushes:
         self.thrust_scale = checked(domain.positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
         weight = checked(domain.positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
         self.effort_weight = weight
+        wanted = "a share of the desired force and a time [s], both positive"
+        criterion = checked(domain.positive, "success", success, ((2,),), wanted)
         self.reward_diverged = checked(domain.finite, "reward_diverged", reward_diverged)
         self._base = checked(domain.base_gains, self.scenario, gains) if action == "gains" else {}
         self.steps_each = checked(domain.steps_each, self.scenario.simulation.timestep, control_rate)
@@ -179,6 +194,10 @@ class Pushes:
             raise InputError([Fault("observe", f"no signal {name!r}; {hint}") for name, hint in hints], "push")
         thrusters = len(self.batch[0].setup.vehicle.thrusters)
         self.size = {"wrench": 6, "thrusts": thrusters, "gains": len(self._base)}[action]
+        self.control_rate = float(control_rate)
+        self._within, hold = criterion.tolist()
+        self._hold = max(1, round(hold * self.control_rate))
+        self.episodes, self._held = np.zeros(n, int), np.zeros(n, int)  # begun so far; control steps within
         self._steps, self._last = np.zeros(n, int), np.full(n, self.scenario.steps)
         self._demands = np.full(n, demanded, float)
         self._actions, self._force, self._effort = np.zeros((n, self.size)), np.zeros(n), np.zeros((n, 6))
@@ -214,6 +233,8 @@ class Pushes:
         self.rngs[i] = rng
         self._steps[i], self._last[i] = 0, scenario.steps
         self._demands[i] = _demanded(scenario) if self._force_d is None else self._force_d
+        self.episodes[i] += 1
+        self._held[i] = 0
         for each in (self._actions, self._force, self._effort, self._impulse, self._spent):
             each[i] = 0.0
 
@@ -275,6 +296,8 @@ class Pushes:
         self._force[which] = ((impulse - self._impulse) / T)[which]
         self._effort[which] = ((effort - self._spent) / T)[which]
         self._impulse, self._spent = impulse, effort
+        within = np.abs(self._force - self._demands) <= self._within * self._demands
+        self._held[which] = np.where(within, self._held + 1, 0)[which]
         rewards = np.zeros(self.n)
         rewards[which] = self._rewards()[which]
         rewards[list(diverged)] = self.reward_diverged
@@ -307,6 +330,18 @@ class Pushes:
         return {
             name: (rows if rows.ndim > 1 else rows[:, None]).astype(float, copy=False) for name, rows in found.items()
         }
+
+    def infos(self) -> dict[str, np.ndarray]:
+        """The infos (n, ...) by name: :data:`INFO`."""
+        found: dict[str, np.ndarray] = {
+            "t": self._steps * self.scenario.simulation.timestep,
+            "force": self._force.copy(),
+            "force_d": self._demands.copy(),
+            **self.batch.read(("f_contact_m_W",)),
+            "contact": self._force > 0.0,
+            "is_success": self._held >= self._hold,
+        }
+        return found
 
     @property
     def shapes(self) -> Any:
@@ -378,6 +413,21 @@ class Push:
         """The observation as copies."""
         rows = self._runs.observations()
         return {name: each[0] for name, each in rows.items()} if isinstance(rows, dict) else rows[0]
+
+    def info(self) -> dict[str, Any]:
+        """The info: :data:`INFO`."""
+        found = {name: each[0] for name, each in self._runs.infos().items()}
+        return {name: each.item() if each.ndim == 0 else each for name, each in found.items()}
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes begun."""
+        return int(self._runs.episodes[0])
+
+    @property
+    def control_rate(self) -> float:
+        """Control steps per second [Hz]."""
+        return self._runs.control_rate
 
     @property
     def shapes(self) -> Any:

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 
 from ...errors import InputError, needs_extra
+from ...records.header import Header, Outcome, Status
 from ...records.scene import FORCES, SKY, YELLOW
 from ...records.trace import Trace
 from ..progress import following
@@ -115,10 +116,17 @@ def _times(trace: Trace, step: float) -> list[tuple[int, int]]:
 
 
 class _Frames:
-    """The pictures of a run."""
+    """The pictures of a run. The arrow of the force is as long as it may be at the largest force of the run, or at
+    ``largest`` [N]."""
 
     def __init__(
-        self, trace: Trace, view: str | View, plots: Sequence[str] | None, size: tuple[int, int], samples: int
+        self,
+        trace: Trace,
+        view: str | View,
+        plots: Sequence[str] | None,
+        size: tuple[int, int],
+        samples: int,
+        largest: float | None = None,
     ) -> None:
         missing = [name for name in _NEEDED if name not in trace.arrays]
         if missing or len(trace) < 2:
@@ -150,13 +158,16 @@ class _Frames:
         self._put = underwater.pose_setter(model, header.mjcf)
         self._renderer = underwater.Offscreen(model, scene_w, scene_h)
         self._data = _data(model)
-        peak = float(np.linalg.norm(trace.f_contact_W, axis=1).max())
+        peak = float(np.linalg.norm(trace.f_contact_W, axis=1).max()) if largest is None else largest
         self._force_scale = _ARROW_N / peak if peak > 0.0 else 0.0
 
     def __enter__(self) -> "_Frames":
         return self
 
     def __exit__(self, *raised: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         self._renderer.close()
 
     def at(self, since: int, now: int) -> np.ndarray:
@@ -212,6 +223,36 @@ class _Frames:
         return np.asarray(Image.alpha_composite(Image.fromarray(scene).convert("RGBA"), layer).convert("RGB"))
 
 
+class LivePictures:
+    """Pictures of a run while somebody steps it, without plots.
+
+    Args:
+        header: of the run.
+        rows: (n, width) rows between which the vehicle will move, at least two: the start, and another one.
+        view, size: as of :func:`still`.
+        largest: force of the longest arrow [N].
+
+    Raises the errors of :func:`still`.
+    """
+
+    def __init__(
+        self, header: Header, rows: np.ndarray, *, view: str | View, size: tuple[int, int], largest: float
+    ) -> None:
+        self._header, self._outcome = header, Outcome(Status.interrupted, "", len(rows) - 1, 0.0)
+        self._frames = _Frames(self._trace(rows), view, (), size, samples=1, largest=largest)
+
+    def _trace(self, rows: np.ndarray) -> Trace:
+        return Trace.of(self._header, rows, self._outcome)
+
+    def of(self, row: np.ndarray) -> np.ndarray:
+        """The picture (height, width, 3) of a row (width,)."""
+        self._frames.trace = self._trace(row[None])
+        return self._frames.at(0, 0)
+
+    def close(self) -> None:
+        self._frames.close()
+
+
 def _data(model: Any) -> Any:
     import mujoco
 
@@ -265,4 +306,4 @@ def _write(pen: Any, lines: Sequence[tuple[str, tuple[int, int, int] | None]], s
         pen.text(((40.0 if colour else 20.0) * size, y), text, font=font, fill=(255, 255, 255, 255))
 
 
-__all__ = ["CODERS", "PLOTS", "VIEWS", "View", "still", "video"]
+__all__ = ["CODERS", "PLOTS", "VIEWS", "LivePictures", "View", "still", "video"]
