@@ -17,8 +17,8 @@ the hull moves a wall at x by
     \xi_3 z + (\xi_4 x_h + \xi_5 y_h) \times (x - x_p),
 
 with :math:`x_h` and :math:`y_h` forward and to the left of the hull. Between its rows an operator is linear in its real
-and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn. With ``turns`` the
-angles, as a rotation vector, turn it about the pivot (:mod:`uvms_mj.physics.surfaces`), which moves it as above to
+and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn. With ``turns``
+the angles, as a rotation vector, turn it about the pivot (:mod:`uvms_mj.physics.surfaces`), which moves it as above to
 first order.
 
 A wall may have waves of its own, a spectrum that no water moves by. Without operators it heaves as they do.
