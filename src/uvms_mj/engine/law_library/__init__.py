@@ -33,6 +33,7 @@ from .linking import MACHINES, Machine
 from .vectors import Vectors, recorded
 
 _HEADER_WORDS = 5  # mark, last, begun, fault and first before the record
+_ROWS = "rows"  # the file of the recorded rows, for the test here
 _STEPS = re.compile(rb"(\d+) of (\d+) steps equal; a step used (\d+) bytes of stack")
 
 
@@ -111,10 +112,10 @@ def write_library(
         for each in (place, new):
             each.mkdir()
 
-        def prepare(target: str, source: Path | None = None) -> None:
+        def prepare(target: str, *source: Path) -> None:
             """Compile what is in the program of a test, as long as a core has nothing else to do."""
             if test and linking.emulator(MACHINES[target]) is not None:
-                linking.prepare(MACHINES[target], place / target, source)
+                linking.prepare(MACHINES[target], place / target, *source)
 
         def begin(memory: RunMemory) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]]]:
             """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
@@ -159,7 +160,12 @@ def write_library(
             files["loop.c"] = texts.loop(border, name, not not_asked)
         for file, content in files.items():
             _write(new / file, content)
-        tests = {target: pool.submit(prepare, target, new / "test.c") for target in targets}
+        _write(place / "test.c", files["test.c"])
+        _write(place / f"{name}.h", files[f"{name}.h"])
+        _write(place / "vectors.h", texts.vectors_text(border, steps, name, _ROWS))
+        for target in targets:
+            (place / target / _ROWS).write_bytes(texts.rows_of(steps).tobytes())
+        tests = {target: pool.submit(prepare, target, place / "test.c") for target in targets}
         making = [pool.submit(make, target) for target in targets]
         notes = sim.notes
         made = [each.result() for each in making]
@@ -259,7 +265,7 @@ def _compiled(machine: Machine, chain: Chain, place: Path) -> list[str]:
     """Compile what is C of a library, in the folder ``place``; the names of the objects."""
     objects = [linking.own_c(machine, place / "shell.c", place)]
     objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
-    return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c")]
+    return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c") if machine.shared]
 
 
 def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: Path, folder: Path, test: bool) -> Made:
@@ -277,7 +283,7 @@ def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: 
     emulator = linking.emulator(machine) if test else None
     if emulator is None or found.foreign:
         return found
-    program = linking.program(machine, libraries[0], folder / "test.c", place)
+    program = linking.program(machine, libraries[0], place.parent / "test.c", place, _ROWS)
     done = subprocess.run([*emulator, str(program)], capture_output=True)
     said = _STEPS.search(done.stdout)
     if said is None:
