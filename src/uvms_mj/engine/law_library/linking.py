@@ -3,20 +3,25 @@ links."""
 
 import importlib.metadata
 import importlib.util
+import os
 import platform
 import re
 import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
-from ..native.compilation import object_name, recall, remember
+from ..native.objects import object_name, recall, remember
 
 
 @dataclass(frozen=True)
@@ -232,7 +237,8 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
 
 def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
     """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
-    beside it, files of the folder ``freestanding`` and headers of ziglang. The headers of a user's file are not known."""
+    beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include
+    any others."""
     read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.[ch]"))]
     made_of = [importlib.metadata.version("ziglang"), *machine.zig, *_C, *options, *(each.name for each in read)]
 
@@ -309,6 +315,37 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path, data: s
     places = ("-e", "_start") if machine.shared else ("-T", str(_FREESTANDING / "cortex_m7.ld"))
     run([*zig(), "ld.lld", "--gc-sections", *places, *objects, "-o", source.stem], folder)
     return folder / source.stem
+
+
+class Work:
+    """What the libraries of targets are made with: a folder for each, LLVM in a process of its own, and threads that
+    wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads."""
+
+    def __init__(self, targets: Sequence[str], test: bool = True) -> None:
+        """``test``: whether programs run here, where they can."""
+        zig()
+        self.test = test
+        with ExitStack() as stack:
+            self.apart = stack.enter_context(Apart())
+            self.folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            self.pool = ThreadPoolExecutor(1 + (os.cpu_count() or 1))  # one waits for LLVM
+            stack.callback(self.pool.shutdown, cancel_futures=True)
+            self._stack = stack.pop_all()
+        for target in targets:
+            (self.folder / target).mkdir()
+        self.pool.submit(self.prepare, targets)
+
+    def prepare(self, targets: Sequence[str], *source: Path) -> None:
+        """Compile what is in the program of a test, one after the other: a core is left to the caller."""
+        for target in targets:
+            if self.test and emulator(MACHINES[target]) is not None:
+                prepare(MACHINES[target], self.folder / target, *source)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
 
 
 def emulator(machine: Machine) -> list[str] | None:
