@@ -272,10 +272,10 @@ def export_law(
         for target in chosen:
             if target not in MACHINES:
                 raise InputError(f"--target {target}: is not known; {suggestion(target, MACHINES)}")
-        scenario_name, overrides = asked_for(arguments, settings)
-        if "controller.name" in overrides:
-            raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
         with Work(chosen, not no_test) as work:
+            scenario_name, overrides = asked_for(arguments, settings)
+            if "controller.name" in overrides:
+                raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
             from ..engine.law_library.library import name_of, write_library
             from ..scenario import Scenario
 

@@ -330,6 +330,8 @@ class Work:
             self.folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self.pool = ThreadPoolExecutor(1 + (os.cpu_count() or 1))  # one waits for LLVM
             stack.callback(self.pool.shutdown, cancel_futures=True)
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(2e-4)  # the threads read many small files, and ask for Python after each
             self._stack = stack.pop_all()
         for target in targets:
             (self.folder / target).mkdir()

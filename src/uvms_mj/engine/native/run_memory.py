@@ -213,10 +213,12 @@ class RunMemory:
     """
 
     def __init__(self, setup: Setup, engine: Any, meanwhile: Callable[["RunMemory"], None] | None = None) -> None:
-        """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads."""
+        """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads, and, with
+        an engine that has not asked for it, before the entry points are translated."""
         self.engine, self.shape = engine, shape_of(setup)
         self._entry_points = functools.partial(entry_points, self.shape, engine.code)
-        _ = self.code  # LLVM has the largest module while the stages are translated
+        if meanwhile is None:
+            _ = self.code  # LLVM has the largest module while the stages are translated
         self.stages = Pipeline(setup, self.shape)
         self._setup = setup
         self._tables, self._has_other_tables = tables_of(setup), False
