@@ -14,7 +14,7 @@ _NAMES = {
     "actuation": "Actuation Joints Thrusters",
     "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
     "engine.fleet": "Fleet",
-    "engine.native": "Attachment attach",
+    "engine.native.attachment": "Attachment attach",
     "engine.native.plain_stage": "StageFault",
     "engine.run": "LawError SinkError simulate",
     "engine.simulation": "Diverged Simulation",
@@ -61,8 +61,8 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .control import Sta as Sta
     from .control import gain as gain
     from .engine.fleet import Fleet as Fleet
-    from .engine.native import Attachment as Attachment
-    from .engine.native import attach as attach
+    from .engine.native.attachment import Attachment as Attachment
+    from .engine.native.attachment import attach as attach
     from .engine.native.plain_stage import StageFault as StageFault
     from .engine.run import LawError as LawError
     from .engine.run import SinkError as SinkError

@@ -288,9 +288,8 @@ def export_law(
     It needs the extra c: pip install 'uvms-mj[c]'.
     """
     with bad_input():
-        from ..engine.law_library import MACHINES, name_of, write_library
+        from ..engine.law_library.linking import MACHINES, Work
         from ..errors import Fault, InputError, suggestion
-        from ..scenario import Scenario
 
         if "=" in law:
             raise InputError(f"{law}: name the law first, as in uvms-mj export law gsta {law}")
@@ -298,22 +297,26 @@ def export_law(
         for target in chosen:
             if target not in MACHINES:
                 raise InputError(f"--target {target}: is not known; {suggestion(target, MACHINES)}")
-        scenario_name, overrides = asked_for(arguments, settings)
-        if "controller.name" in overrides:
-            raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
-        scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
-        name = name or name_of(scenario)
-        folder = Path(out or name)
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"--out {folder}: is a file; name a folder")
-        if folder.exists() and any(folder.iterdir()) and not force:
-            raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
-        made = [] if folder.exists() else [folder]
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test)
-        finally:
-            remove_if_empty(made)
+        with Work(chosen, not no_test) as work:
+            scenario_name, overrides = asked_for(arguments, settings)
+            if "controller.name" in overrides:
+                raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
+            from ..engine.law_library.library import name_of, write_library
+            from ..scenario import Scenario
+
+            scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
+            name = name or name_of(scenario)
+            folder = Path(out or name)
+            if folder.exists() and not folder.is_dir():
+                raise InputError(f"--out {folder}: is a file; name a folder")
+            if folder.exists() and any(folder.iterdir()) and not force:
+                raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
+            made = [] if folder.exists() else [folder]
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test, work)
+            finally:
+                remove_if_empty(made)
         for note in library.notes:
             warn(note)
         for each in library.targets:
