@@ -17,7 +17,6 @@ ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wip
 NOT_RUN = {
     "ardusub_sender.py": "needs an autopilot",
     "learn_push.py": "learns for minutes",
-    "sb3_push.py": "needs Stable-Baselines3, and learns for minutes",
     "udp_law.py": "answers another program until Ctrl-C",
 }
 """Examples that the gallery shows and does not run, each with the reason."""

@@ -2,6 +2,7 @@
 learning curves, and the runs of the policies beside GSTA and PD."""
 
 import functools
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from page_look import written
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 
 DATA = Path(__file__).parents[2] / "docs/evidence/learning"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 LEARNED = {"stiffness_N_per_m": 1e5, "current_m_per_s": 0.5}
 """The largest values that an episode drew."""
 FAMILIES = {
@@ -57,9 +59,21 @@ def limits(family: str, law: str) -> tuple[float, float]:
     return float(stiffness[~rows["success"]].min()), float(stiffness[rows["success"]].max())
 
 
+def success_of_the_shipped() -> float:
+    """Share of the episodes of learn_push.JUDGED that the policy of examples/learned_push.py ends with success."""
+    sys.path.insert(0, str(EXAMPLES))
+    try:
+        import learn_push
+        import learned_push
+    finally:
+        sys.path.remove(str(EXAMPLES))
+    return learn_push.judged(np.array(learned_push.WEIGHTS.split(), float), learn_push.JUDGED)
+
+
 def numbers() -> Iterator[tuple]:
     for law, *passed in pd.read_csv(DATA / "bench.csv").itertuples(index=False):
         yield f"| {law} |" + " {} |" * len(passed), *passed
+    yield "it ends {} % with", (100.0 * success_of_the_shipped(), 1.0)
     first, last = (getattr(curves().groupby("seed"), each)() for each in ("first", "last"))
     yield "rises from {} (mean of five seeds)", float(first["mean_return"].mean())
     yield "to between {} and {},", *(float(each) for each in (last["mean_return"].min(), last["mean_return"].max()))
