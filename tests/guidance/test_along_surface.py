@@ -240,6 +240,8 @@ def test_a_wall_with_the_reference_on_it_is_pushed_as_one_at_rest():
         ("box", {"reference.points": [[1.3, 0, 0], [1.6, -0.7, 0.0]], "reference.distance": 0.1}, "edge"),
         ("cylinder", {"reference.points": [[1.2, 0, 0], [2.0, 0.0, 0.1]]}, "points between"),
         ("cylinder", {"reference.distance": -0.6}, "in the middle of the wall"),
+        ("cylinder", {"reference.points": [[1.6, 0.0, 0.0]]}, "give a point next to its face"),
+        ("cylinder", {"vehicle.contact_bodies": [BUMPER | {"position": [-0.25, 0, 0]}]}, "give a body in front"),
         ("sphere", {"reference.points": [[1.6, 0, -0.4]]}, "normal is vertical"),
         ("sphere", {"reference.points": [[1.6, 0, -0.4]], "reference.keep_depth": True}, "level there|not brought"),
         ("capsule", {"reference.points": [[1.2, 0, 0], [1.2, 0.0, 0.85]]}, "edge or a bend|vertical"),
@@ -265,3 +267,9 @@ def test_a_start_behind_a_pile_is_told():
     one = scenario("cylinder").updated({"initial.position": [2.6, 0.0, 0.0], "initial.attitude_deg": [0, 0, 90.0]})
     notes = list(one.reference.notes(set_up(one)))
     assert any("nearer than the path" in note for note in notes), notes
+
+
+def test_a_way_that_the_run_cuts_short_is_told():
+    one = scenario("cylinder").updated({"simulation.duration": 5.0})
+    assert any("ends at 5 s" in note for note in one.reference.notes(set_up(one)))
+    assert not list(scenario("sphere").reference.notes(set_up(scenario("sphere"))))
