@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_mj import InputError, Scenario, simulate
+from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.guidance.base import samples
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.kernels import record_of
@@ -240,6 +240,8 @@ def test_a_wall_with_the_reference_on_it_is_pushed_as_one_at_rest():
         ("box", {"reference.points": [[1.3, 0, 0], [1.6, -0.7, 0.0]], "reference.distance": 0.1}, "edge"),
         ("cylinder", {"reference.points": [[1.2, 0, 0], [2.0, 0.0, 0.1]]}, "points between"),
         ("cylinder", {"reference.distance": -0.6}, "in the middle of the wall"),
+        ("cylinder", {"reference.points": [[1.6, 0.0, 0.0]]}, "give a point next to its face"),
+        ("cylinder", {"vehicle.contact_bodies": [BUMPER | {"position": [-0.25, 0, 0]}]}, "give a body in front"),
         ("sphere", {"reference.points": [[1.6, 0, -0.4]]}, "normal is vertical"),
         ("sphere", {"reference.points": [[1.6, 0, -0.4]], "reference.keep_depth": True}, "level there|not brought"),
         ("capsule", {"reference.points": [[1.2, 0, 0], [1.2, 0.0, 0.85]]}, "edge or a bend|vertical"),
@@ -265,3 +267,27 @@ def test_a_start_behind_a_pile_is_told():
     one = scenario("cylinder").updated({"initial.position": [2.6, 0.0, 0.0], "initial.attitude_deg": [0, 0, 90.0]})
     notes = list(one.reference.notes(set_up(one)))
     assert any("nearer than the path" in note for note in notes), notes
+
+
+def test_a_way_that_the_run_cuts_short_is_told():
+    one = scenario("cylinder").updated({"simulation.duration": 5.0})
+    assert any("ends at 5 s" in note for note in one.reference.notes(set_up(one)))
+    assert not list(scenario("sphere").reference.notes(set_up(scenario("sphere"))))
+
+
+def test_a_reset_moves_the_way_with_the_wall():
+    """A changed wall and a changed distance are a new way, as of a new run."""
+    wall = {"amplitude": [0.0, 0.0, 0.1], "frequency_hz": 0.2}
+    one = scenario("cylinder", wall, ride=True).updated({"simulation.duration": 0.5, "reference.start_time": 0.0})
+    changes = {"walls[0].position": [1.7, 0.1, 0.0], "walls[0].amplitude": [0.2, 0.0, 0.1], "reference.distance": 0.1}
+    with Simulation(one, engine="free_body") as sim:
+        sim.step(100)
+        sim.reset(changes)
+        sim.step(400)
+        found = np.array(sim.signals.p_d)
+    with Simulation(one.updated(changes), engine="free_body") as sim:
+        sim.step(400)
+        np.testing.assert_array_equal(found, sim.signals.p_d)
+    with Simulation(one, engine="free_body") as sim:
+        sim.step(400)
+        assert np.abs(found - sim.signals.p_d).max() > 1e-5

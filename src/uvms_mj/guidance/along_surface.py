@@ -133,17 +133,33 @@ class AlongSurface(Followed):
         """The path at the wall at its place without motion."""
         record, wall = np.zeros(1, SURFACE), self.surface(scenario)
         wall.place(record[0])
-        shape = (self.points, self.keep_depth, self.level, self.stop, self.attitude_deg)
-        reach = self.reach
-        if reach is None:
-            reach = _reach(record.tobytes(), shape, self._bodies(scenario))
+        reach = self._reach(scenario)
         away = reach + (self.distance or 0.0) if self.push is None else reach - self._depth(scenario, wall)
         size = SHAPES[wall.shape].size
         if size is not None and away < -0.5 * size(wall.size):
             raise InputError(
                 [Fault("reference.distance", f"{away:.4g} m from the face is in the middle of the wall")], "scenario"
             )
-        return _way(record.tobytes(), away, *shape)
+        return _way(record.tobytes(), away, *self._shape)
+
+    @property
+    def _shape(self) -> tuple[Any, ...]:
+        """What the way along a wall follows from, beside the wall and the distance."""
+        return self.points, self.keep_depth, self.level, self.stop, self.attitude_deg
+
+    def _reach(self, scenario: ScenarioLike) -> float:
+        """The distance of the frame's origin from a wall that it touches [m]; 0 where it is not known."""
+        if self.reach is not None:
+            return self.reach
+        record = np.zeros(1, SURFACE)
+        self.surface(scenario).place(record[0])
+        bodies = self._bodies(scenario)
+        reach = _reach(record.tobytes(), self._shape, bodies)
+        if bodies and reach <= 0.0:
+            where = f"the first one touches {self.wall} where B's origin is {-reach:.4g} m behind the face"
+            wrong = f"{where}: x of the vehicle looks at it; give a body in front"
+            raise InputError([Fault("vehicle.contact_bodies", wrong)], "scenario")
+        return reach
 
     def _bodies(self, scenario: ScenarioLike) -> tuple[tuple[Any, Any, float], ...]:
         """The ends in B and the radius of each contact body; none if the frame of the task does not carry them all."""
@@ -225,6 +241,9 @@ class AlongSurface(Followed):
 
     def notes(self, setup: SetupLike) -> Iterable[str]:
         yield from start_notes(self, setup)
+        begins, duration = self.constants(setup)["begins"], setup.scenario.simulation.duration
+        if (ends := float(begins[np.isfinite(begins)].max())) > duration:
+            yield f"the way of the reference ends at {ends:.4g} s, after the run, which ends at {duration:g} s"
         surface, normal, way = self._record(setup.scenario), np.zeros(3), self.way_of(setup.scenario)
         first, start = way.legs[0][0][:3], np.array(setup.initial.position)
         least = min(
@@ -312,10 +331,13 @@ def _way(
 ) -> Way:
     """The poses of the frame along a path. Raises InputError where the wall does not allow it."""
     wall = record_of(np.frombuffer(bytearray(surface), SURFACE))
-    radius = max(abs(away), 0.02)
+    given, n, radius = np.array(points, float), np.zeros(3), max(abs(away), 0.02)
     if (size := tuple(SHAPES.values())[wall.kind].size) is not None:
         radius = max(abs(size(wall.extent) + away), 0.02)
-    given, n = np.array(points, float), np.zeros(3)
+        inside = [signed_distance(wall, point.copy(), n) < -0.5 * size(wall.extent) for point in given]
+        if any(inside):
+            where = f"reference.points[{inside.index(True)}]"
+            raise InputError([Fault(where, "is in the middle of the wall: give a point next to its face")], "scenario")
     normals, frames = list[np.ndarray](), list[np.ndarray]()
     legs, R = list[np.ndarray](), None
     stops = range(len(points)) if stop else (0, len(points) - 1)
