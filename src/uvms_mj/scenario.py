@@ -229,6 +229,9 @@ class Scenario:
         faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
+        if "vehicles" in tables:
+            several = "are a world of several vehicles, which World.load and uvms-mj run take; here is one vehicle"
+            raise InputError([Fault("vehicles", f"{several} needed")], place)
         meant = tables_by_word(CHOICES) if tables.keys() - _KEYS[""] else {}
         for word in [word for word in tables if word in meant and word not in _KEYS[""]] if meant else ():
             faults.append(Fault(word, no_table(word, "name", _TABLES, CHOICES)))

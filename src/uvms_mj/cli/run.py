@@ -9,8 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
-from .folders import LOG, RunFolder, output_folder, remove_if_empty
+from .common import (
+    EXIT_BAD_INPUT,
+    Console,
+    Stop,
+    bad_input,
+    end,
+    ended,
+    exit_interrupted,
+    label_of,
+    printable,
+    warn,
+)
+from .folders import LOG, RunFolder, log_of, output_folder, remove_if_empty
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
@@ -18,6 +29,7 @@ if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
+    from ..world import World
 
 
 @command(
@@ -52,13 +64,16 @@ def run(
     """
     stop = Stop()
     console = Console(as_json, quiet)
-    scenario = None
+    scenario: Scenario | World | None = None
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
             from ..files import locked
 
             deployed = asked["as_deployed"]
+            if (world := _world_of(**asked)) is not None:
+                scenario = world
+                sys.exit(_run_world(world, out, files, log_rate, engine, viewer, console, stop))
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             if deployed and not quiet:
                 _say_what_is_left(scenario, mjcf)
@@ -83,6 +98,87 @@ def run(
             click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
+
+
+def _world_of(
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    row: int | None,
+    as_deployed: bool,
+) -> "World | None":
+    """The world that the arguments of the command name; None if they name one vehicle. Raises InputError if the input
+    is invalid."""
+    from ..world import World, is_world
+
+    name, overrides = asked_for(arguments, settings)
+    if name is None or log is not None or name.endswith(".mcap") or not is_world(name):
+        return None
+    if as_deployed:
+        from ..setup.deployment import as_deployed as deployed
+
+        overrides = deployed(overrides)
+    return World.load(name, overrides, controller)
+
+
+def _run_world(
+    world: "World",
+    out: str | None,
+    files: dict[str, Path],
+    log_rate: str | None,
+    engine: str | None,
+    viewer: bool,
+    console: Console,
+    stop: Stop,
+) -> int:
+    """Run a world, write a log for each vehicle and report each; return the exit status."""
+    from ..analysis.metrics import AROUND_THE_END_S
+    from ..analysis.summary import ending, fluctuates, summary
+    from ..engine.run import LawError, SinkError, simulate
+    from ..errors import InputError
+    from ..files import locked
+    from ..records.mcap import McapLog
+
+    if viewer:
+        raise InputError("--viewer shows one vehicle during its run; uvms-mj replay DIR shows a world afterwards")
+    folder, made = output_folder(out, world)
+    half = max(AROUND_THE_END_S, 0.5 * world.simulation.duration)
+    kept = half if any(map(fluctuates, world.scenarios.values())) else AROUND_THE_END_S
+    with locked(folder):
+        try:
+            sinks: dict[str, list[Sink]] = {name: [McapLog(folder / log_of(name))] for name in world.scenarios}
+            next(iter(sinks.values())).insert(0, RunFolder(folder, files, made_of(world), world))
+            with console.running(world, stop) as progress:
+                traces = simulate(
+                    world, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=kept, engine=engine or "mujoco"
+                )
+        except (LawError, SinkError) as raised:
+            click.echo(printable(f"error: {raised}"), err=True)
+            return EXIT_BAD_INPUT
+        except OSError as raised:
+            raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
+        finally:
+            remove_if_empty(made)
+    stop.ignore()
+    there, status = _existing(files), 0
+    reports = {name: summary(trace, {"mcap": there[name]}) for name, trace in traces.items()}
+    console.reports(traces, {"scenario": world.name, "vehicles": reports, "files": {"scenario": there["scenario"]}})
+    for name, trace in traces.items():
+        for note in ending(trace):
+            warn(f"{name}: {note}")
+        status = max(status, ended(trace, f"{name}: "))
+    return status
+
+
+def made_of(world: "World | None" = None) -> list[str]:
+    """The names of the files that are made from the logs of a run or a world, and go with them."""
+    from .logs import FORMATS
+    from .plot import WHATS
+
+    logs = [LOG] if world is None else [log_of(name) for name in world.scenarios]
+    suffixes = [f".{kind}" for kind in (*FORMATS, "mp4")]
+    return [f"{what}.png" for what in WHATS] + [str(Path(log).with_suffix(each)) for log in logs for each in suffixes]
 
 
 def chosen(
@@ -201,11 +297,8 @@ def run_and_report(
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.mcap import McapLog
-    from .logs import FORMATS
-    from .plot import WHATS
 
-    made = [f"{what}.png" for what in WHATS] + [str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4")]
-    sinks: list[Sink] = [RunFolder(folder, files, made), McapLog(folder / LOG)]
+    sinks: list[Sink] = [RunFolder(folder, files, made_of()), McapLog(folder / LOG)]
     if viewer:
         from ..views.rerun import LiveView
 
@@ -244,7 +337,7 @@ def _existing(files: dict[str, Path]) -> dict[str, str]:
     return {kind: str(path) for kind, path in files.items() if path.exists()}
 
 
-def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
+def _nothing_ran(scenario: "Scenario | World | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
     """The report of a run that was interrupted before its first step."""
     from ..analysis.summary import summary_of_none
 
@@ -256,7 +349,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dic
     if scenario is not None:
         known |= {
             "scenario": scenario.name,
-            "controller": scenario.controller.label(),
+            "controller": label_of(scenario),
             "timestep_s": scenario.simulation.timestep,
         }
     return summary_of_none(known, files)

@@ -1,13 +1,14 @@
 """``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
+import contextlib
 import dataclasses
 import functools
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
-from typing import Protocol
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
+from typing import Any, Protocol, overload
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ..records.writing import Writing
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..views.progress import following
+from ..world import World
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario
@@ -63,42 +65,55 @@ class PlainPythonWarning(UserWarning):
     """A law runs as plain Python because the language of the compiler lacks what it uses."""
 
 
+@overload
+def simulate(scenario: World, controller: None = None, **settings: Any) -> dict[str, Trace]: ...
+@overload
+def simulate(scenario: Scenario | None = None, controller: Controller | None = None, **settings: Any) -> Trace: ...
+
+
 def simulate(
-    scenario: Scenario | None = None,
+    scenario: Scenario | World | None = None,
     controller: Controller | None = None,
     *,
     log_rate: float | str | None = None,
     progress: Callable[[int, int], None] | bool | None = None,
-    sinks: Sequence[Sink] = (),
+    sinks: Sequence[Sink] | Mapping[str, Sequence[Sink]] = (),
     keep_s: float | None = None,
     engine: str = "mujoco",
     mjcf: Mjcf | None = None,
     peer: Peer | None = None,
-) -> Trace:
+) -> Trace | dict[str, Trace]:
     """Run a scenario.
 
     Args:
-        scenario: the scenario to run; default: the paper's.
+        scenario: the scenario to run, or a world; default: the paper's.
         controller: a controller in place of the scenario's.
         log_rate: samples per second [Hz], which must divide the step rate; ``"full"`` for every step; default: 1 kHz,
             or a rate near it that divides the step rate.
         progress: True for a progress bar, or a function that is called after each chunk with the number of steps done
             and the run's number of steps.
-        sinks: receivers of the samples during the run, e.g. ``McapLog("run.mcap")``; called on a separate thread.
+        sinks: receivers of the samples during the run, e.g. ``McapLog("run.mcap")``; called on a separate thread. Of a
+            world, a mapping from the names of vehicles to them.
         keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
         engine: "mujoco" or "free_body", as in :class:`Simulation`.
         mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
         peer: another program that sets what a stage leaves to the caller of a Simulation.
 
     Returns:
-        The trace. If the run diverged or was interrupted (Ctrl-C), the trace has the samples up to then, and
-        ``trace.status`` gives the reason.
+        The trace; of a world, the trace of each vehicle by its name. If the run diverged or was interrupted (Ctrl-C),
+        the trace has the samples up to then, and ``trace.status`` gives the reason.
 
     Raises:
         InputError: the input is invalid; raised before the first step.
         LawError: the law raised, used an index out of bounds or gave a number that is not finite.
         SinkError: a sink raised, e.g. because the disk is full; its output up to then is kept.
     """
+    if isinstance(scenario, World):
+        if controller is not None or mjcf is not None or peer is not None:
+            raise InputError("controller, mjcf and peer are of one vehicle; a world has several")
+        return _simulate_world(scenario, log_rate, progress, sinks, keep_s, engine)
+    if isinstance(sinks, Mapping):
+        raise InputError("sinks: of one vehicle they are a list")
     scenario = valid_scenario(scenario)
     if controller is not None and not isinstance(controller, Controller):
         loaded = f'; a name belongs to the scenario: Scenario.load("push_wall", controller={shortened(controller)})'
@@ -113,26 +128,101 @@ def simulate(
                 peer=law,
             )  # fmt: skip
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    for stage in (scenario.controller, scenario.actuation):
-        if stage.by_caller and peer is None:
-            needed = f"a run needs another {stage.room.noun}"
-            wrong = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation; {needed}"
-            raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
+    if peer is None:
+        _refuse_callers(scenario)
     label = f"{scenario.name} · {scenario.controller.label()}"
-
-    def shown(done: int, total: int) -> dict[str, float]:
-        return {"done": done, "total": total, "simulated": done * scenario.simulation.timestep}
-
     with (
-        following(progress, label, "{simulated:.1f} s simulated", shown) as advance,
+        _followed(progress, label, scenario.simulation.timestep) as advance,
         mujoco_warnings(),
         Simulation(scenario, engine=engine, mjcf=mjcf, looks=False) as sim,
     ):
-        notes = sim.notes
-        for note in notes:
-            slow = note in sim.slow_stages
-            warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, advance, sinks, np.inf if keep_s is None else keep_s, notes, peer).go()
+        run = _Run(sim, row_steps, sinks, np.inf if keep_s is None else keep_s, _told(sim), peer)
+        _drive({"": run}, advance)
+        return run.result()
+
+
+def _simulate_world(
+    world: World,
+    log_rate: float | str | None,
+    progress: Callable[[int, int], None] | bool | None,
+    sinks: Sequence[Sink] | Mapping[str, Sequence[Sink]],
+    keep_s: float | None,
+    engine: str,
+) -> dict[str, Trace]:
+    """Run the vehicles of a world, a chunk of one after a chunk of the other. What stops one vehicle does not stop the
+    others, but for an interrupt, which stops all."""
+    if not isinstance(sinks, Mapping) or sinks.keys() - world.scenarios.keys():
+        if sinks:
+            raise InputError(f"sinks: of a world they are a mapping from the names of its vehicles, {world.label}")
+        sinks = {}
+    timestep = world.simulation.timestep
+    row_steps, kept = row_steps_of(timestep, log_rate), np.inf if keep_s is None else keep_s
+    for scenario in world.scenarios.values():
+        _refuse_callers(scenario)
+    with (
+        _followed(progress, f"{world.name} · {world.label}", timestep) as advance,
+        mujoco_warnings(),
+        contextlib.ExitStack() as stack,
+    ):
+        runs = {}
+        for name, scenario in world.scenarios.items():
+            sim = stack.enter_context(Simulation(scenario, engine=engine, looks=False))
+            runs[name] = _Run(sim, row_steps, sinks.get(name, ()), kept, _told(sim, f"{name}: "))
+        _drive(runs, advance)
+        return {name: run.result() for name, run in runs.items()}
+
+
+def _drive(runs: "Mapping[str, _Run]", advance: Callable[[int, int], None]) -> None:
+    """Go through runs of the same number of steps, and call ``advance`` with the steps that all have done. What is
+    raised between two chunks, or interrupts one run, stops them all."""
+    going = {name: run.going() for name, run in runs.items()}
+    done = dict.fromkeys(going, 0)
+    try:
+        while going:
+            for name in list(going):
+                if (now := next(going[name], None)) is None:
+                    del going[name], done[name]
+                    if runs[name].interrupted:
+                        raise KeyboardInterrupt
+                else:
+                    done[name] = now
+            if going:
+                advance(min(done.values()), next(iter(runs.values())).scenario.steps)
+    except (KeyboardInterrupt, Exception) as error:
+        for each in going.values():
+            with contextlib.suppress(StopIteration, type(error)):
+                each.throw(error)
+        if not all(run.ended for run in runs.values()):  # it came before a first step
+            raise
+
+
+def _followed(
+    progress: Callable[[int, int], None] | bool | None, label: str, timestep: float
+) -> AbstractContextManager[Callable[..., None]]:
+    """What a run calls with the steps done and their total."""
+
+    def shown(done: int, total: int) -> dict[str, float]:
+        return {"done": done, "total": total, "simulated": done * timestep}
+
+    return following(progress, label, "{simulated:.1f} s simulated", shown)
+
+
+def _refuse_callers(scenario: Scenario) -> None:
+    """Raise InputError if a stage leaves its commands to the caller of a Simulation."""
+    for stage in (scenario.controller, scenario.actuation):
+        if stage.by_caller:
+            needed = f"a run needs another {stage.room.noun}"
+            wrong = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation; {needed}"
+            raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
+
+
+def _told(sim: Simulation, whose: str = "") -> tuple[str, ...]:
+    """The notes of a Simulation, which are given as warnings."""
+    notes = sim.notes
+    for note in notes:
+        slow = note in sim.slow_stages
+        warnings.warn(f"{whose}{note}", PlainPythonWarning if slow else SamplingWarning, stacklevel=3)
+    return notes
 
 
 @dataclasses.dataclass
@@ -141,7 +231,6 @@ class _Run:
 
     sim: Simulation
     row_steps: int
-    progress: Callable[[int, int], None]
     sinks: Sequence[Sink]
     keep_s: float
     notes: tuple[str, ...]
@@ -151,9 +240,11 @@ class _Run:
         self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
         self._taken_at = time.monotonic()
+        self.interrupted, self.ended, self._stepping_s = False, False, 0.0
 
-    def go(self) -> Trace:
-        """Step until the run ends or is stopped, and make the trace."""
+    def going(self) -> Iterator[int]:
+        """Step until the run ends or is stopped. Yields the number of steps done after each chunk; a KeyboardInterrupt
+        that is thrown in there stops the run, as one that is raised by a signal."""
         sim, setup = self.sim, self.sim.setup
         counts = {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)}
         header = Header(
@@ -169,10 +260,14 @@ class _Run:
             engine=sim.engine,
         )
         with Writing(self.sinks, header) as self.writing:
-            outcome, raised = self._outcome()
+            outcome, self._raised = yield from self._outcome()
             self._take_rows()
             self.writing.end(outcome)
-        trace = Trace(header, Columns(header, [*self.blocks]), outcome)
+        self._trace, self.ended = Trace(header, Columns(header, [*self.blocks]), outcome), True
+
+    def result(self) -> Trace:
+        """The trace, when the run has ended. Raises what stopped it."""
+        trace, raised, outcome = self._trace, self._raised, self._trace.outcome
         if isinstance(raised, StageFault):
             raise LawError(outcome.message, trace) from raised.__cause__
         if raised is not None:
@@ -181,14 +276,13 @@ class _Run:
             raise SinkError(self.writing.message, trace) from self.writing.error
         return trace
 
-    def _outcome(self) -> tuple[Outcome, Exception | None]:
+    def _outcome(self) -> Generator[int, None, tuple[Outcome, Exception | None]]:
         """Step to the end. Returns the outcome, and the exception of a stage or of another part, if any."""
         sim, status, message = self.sim, Status.completed, ""
         raised: Exception | None = None
-        start = time.perf_counter()
         try:
-            for done in self._chunks() if self.peer is None else self._exchanges(self.peer):
-                self.progress(done, self.scenario.steps)
+            for done in self._timed(self._chunks() if self.peer is None else self._exchanges(self.peer)):
+                yield done
                 if sim.divergence:
                     touched = self.memory.run["row"]["touches"][0] > 0.0
                     own = not (self.scenario.thrusters.is_shipped and self.scenario.actuation.is_shipped)
@@ -200,11 +294,23 @@ class _Run:
                     status, message = Status.failed, f"t = {sim.t:.6g} s: {self.writing.message}"
                     break
         except KeyboardInterrupt:
+            self.interrupted = True
             status, message = Status.interrupted, f"t = {sim.t:.6g} s: stopped from outside"
         except Exception as error:  # a StageFault, or an error of this package
             status, raised, message = Status.failed, error, f"t = {sim.t:.6g} s: {error}"
-        wall_time_s = time.perf_counter() - start
-        return Outcome(status, message, min(sim.steps, self.scenario.steps), wall_time_s), raised
+        return Outcome(status, message, min(sim.steps, self.scenario.steps), self._stepping_s), raised
+
+    def _timed(self, chunks: Iterator[int]) -> Iterator[int]:
+        """The chunks, with the wall time that they take. Between two of them other vehicles may step."""
+        while True:
+            start = time.perf_counter()
+            try:
+                done = next(chunks)
+            except StopIteration:
+                return
+            finally:
+                self._stepping_s += time.perf_counter() - start
+            yield done
 
     def _chunks(self) -> Iterator[int]:
         """Step through the run. The rows of a chunk are taken even if it raises."""

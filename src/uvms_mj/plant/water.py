@@ -19,7 +19,7 @@ from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.near_wall import HULL, STRIPS
 from ..physics.near_wall import SHAPES as HULLS
-from ..physics.random import key_of
+from ..physics.random import key_of, owned
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import (
     STRICT,
@@ -219,7 +219,7 @@ class Disturbance(EffectTable):
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DISTURBANCE`."""
-        return [_series("disturbance", self, self.bias, world)]
+        return [_series(owned("disturbance", world.vehicle), self, self.bias, world)]
 
     def faults(self, world: World) -> Iterator[Fault]:
         return _series_faults(self, world.timestep)

@@ -466,7 +466,7 @@ def write_effects(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_keys(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario.simulation.seed_of)
+    memory.stages.write_keys(setup.scenario.simulation.seed_of, setup.scenario.vehicle.name)
 
 
 def write_periods(memory: RunMemory, setup: Setup) -> None:
