@@ -126,7 +126,8 @@ def plot(
         from ..views import figures
 
         names = names_in("--what", whats) or ["summary"]
-        default = Path(logs[0]).parent / "_".join(names)[:60]
+        beside = Path(logs[0])
+        default = (beside if beside.is_dir() else beside.parent) / "_".join(names)[:60]
         stem, formats = figure_files(kinds, out, default, force)
         wide = inches(width)
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}

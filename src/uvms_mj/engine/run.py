@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import itertools
 import time
 import warnings
 from collections import deque
@@ -16,6 +17,8 @@ from ..control import Controller
 from ..control.base import Udp
 from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
+from ..physics.frames import quat_from_euler_deg
+from ..plant import encounter
 from ..plant.mjcf import Mjcf, mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Columns, Trace
@@ -168,8 +171,53 @@ def _simulate_world(
         for name, scenario in world.scenarios.items():
             sim = stack.enter_context(Simulation(scenario, engine=engine, looks=False))
             runs[name] = _Run(sim, row_steps, sinks.get(name, ()), kept, _told(sim, f"{name}: "))
-        _drive(runs, advance)
+        watch = _Encounters(runs)
+
+        def advanced(done: int, total: int) -> None:
+            watch.look()
+            advance(done, total)
+
+        _drive(runs, advanced)
         return {name: run.result() for name, run in runs.items()}
+
+
+class EncounterWarning(UserWarning):
+    """Two vehicles of a world are in each other's way, and pass through each other."""
+
+
+class _Encounters:
+    """Looks whether the boxes around two vehicles overlap, at some instants of each chunk."""
+
+    _MOST = 20
+    """Instants of a chunk at which it looks."""
+
+    def __init__(self, runs: "Mapping[str, _Run]") -> None:
+        """Raises InputError if one vehicle is inside another at the start."""
+        self._runs = runs
+        self._pairs = set(itertools.combinations(runs, 2))
+        start = {name: run.start() for name, run in runs.items()}
+        faults = [
+            Fault(f"vehicles[{two}].initial", f"is inside {one!r}: the boxes around both overlap by {-gap:.3g} m")
+            for one, two in sorted(self._pairs)
+            if (gap := float(encounter.gap(start[one], start[two])[0])) < 0.0
+        ]
+        if faults:
+            raise InputError(faults, "scenario")
+
+    def look(self) -> None:
+        """Warn of every pair that overlaps for the first time."""
+        blocks = {name: run.blocks[-1] for name, run in self._runs.items() if run.blocks}
+        rows = min((len(block) for block in blocks.values()), default=0)
+        if not rows or not self._pairs:
+            return
+        chosen = np.unique(np.linspace(0, rows - 1, self._MOST).astype(int))
+        now = {name: self._runs[name].boxes(block[chosen]) for name, block in blocks.items()}
+        for one, two in sorted(self._pairs):
+            if one in now and two in now and (inside := encounter.gap(now[one], now[two]) < 0.0).any():
+                t = float(blocks[one][chosen[inside.argmax()], 0])
+                said = "contact between vehicles is not computed, and they pass through each other"
+                warnings.warn(f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=4)
+                self._pairs.discard((one, two))
 
 
 def _drive(runs: "Mapping[str, _Run]", advance: Callable[[int, int], None]) -> None:
@@ -241,6 +289,20 @@ class _Run:
         self.blocks: deque[np.ndarray] = deque()
         self._taken_at = time.monotonic()
         self.interrupted, self.ended, self._stepping_s = False, False, 0.0
+
+    def start(self) -> encounter.Boxes:
+        """The boxes around the vehicle at its start."""
+        setup = self.sim.setup
+        initial = setup.scenario.initial
+        p, quat = np.array([initial.position]), quat_from_euler_deg(*initial.attitude_deg)[None]
+        return encounter.boxes(setup.plant.geometry, p, quat, np.array([setup.initial_joints]))
+
+    def boxes(self, rows: np.ndarray) -> encounter.Boxes:
+        """The boxes around the vehicle at some rows (n, width)."""
+        ends = np.cumsum([signal.size for signal in self.sim.recorded])
+        given = {s.name: rows[:, end - s.size : end] for s, end in zip(self.sim.recorded, ends, strict=True)}
+        q = given.get("q", np.zeros((len(rows), 0)))
+        return encounter.boxes(self.sim.setup.plant.geometry, given["p_WB"], given["quat_WB"], q)
 
     def going(self) -> Iterator[int]:
         """Step until the run ends or is stopped. Yields the number of steps done after each chunk; a KeyboardInterrupt
