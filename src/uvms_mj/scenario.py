@@ -27,6 +27,7 @@ from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.buoyancy import Buoyancy, Volume
+from .plant.coupling import Coupling
 from .plant.effect import Effect, numbers_of
 from .plant.obstacle import Obstacle
 from .plant.sea import Sea
@@ -88,6 +89,7 @@ class Scenario:
     buoyancy: Buoyancy = Buoyancy()
     fins: tuple[Fin, ...] = ()
     drag: tuple[Drag, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
     effects: tuple[Effect, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
@@ -372,6 +374,7 @@ LISTS: dict[str, Any] = {
     "near_wall": NearWall,
     "fins": Fin,
     "drag": Drag,
+    "couplings": Coupling,
     "effects": Effect,
 }
 """The tables of each list of tables."""

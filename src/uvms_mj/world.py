@@ -16,12 +16,13 @@ import tomli_w
 
 from .errors import Fault, InputError, shortened, suggestion
 from .files import tables_of, toml_path
+from .plant.coupling import Coupling
 from .plant.settings import NAME, Stepping
 from .quantities import overrides_of
 from .scenario import Scenario
 
-OF_WORLD = ("simulation", "current", "obstacle", "sea", "wall", "walls")
-"""The tables of water, walls and time, which all vehicles share. Every other table is of a vehicle."""
+OF_WORLD = ("simulation", "current", "obstacle", "sea", "wall", "walls", "couplings")
+"""The tables of water, walls, time and couplings, which all vehicles share. Every other table is of a vehicle."""
 VEHICLES = "vehicles"
 _OF_ONE = re.compile(rf"{VEHICLES}\[(\w+)\]\.(.+)")
 """The key ``vehicles[0].controller.k_1``, or with a name, ``vehicles[left].controller.k_1``."""
@@ -72,10 +73,7 @@ class World:
         ``[[vehicles]]`` has the name and the tables of each vehicle. A table at the top is of the world, or else of
         every vehicle that has no such table of its own.
         """
-        listed = tables.get(VEHICLES, ())
-        if not isinstance(listed, list | tuple) or not all(isinstance(each, Mapping) for each in listed) or not listed:
-            raise InputError([Fault(VEHICLES, f"{shortened(listed)} is not a list of tables, one a vehicle")], place)
-        names = _names(listed, place)
+        names, listed = _listed(tables, place)
         common = {key: value for key, value in tables.items() if key not in ("name", "description", VEHICLES)}
         name, description = tables.get("name", "world"), tables.get("description", "")
         faults, own = list[Fault](), _of_each(overrides_of(overrides), names, place)
@@ -93,8 +91,7 @@ class World:
                 faults += _placed(error.faults, i)
         if faults:
             raise InputError(list(dict.fromkeys(faults)), place)
-        first = next(iter(scenarios.values()))
-        return cls(first.name, first.description, scenarios)
+        return _world(scenarios, place)
 
     def updated(self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "world") -> "World":
         """Return a copy with dotted keys replaced, as in :meth:`load`."""
@@ -107,13 +104,22 @@ class World:
                 faults += _placed(error.faults, i)
         if faults:
             raise InputError(list(dict.fromkeys(faults)), place)
-        first = next(iter(scenarios.values()))
-        return World(first.name, first.description, scenarios)
+        return _world(scenarios, place)
 
     @property
     def simulation(self) -> Stepping:
         """Time step, duration and seed, which all vehicles share."""
         return next(iter(self.scenarios.values())).simulation
+
+    @property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """What couples two vehicles."""
+        return next(iter(self.scenarios.values())).couplings
+
+    @property
+    def coupled(self) -> set[str]:
+        """The names of the vehicles that are coupled to others."""
+        return {name for coupling in self.couplings for name in coupling.vehicles}
 
     @property
     def label(self) -> str:
@@ -143,15 +149,31 @@ class World:
         return "\n  ".join([f"<World {self.name!r}, {len(self.scenarios)} vehicles", *each]) + ">"
 
 
-def is_world(scenario: str | os.PathLike) -> bool:
-    """Whether the scenario of a file or a name has ``[[vehicles]]``. Raises InputError if there is none, or it can't be
-    read."""
-    return VEHICLES in tables_of(toml_path(scenario, "scenario", "scenarios"), "scenario")
+def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
+    """The world of scenarios by the names of their vehicles. Raises InputError for a coupling of no two of them."""
+    first, faults = next(iter(scenarios.values())), list[Fault]()
+    for i, coupling in enumerate(first.couplings):
+        key, (one, two) = f"couplings[{i}].vehicles", coupling.vehicles
+        faults += [Fault(key, f"no vehicle {x!r}; {suggestion(x, scenarios)}") for x in (one, two) if x not in scenarios]
+        faults += [Fault(key, f"{one!r} can't be coupled to itself")] if one == two else []
+    if faults:
+        raise InputError(faults, place)
+    return World(first.name, first.description, scenarios)
 
 
-def _names(listed: Sequence[Mapping[str, Any]], place: str) -> list[str]:
-    """The names of the vehicles. Raises InputError for a wrong one, and for one that two of them have: on a file
-    system without capitals, their logs would be one file."""
+def vehicles_of(scenario: str | os.PathLike) -> list[str]:
+    """The names of the vehicles of a file or a built-in name, of which no code is run; none if it is of one vehicle.
+    Raises InputError if there is none, or it can't be read."""
+    tables = tables_of(toml_path(scenario, "scenario", "scenarios"), "scenario")
+    return _listed(tables, str(scenario))[0] if VEHICLES in tables else []
+
+
+def _listed(tables: Mapping[str, Any], place: str) -> tuple[list[str], Sequence[Mapping[str, Any]]]:
+    """The names of the vehicles, and their tables. Raises InputError for a wrong name, and for one that two of them
+    have: on a file system without capitals, their logs would be one file."""
+    listed = tables.get(VEHICLES, ())
+    if not isinstance(listed, list | tuple) or not all(isinstance(each, Mapping) for each in listed) or not listed:
+        raise InputError([Fault(VEHICLES, f"{shortened(listed)} is not a list of tables, one a vehicle")], place)
     faults, names = list[Fault](), list[str]()
     for i, table in enumerate(listed):
         key, name = f"{VEHICLES}[{i}].name", table.get("name")
@@ -164,7 +186,7 @@ def _names(listed: Sequence[Mapping[str, Any]], place: str) -> list[str]:
         names.append(name)
     if faults:
         raise InputError(faults, place)
-    return names
+    return names, listed
 
 
 def _of_each(overrides: Mapping[str, Any], names: Sequence[str], place: str) -> dict[str, dict[str, Any]]:

@@ -357,12 +357,13 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
 def logs_of(log: str) -> tuple[str, ...]:
     """The logs of the vehicles in the folder of a world, or the one log that is named."""
     from ..files import is_file
-    from ..world import World, is_world
+    from ..world import vehicles_of
 
     scenario = Path(log) / SCENARIO
-    if not is_file(scenario) or not is_world(scenario):
+    names = vehicles_of(scenario) if is_file(scenario) else []
+    there = (Path(log) / log_of(name) for name in names)
+    if not names:
         return (log,)
-    there = (Path(log) / log_of(name) for name in World.load(scenario).scenarios)
     return tuple(str(path) for path in there if path.exists())
 
 

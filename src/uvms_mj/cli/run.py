@@ -110,10 +110,10 @@ def _world_of(
 ) -> "World | None":
     """The world that the arguments of the command name; None if they name one vehicle. Raises InputError if the input
     is invalid."""
-    from ..world import World, is_world
+    from ..world import World, vehicles_of
 
     name, overrides = asked_for(arguments, settings)
-    if name is None or log is not None or name.endswith(".mcap") or not is_world(name):
+    if name is None or log is not None or name.endswith(".mcap") or not vehicles_of(name):
         return None
     if as_deployed:
         from ..setup.deployment import as_deployed as deployed

@@ -19,6 +19,7 @@ from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg
 from ..plant import encounter
+from ..plant.coupling import Coupling
 from ..plant.mjcf import Mjcf, mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Columns, Trace
@@ -27,6 +28,7 @@ from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
 from ..views.progress import following
 from ..world import World
+from .coupling import CoupledSimulation, Lockstep, OtherStopped
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario
@@ -169,8 +171,10 @@ def _simulate_world(
     ):
         runs = {}
         for name, scenario in world.scenarios.items():
-            sim = stack.enter_context(Simulation(scenario, engine=engine, looks=False))
+            kind = CoupledSimulation if name in world.coupled else Simulation
+            sim = stack.enter_context(kind(scenario, engine=engine, looks=False))
             runs[name] = _Run(sim, row_steps, sinks.get(name, ()), kept, _told(sim, f"{name}: "))
+        _couple({name: run for name, run in runs.items() if name in world.coupled}, world.couplings)
         watch = _Encounters(runs)
 
         def advanced(done: int, total: int) -> None:
@@ -179,6 +183,16 @@ def _simulate_world(
 
         _drive(runs, advanced)
         return {name: run.result() for name, run in runs.items()}
+
+
+def _couple(runs: "Mapping[str, _Run]", couplings: Sequence[Coupling]) -> None:
+    """Let runs take their steps together."""
+    if not runs:
+        return
+    together = Lockstep({name: run.sim for name, run in runs.items()}, couplings)
+    most = min(run.most for run in runs.values())
+    for name, run in runs.items():
+        run.most, run.advance = most, together.of(name)
 
 
 class EncounterWarning(UserWarning):
@@ -289,6 +303,8 @@ class _Run:
         self.blocks: deque[np.ndarray] = deque()
         self._taken_at = time.monotonic()
         self.interrupted, self.ended, self._stepping_s = False, False, 0.0
+        self.most = self.sim.chunk_steps
+        self.advance: Callable[[int], int] = lambda n: self.sim.run(n, CHUNK_S)
 
     def start(self) -> encounter.Boxes:
         """The boxes around the vehicle at its start."""
@@ -355,6 +371,8 @@ class _Run:
                 if self.writing.error is not None:
                     status, message = Status.failed, f"t = {sim.t:.6g} s: {self.writing.message}"
                     break
+        except OtherStopped as other:
+            status, message = Status.failed, f"t = {sim.t:.6g} s: {other} has stopped, to which it is coupled"
         except KeyboardInterrupt:
             self.interrupted = True
             status, message = Status.interrupted, f"t = {sim.t:.6g} s: stopped from outside"
@@ -376,10 +394,10 @@ class _Run:
 
     def _chunks(self) -> Iterator[int]:
         """Step through the run. The rows of a chunk are taken even if it raises."""
-        sim, steps, done, most = self.sim, self.scenario.steps, 0, self.sim.chunk_steps
+        sim, steps, done, most = self.sim, self.scenario.steps, 0, self.most
         while done < steps:
             try:
-                done += sim.run(min(most - done % most, steps - done), CHUNK_S)
+                done += self.advance(min(most - done % most, steps - done))
             finally:
                 self._take_rows()
             sim.check()

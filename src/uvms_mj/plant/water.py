@@ -36,6 +36,7 @@ from ..quantities import (
     within,
 )
 from .buoyancy import Buoyancy
+from .coupling import Coupling
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -456,5 +457,6 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,
+    "couplings": Coupling,
 }
 """The table of each effect, or of each one of a list."""
