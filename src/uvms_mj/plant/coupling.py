@@ -1,5 +1,6 @@
 """Settings of a coupling of two vehicles of a world (:mod:`..physics.coupling`)."""
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -60,7 +61,8 @@ def coupling_faults(coupling: Coupling, setups: tuple[Any, Any], timestep: float
         ends.append(np.array(initial.position) + R @ np.array(r))
     share = timestep * (timestep * coupling.stiffness + coupling.damping) * yielding
     if share > _FINEST:
-        most = timestep * _FINEST / share
+        k, b = coupling.stiffness * yielding, coupling.damping * yielding
+        most = 2.0 * _FINEST / (b + math.sqrt(b * b + 4.0 * k * _FINEST))
         yield Fault("stiffness", f"with damping, it moves {1 / yielding:.3g} kg faster than a time step of {timestep:g} s "
                     f"resolves; take at most {most:.2g} s, or a softer coupling")  # fmt: skip
     gap = float(np.linalg.norm(ends[1] - ends[0]))

@@ -131,7 +131,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         first = int(contacts.paper)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
         yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
-    yield thruster_signal(u.size), u
+    if u.size:
+        yield thruster_signal(u.size), u
     effects = run["plant"]["effects"]
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]
