@@ -5,15 +5,16 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.coupling import pull_together
+from ..physics.coupling import PULLED, TIE, pull_together
 from ..physics.effects import state_of
-from ..physics.kernels import called_on
 from ..plant.coupling import Coupling, coupling_faults
+from .native.compilation import native_function
+from .native.loop import many_runs
 from .simulation import Simulation
-
 
 _STEPS = 1000
 """Steps of all vehicles from one look at signals and rows to the next."""
+_POSE, _VELOCITY = np.dtype(("f8", (7,))), np.dtype(("f8", (6,)))
 
 
 class OtherStopped(Exception):
@@ -28,45 +29,62 @@ class CoupledSimulation(Simulation):
 
 class Lockstep:
     """Simulations that take each step together: at an instant the couplings are found from the states of all vehicles,
-    and then each takes a step with these forces, as a single engine does with all forces of an instant."""
+    and then each takes a step with these forces, as a single engine does with all forces of an instant.
+
+    With the engine free_body and compiled stages, the steps of all vehicles are one call of machine code.
+
+    Attributes:
+        steps: number of steps that all have taken.
+        stopped: name of the vehicle that has stopped; empty if none has.
+    """
 
     def __init__(self, sims: Mapping[str, Simulation], couplings: Sequence[Coupling]) -> None:
         """Raises InputError for a coupling that the time step does not resolve, or that begins far from its length."""
         self._sims, self.steps, self.stopped = sims, 0, ""
         timestep = next(iter(sims.values())).scenario.simulation.timestep
-        faults = list[Fault]()
-        self._pulls, places = [], dict.fromkeys(sims, 0)
-        for i, coupling in enumerate(couplings):
-            one, two = (sims[name] for name in coupling.vehicles)
-            for fault in coupling_faults(coupling, (one.setup, two.setup), timestep):
-                faults.append(Fault(f"couplings[{i}].{fault.key}", fault.message))
-            states = [sim.memory.run["plant"]["effects"][state_of("couplings")][0] for sim in (one, two)]
-            pulled = []
-            for name, state in zip(coupling.vehicles, states, strict=True):
-                pulled.append(state[places[name] : places[name] + 1])
-                places[name] += 1
-            motions = [each for sim in (one, two) for each in sim.motion]
-            self._pulls.append(called_on(pull_together, coupling.tie, *motions, *pulled))
+        faults = [
+            Fault(f"couplings[{i}].{fault.key}", fault.message)
+            for i, coupling in enumerate(couplings)
+            for fault in coupling_faults(coupling, [sims[name].setup for name in coupling.vehicles], timestep)
+        ]
         if faults:
             raise InputError(faults, "scenario")
+        pull = native_function(pull_together, [TIE, *(_POSE, _VELOCITY) * 2, PULLED, PULLED])
+        self._pull, self._kept = pull.ctypes, [coupling.tie for coupling in couplings]
+        at, rows = dict.fromkeys(sims, 0), []
+        for tie, coupling in zip(self._kept, couplings, strict=True):
+            arrays = [tie, *(array for name in coupling.vehicles for array in sims[name].motion)]
+            for name in coupling.vehicles:
+                states = sims[name].memory.run["plant"]["effects"][state_of("couplings")][0]
+                arrays.append(states[at[name] : at[name] + 1])
+                at[name] += 1
+            rows.append([pull.address, *(array.ctypes.data for array in arrays)])
+        self._ties = np.array(rows, np.int64)
+        self._runs = np.zeros((len(sims), 2), np.int64)
 
     def pull(self) -> None:
         """Find the forces of the step that begins at the instant in hand."""
-        for pull in self._pulls:
-            pull()
+        for row in self._ties.tolist():
+            self._pull(*row[1:])
 
     def run(self, n: int) -> None:
         """Take n steps, or fewer if a vehicle stops."""
-        sims = list(self._sims.items())
-        for _ in range(n):
-            self.pull()
-            for name, sim in sims:
-                sim.run(1, np.inf)
-                if sim.memory.run["stop"][0]:
-                    self.stopped = name
-            if self.stopped:
-                return
-            self.steps += 1
+        sims = list(self._sims.values())
+        if all(sim.all_native and not sim.compares for sim in sims):
+            self._runs[:] = [(sim.memory.code["free_steps"].address, sim.memory.address) for sim in sims]
+            ties, runs = (self._ties.ctypes.data, len(self._ties)), (self._runs.ctypes.data, len(sims))
+            self.steps += (done := many_runs()["step_together"].ctypes(*ties, *runs, n))
+        else:
+            done, steps = 0, [sim.one_step() for sim in sims]
+            stops = [sim.memory.run["stop"] for sim in sims]
+            while done < n and not any(stop[0] for stop in stops):
+                self.pull()
+                for step in steps:
+                    step()
+                done += not any(stop[0] for stop in stops)
+            self.steps += done
+        if done < n:
+            self.stopped = next(name for name, sim in self._sims.items() if sim.memory.run["stop"][0])
         self.pull()
 
     def of(self, name: str) -> Callable[[int], int]:
@@ -79,8 +97,8 @@ class Lockstep:
             if self.steps == taken and not self.stopped:
                 self.run(min(n, _STEPS))
             before, taken = taken, self.steps
-            if self.steps == before and self.stopped and self.stopped != name:
+            if taken == before and self.stopped not in ("", name):
                 raise OtherStopped(self.stopped)
-            return self.steps - before
+            return taken - before
 
         return advance

@@ -7,7 +7,7 @@ import itertools
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from typing import Any, Protocol, overload
 
@@ -175,7 +175,8 @@ def _simulate_world(
             sim = stack.enter_context(kind(scenario, engine=engine, looks=False))
             runs[name] = _Run(sim, row_steps, sinks.get(name, ()), kept, _told(sim, f"{name}: "))
         _couple({name: run for name, run in runs.items() if name in world.coupled}, world.couplings)
-        watch = _Encounters(runs)
+        joined = {frozenset(each.vehicles) for each in world.couplings if each.joins}
+        watch = _Encounters(runs, joined)
 
         def advanced(done: int, total: int) -> None:
             watch.look()
@@ -205,10 +206,10 @@ class _Encounters:
     _MOST = 20
     """Instants of a chunk at which it looks."""
 
-    def __init__(self, runs: "Mapping[str, _Run]") -> None:
-        """Raises InputError if one vehicle is inside another at the start."""
+    def __init__(self, runs: "Mapping[str, _Run]", joined: Collection[frozenset[str]]) -> None:
+        """Raises InputError if one vehicle is inside another at the start. What a joint keeps together may overlap."""
         self._runs = runs
-        self._pairs = set(itertools.combinations(runs, 2))
+        self._pairs = {pair for pair in itertools.combinations(runs, 2) if frozenset(pair) not in joined}
         start = {name: run.start() for name, run in runs.items()}
         faults = [
             Fault(f"vehicles[{two}].initial", f"is inside {one!r}: the boxes around both overlap by {-gap:.3g} m")

@@ -376,6 +376,16 @@ class Simulation:
         """Whether its steps are machine code without Python or MuJoCo between them."""
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
 
+    def one_step(self) -> Callable[[], None]:
+        """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
+        watched."""
+        with self._alone:
+            if self._users:
+                return functools.partial(self._run, 1, np.inf)
+            self._engine.check(self.t, self.scenario.simulation.timestep)
+            self._ready = False
+            return functools.partial(self._engine.step, 1)
+
     @property
     def diverged(self) -> Diverged | None:
         """The exception of a run that has left its bounds; None of any other."""

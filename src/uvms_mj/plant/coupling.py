@@ -1,7 +1,7 @@
 """Settings of a coupling of two vehicles of a world (:mod:`..physics.coupling`)."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -44,12 +44,17 @@ class Coupling(EffectTable):
             yield Fault("vehicles", f"{world.vehicle} has joints; a coupling is computed for a rigid vehicle")
 
     @property
+    def joins(self) -> bool:
+        """Whether it is a joint, which keeps two points together."""
+        return self.length == 0.0 and not self.slack
+
+    @property
     def tie(self) -> np.ndarray:
         """(1,) its record :data:`uvms_mj.physics.coupling.TIE`."""
         return np.array([(self.points, self.stiffness, self.damping, self.length, self.slack)], TIE)
 
 
-def coupling_faults(coupling: Coupling, setups: tuple[Any, Any], timestep: float) -> Iterator[Fault]:
+def coupling_faults(coupling: Coupling, setups: Sequence[Any], timestep: float) -> Iterator[Fault]:
     """The errors of a coupling of two vehicles, each with its setup: a time step [s] that does not resolve it, and a
     start in which it is far from its length."""
     yielding, ends = 0.0, []
@@ -66,7 +71,7 @@ def coupling_faults(coupling: Coupling, setups: tuple[Any, Any], timestep: float
         yield Fault("stiffness", f"with damping, it moves {1 / yielding:.3g} kg faster than a time step of {timestep:g} s "
                     f"resolves; take at most {most:.2g} s, or a softer coupling")  # fmt: skip
     gap = float(np.linalg.norm(ends[1] - ends[0]))
-    if coupling.length == 0.0 and not coupling.slack and gap > _MOST_GAP:
+    if coupling.joins and gap > _MOST_GAP:
         yield Fault("points", f"are {gap:.4g} m apart at the start; a joint begins with at most {_MOST_GAP:g} m")
     if coupling.slack and gap > coupling.length + _MOST_GAP:
         yield Fault("length", f"{coupling.length:g} m is shorter than the distance of {gap:.4g} m at the start")

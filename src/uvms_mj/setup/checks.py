@@ -329,6 +329,8 @@ def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
     """Warnings for thrusters that do not span all axes, or one of them badly."""
     strengths, axes = axis_strengths(vehicle.B)
     rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
+    if n == 0:
+        return
     thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
     if rank < 6:
         missing = [axis for axis, lost in zip(AXES, is_unreached(vehicle.B), strict=True) if lost]
