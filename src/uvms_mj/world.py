@@ -154,7 +154,9 @@ def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
     first, faults = next(iter(scenarios.values())), list[Fault]()
     for i, coupling in enumerate(first.couplings):
         key, (one, two) = f"couplings[{i}].vehicles", coupling.vehicles
-        faults += [Fault(key, f"no vehicle {x!r}; {suggestion(x, scenarios)}") for x in (one, two) if x not in scenarios]
+        faults += [
+            Fault(key, f"no vehicle {x!r}; {suggestion(x, scenarios)}") for x in (one, two) if x not in scenarios
+        ]
         faults += [Fault(key, f"{one!r} can't be coupled to itself")] if one == two else []
     if faults:
         raise InputError(faults, place)

@@ -253,7 +253,6 @@ class Console:
         elif not self.quiet:
             _run_table(trace, report)
 
-
     def reports(self, traces: Mapping[str, Any], report: dict[str, Any]) -> None:
         """As :meth:`report`, of each vehicle of a world."""
         if self.as_json:
@@ -342,7 +341,9 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
         ("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items())),
     ]
     facts("contents of the log", [(name, printable(value)) for name, value in rows]).show()
-    topics = [(below(header) + each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics]
+    topics = [
+        (below(header) + each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics
+    ]
     Listing("topics", ("topic", "type", "frame", "unit", "meaning"), topics, fixed=("topic", "type"), width=60).show()
 
 

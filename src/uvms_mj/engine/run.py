@@ -9,7 +9,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from typing import Any, Protocol, overload
+from typing import Protocol, overload
 
 import numpy as np
 
@@ -71,9 +71,29 @@ class PlainPythonWarning(UserWarning):
 
 
 @overload
-def simulate(scenario: World, controller: None = None, **settings: Any) -> dict[str, Trace]: ...
+def simulate(
+    scenario: World,
+    controller: None = None,
+    *,
+    log_rate: float | str | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
+    sinks: Mapping[str, Sequence[Sink]] | tuple[()] = (),
+    keep_s: float | None = None,
+    engine: str = "mujoco",
+) -> dict[str, Trace]: ...
 @overload
-def simulate(scenario: Scenario | None = None, controller: Controller | None = None, **settings: Any) -> Trace: ...
+def simulate(
+    scenario: Scenario | None = None,
+    controller: Controller | None = None,
+    *,
+    log_rate: float | str | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
+    sinks: Sequence[Sink] = (),
+    keep_s: float | None = None,
+    engine: str = "mujoco",
+    mjcf: Mjcf | None = None,
+    peer: Peer | None = None,
+) -> Trace: ...
 
 
 def simulate(
@@ -209,6 +229,7 @@ class _Encounters:
     def __init__(self, runs: "Mapping[str, _Run]", joined: Collection[frozenset[str]]) -> None:
         """Raises InputError if one vehicle is inside another at the start. What a joint keeps together may overlap."""
         self._runs = runs
+        self._new = {name: run.taken_fresh()[0] for name, run in runs.items()}
         self._pairs = {pair for pair in itertools.combinations(runs, 2) if frozenset(pair) not in joined}
         start = {name: run.start() for name, run in runs.items()}
         faults = [
@@ -221,18 +242,20 @@ class _Encounters:
 
     def look(self) -> None:
         """Warn of every pair that overlaps for the first time."""
-        blocks = {name: run.blocks[-1] for name, run in self._runs.items() if run.blocks}
-        rows = min((len(block) for block in blocks.values()), default=0)
-        if not rows or not self._pairs:
-            return
-        chosen = np.unique(np.linspace(0, rows - 1, self._MOST).astype(int))
-        now = {name: self._runs[name].boxes(block[chosen]) for name, block in blocks.items()}
-        for one, two in sorted(self._pairs):
-            if one in now and two in now and (inside := encounter.gap(now[one], now[two]) < 0.0).any():
-                t = float(blocks[one][chosen[inside.argmax()], 0])
+        for name, run in self._runs.items():
+            self._new[name] = np.concatenate([self._new[name], *run.taken_fresh()])
+        ended = {name for name, run in self._runs.items() if run.ended and not len(self._new[name])}
+        self._pairs = {pair for pair in self._pairs if ended.isdisjoint(pair)}
+        n = min((len(rows) for name, rows in self._new.items() if name not in ended), default=0)
+        chosen = np.unique(np.linspace(0, n - 1, self._MOST).astype(int)) if n else []
+        there = {name: self._runs[name].boxes(rows[chosen]) for name, rows in self._new.items() if n}
+        for one, two in sorted(self._pairs if n else ()):
+            if (inside := encounter.gap(there[one], there[two]) < 0.0).any():
+                t = float(self._new[one][chosen[inside.argmax()], 0])
                 said = "contact between vehicles is not computed, and they pass through each other"
                 warnings.warn(f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=4)
                 self._pairs.discard((one, two))
+        self._new = {name: rows[n:] for name, rows in self._new.items()}
 
 
 def _drive(runs: "Mapping[str, _Run]", advance: Callable[[int, int], None]) -> None:
@@ -304,8 +327,14 @@ class _Run:
         self.blocks: deque[np.ndarray] = deque()
         self._taken_at = time.monotonic()
         self.interrupted, self.ended, self._stepping_s = False, False, 0.0
+        self.fresh: list[np.ndarray] | None = None  # the blocks that nobody has looked at, if somebody does
         self.most = self.sim.chunk_steps
         self.advance: Callable[[int], int] = lambda n: self.sim.run(n, CHUNK_S)
+
+    def taken_fresh(self) -> list[np.ndarray]:
+        """The blocks of rows since the last call, after none."""
+        fresh, self.fresh = self.fresh or [], []
+        return [np.zeros((0, sum(signal.size for signal in self.sim.recorded))), *fresh]
 
     def start(self) -> encounter.Boxes:
         """The boxes around the vehicle at its start."""
@@ -321,7 +350,7 @@ class _Run:
         q = given.get("q", np.zeros((len(rows), 0)))
         return encounter.boxes(self.sim.setup.plant.geometry, given["p_WB"], given["quat_WB"], q)
 
-    def going(self) -> Iterator[int]:
+    def going(self) -> Generator[int]:
         """Step until the run ends or is stopped. Yields the number of steps done after each chunk; a KeyboardInterrupt
         that is thrown in there stops the run, as one that is raised by a signal."""
         sim, setup = self.sim, self.sim.setup
@@ -449,6 +478,8 @@ class _Run:
             first_step = round(block[0, 0] / self.scenario.simulation.timestep)
             self.writing.put(-(-first_step // self.row_steps), block)
             self.blocks.append(block)
+            if self.fresh is not None:
+                self.fresh.append(block)
         while len(self.blocks) > 1 and self.blocks[-1][-1, 0] - self.blocks[1][0, 0] >= self.keep_s:
             self.blocks.popleft()
         self.memory.clear()

@@ -376,7 +376,7 @@ class Simulation:
         """Whether its steps are machine code without Python or MuJoCo between them."""
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
 
-    def one_step(self) -> Callable[[], None]:
+    def one_step(self) -> Callable[[], object]:
         """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
         watched."""
         with self._alone:

@@ -32,14 +32,16 @@ COUPLING = np.dtype([("r", "f8", (3,))], align=True)
 
 PULLED = np.dtype(
     [
-        ("f_W", "f8", (3,)),  # in W [N]
         ("tau", "f8", (6,)),  # about B's origin in B [N, N m]
-        ("f_W_next", "f8", (3,)),  # of the step that begins next
-        ("tau_next", "f8", (6,)),
+        ("tau_next", "f8", (6,)),  # of the step that begins next
+        ("f_W_next", "f8", (3,)),  # its force in W [N]
     ],
     align=True,
 )
-"""The force of a coupling on a vehicle."""
+"""The wrench of a coupling on a vehicle."""
+
+PULL = np.dtype([("f_W", "f8", (3,))], align=True)
+"""Its force in W [N]. All pulls of a vehicle lie densely, as a recorded signal does."""
 
 TIE = np.dtype(
     [
@@ -59,7 +61,7 @@ _TOUCHING = 1e-12
 
 @kernel
 def place_point(qpos, qvel, r, R, x, v):
-    """Set the attitude R (3, 3), and the place x (3,) and velocity v (3,) in W of the point r (3,) of a vehicle in B."""
+    """Set the attitude R (3, 3), and the place x (3,) and velocity v (3,) in W of a point r (3,) in B."""
     rotation(qpos[3:7] / math.sqrt(qpos[3:7] @ qpos[3:7]), R)
     x[:] = qpos[:3] + R @ r
     v[:] = qvel[:3] + R @ np.cross(qvel[3:6], r)
@@ -89,6 +91,6 @@ def pull_together(tie, qpos_1, qvel_1, qpos_2, qvel_2, pulled_1, pulled_2):
 
 
 @kernel
-def begin_pull(pulled):
+def begin_pull(pulled, pull):
     """Begin the step whose force has been found."""
-    pulled.f_W[:], pulled.tau[:] = pulled.f_W_next, pulled.tau_next
+    pull.f_W[:], pulled.tau[:] = pulled.f_W_next, pulled.tau_next

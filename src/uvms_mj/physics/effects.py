@@ -81,7 +81,7 @@ import numpy as np
 
 from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
-from .coupling import COUPLING, PULLED, begin_pull
+from .coupling import COUPLING, PULL, PULLED, begin_pull
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
@@ -158,13 +158,14 @@ EFFECTS = {
     "drag": DRAG,
     "products": PRODUCT,
     "couplings": COUPLING,
+    "pulls": np.dtype([("coupling", "i8")], align=True),
 }
-"""The records of the effects, by the names of their tables; products are of a vehicle's file, and a
-cable with its nodes is of the table of the tether."""
+"""The records of the effects, by the names of their tables; products are of a vehicle's file, a
+cable with its nodes is of the table of the tether, and each coupling has a pull, whose state is its force."""
 
 FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall", "buoyancy")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
-PULLS = ("cable", "nodes", "couplings")
+PULLS = ("cable", "nodes", "couplings", "pulls")
 """The effects that pull at the vehicle with states of their own."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS, *PULLS))
 """All others, which add a wrench by the velocity in the water."""
@@ -174,6 +175,7 @@ STATES: dict[str, Callable[[int], Any]] = {
     "fins": lambda nodes: "f8",
     "cable": cable_state,
     "couplings": lambda nodes: PULLED,
+    "pulls": lambda nodes: PULL,
 }
 """The states of each record of an effect that has states, with so many nodes of a cable: of a fin its delta [rad]. They
 begin at zero, advance once a time step by :func:`advance_effects`, and a reset returns them."""
@@ -328,7 +330,7 @@ def find_pulls(plant, numbers, t, p_WB, R_WB, nu, surfaces, walls):
     among so many walls, SURFACE records at their places."""
     effects, water = plant.effects, plant.water
     for k in range(effects.couplings.shape[0]):
-        begin_pull(effects.couplings_state[k])
+        begin_pull(effects.couplings_state[k], effects.pulls_state[k])
     if effects.cable.shape[0] != 0:
         cable, state = effects.cable[0], effects.cable_state[0]
         if cable.timestep == 0.0:  # a reset leaves an empty record of a cable that it takes away

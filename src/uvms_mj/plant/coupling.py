@@ -1,7 +1,7 @@
 """Settings of a coupling of two vehicles of a world (:mod:`..physics.coupling`)."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,8 +22,8 @@ _MOST_GAP = 0.05
 
 @dataclass(frozen=True, config=STRICT)
 class Coupling(EffectTable):
-    """A spring and a damper between a point of one vehicle and a point of another: without a length a joint, which keeps
-    the points together; with slack a cable, which never pushes."""
+    """A spring and a damper between a point of one vehicle and a point of another: without a length a joint, which
+    keeps the points together; with slack a cable, which never pushes."""
 
     vehicles: tuple[str, str]
     """Names of the two vehicles."""
@@ -36,6 +36,11 @@ class Coupling(EffectTable):
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.coupling.COUPLING`."""
         return [(self.points[self.vehicles.index(world.vehicle)],)] if world.vehicle in self.vehicles else []
+
+    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+        """Its record, and the number of its pull."""
+        found = self.records(world)
+        return {name: found, "pulls": [(0,)] * len(found)}
 
     def faults(self, world: World) -> Iterator[Fault]:
         if not world.vehicle:
@@ -68,8 +73,8 @@ def coupling_faults(coupling: Coupling, setups: Sequence[Any], timestep: float) 
     if share > _FINEST:
         k, b = coupling.stiffness * yielding, coupling.damping * yielding
         most = 2.0 * _FINEST / (b + math.sqrt(b * b + 4.0 * k * _FINEST))
-        yield Fault("stiffness", f"with damping, it moves {1 / yielding:.3g} kg faster than a time step of {timestep:g} s "
-                    f"resolves; take at most {most:.2g} s, or a softer coupling")  # fmt: skip
+        faster = f"with damping, it moves {1.0 / yielding:.3g} kg faster than a time step of {timestep:g} s resolves"
+        yield Fault("stiffness", f"{faster}; take at most {most:.2g} s, or a softer coupling")
     gap = float(np.linalg.norm(ends[1] - ends[0]))
     if coupling.joins and gap > _MOST_GAP:
         yield Fault("points", f"are {gap:.4g} m apart at the start; a joint begins with at most {_MOST_GAP:g} m")

@@ -144,7 +144,7 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         cable = effects[state_of("cable")][0, :1]
         yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)
     if pulled := effects["couplings"].size:
-        yield coupling_signal(pulled), effects[state_of("couplings")][0]["f_W"]
+        yield coupling_signal(pulled), effects[state_of("pulls")][0]["f_W"]
     if n := len(setup.vehicle.arm.links):
         yield from zip(joint_signals(n), (run["encoder"]["q"], run["encoder"]["q_dot"]), strict=True)
         yield joint_torque_signal(n), run["tau_q"]

@@ -124,7 +124,10 @@ def sampled(header: Header) -> tuple[Topic, ...]:
     """The topics with one message per row, in their order in the log."""
     names = {*header.by_name} - {*header.law.states}
     known = names | _COMPUTED
-    together = [_transforms(header, names), *(t for t in (*_together(header), *_joints(header)) if _signals_of(t) <= known)]
+    together = [
+        _transforms(header, names),
+        *(t for t in (*_together(header), *_joints(header)) if _signals_of(t) <= known),
+    ]
     there = {"t"}.union(*map(_signals_of, together))
     return *together, *(_alone(header, signal) for signal in header.signals if signal.name not in there)
 
