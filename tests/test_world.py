@@ -138,6 +138,8 @@ def test_keys_of_all_of_one_by_number_and_of_one_by_name():
         ({"vehicles": [{"name": "a", "wall": {}}]}, "vehicles[0].wall: is the world's"),
         ({"vehicles": [{"name": "a", "initial": {"positon": 1}}]}, "vehicles[0].initial.positon: no such key"),
         ({"couplings": [{"vehicles": ["v0", "v7"]}]}, "couplings[0].vehicles: no vehicle 'v7'"),
+        ({"couplings": [{"vehicles": ["v0", "v1"], "length": 1.0}]}, "couplings[0]: a joint has no length"),
+        ({"couplings": [{"vehicles": ["v0", "v1"], "kind": "cable"}]}, "couplings[0]: a cable needs a length"),
         ({"couplings": [{"vehicles": ["v0", "v0"]}]}, "couplings[0].vehicles: 'v0' can't be coupled to itself"),
     ],
 )
@@ -233,7 +235,7 @@ def test_an_interrupt_ends_all_vehicles():
 
 
 def test_a_vehicle_that_diverges_stops_those_that_it_is_coupled_to_and_no_other():
-    world = row(3, couplings=[{"vehicles": ["v0", "v1"], "stiffness": 10.0, "length": 0.6}])
+    world = row(3, couplings=[{"vehicles": ["v0", "v1"], "kind": "spring", "stiffness": 10.0, "length": 0.6}])
     wild = world.updated({"vehicles[0].disturbance.bias": [1e5, 0.0, 0.0, 0.0, 0.0, 0.0]})
     traces = simulate(wild, engine="free_body")
     assert traces["v0"].status is Status.unstable
@@ -270,7 +272,7 @@ def test_a_spring_is_the_closed_form_and_its_error_falls_with_the_time_step(engi
     omega = math.sqrt(k / mu - decay**2)
     errors = []
     for h in (2e-3, 1e-3, 5e-4):
-        spring = {"stiffness": k, "damping": b, "length": length}
+        spring = {"kind": "spring", "stiffness": k, "damping": b, "length": length}
         start = (0.0, 0.0, 0.0), (length + stretch, 0.0, 0.0)
         world = bodies(spring, *start, duration=duration, timestep=h)
         one, two = simulate(world, engine=engine, log_rate="full").values()
@@ -286,8 +288,8 @@ def test_a_spring_is_the_closed_form_and_its_error_falls_with_the_time_step(engi
 @pytest.mark.parametrize(
     "coupling",
     [
-        {"stiffness": 300.0, "damping": 5.0, "length": 0.5},
-        {"stiffness": 300.0, "damping": 5.0, "length": 0.59, "slack": True},
+        {"kind": "spring", "stiffness": 300.0, "damping": 5.0, "length": 0.5},
+        {"stiffness": 300.0, "damping": 5.0, "length": 0.59, "kind": "cable"},
         {"stiffness": 3000.0, "damping": 20.0},
     ],
     ids=["spring", "cable", "joint"],
@@ -319,13 +321,39 @@ def test_momentum_is_kept_without_water(coupling, engine):
 
 
 def test_a_cable_never_pushes():
-    world = bodies({"stiffness": 300.0, "length": 1.0, "slack": True}, (0.0, 0.0, 0.0), (0.9, 0.0, 0.0), duration=3.0)
+    world = bodies({"stiffness": 300.0, "length": 1.0, "kind": "cable"}, (0.0, 0.0, 0.0), (0.9, 0.0, 0.0), duration=3.0)
     towards = world.updated({"vehicles[1].initial.velocity": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]})
     one, two = simulate(towards, engine="free_body").values()
     distance = np.linalg.norm(two.p_WB - one.p_WB, axis=1)
     pull = one.f_couplings_W[:, 0, 0]
     assert pull.min() == 0.0 < pull.max()
     assert np.all((pull > 0.0) <= (distance > 1.0 - 1e-3))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_two_spheres_bounce_with_their_energy_and_momentum(engine):
+    """Two equal spheres without a damper: a head-on impact exchanges their velocities (Newton's cradle), and a glancing
+    one keeps energy and momentum, with an error of the order of the step."""
+    k, speed, losses = 5e3, 0.4, []
+    for h in (2e-4, 1e-4):
+        contact = {"kind": "contact", "stiffness": k, "length": 0.2}
+        world = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.08), timestep=h, duration=1.0)
+        going = world.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
+        one, two = simulate(going, engine=engine).values()
+        m = float(Mjcf.find(BAR).vehicle.M_RB[0, 0])
+        energies = [0.5 * m * np.sum(trace.nu[:, :3] ** 2, axis=1) for trace in (one, two)]
+        assert one.nu[-1, :3] + two.nu[-1, :3] == pytest.approx([speed, 0.0, 0.0], abs=1e-12)
+        assert np.abs(one.f_couplings_W).max() > 10.0
+        assert one.f_couplings_W[:, 0, 0].max() <= 0.0  # pushed back, never pulled
+        assert one.f_couplings_W[-1].tolist() == [[0.0] * 3]
+        losses.append(abs((energies[0] + energies[1])[-1] / energies[0][0] - 1.0))
+    assert losses[0] < 1e-3
+    head_on = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.0), duration=1.0, timestep=1e-4)
+    going = head_on.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    one, two = simulate(going, engine=engine).values()
+    assert [one.nu[-1, 0], two.nu[-1, 0]] == pytest.approx([0.0, speed], abs=1e-3 * speed)
+    touching = np.ptp(one.t[one.f_couplings_W[:, 0, 0] < 0.0])
+    assert touching == pytest.approx(math.pi * math.sqrt(0.5 * m / k), abs=3e-3)  # half a period on the spring
 
 
 def test_both_engines_agree_on_coupled_vehicles():
@@ -410,9 +438,9 @@ def test_with_a_stiff_bar_two_vehicles_are_one_body(tmp_path):
 @pytest.mark.parametrize(
     ("coupling", "said"),
     [
-        ({"stiffness": 1e9, "length": 1.0}, "couplings[0].stiffness: with damping, it moves 4.71 kg faster than"),
+        ({"kind": "spring", "stiffness": 1e9, "length": 1.0}, "couplings[0].stiffness: with damping, it moves 4.71 kg faster than"),
         ({}, "couplings[0].points: are 1 m apart at the start; a joint begins with at most 0.05 m"),
-        ({"length": 0.5, "slack": True}, "couplings[0].length: 0.5 m is shorter than the distance of 1 m"),
+        ({"length": 0.5, "kind": "cable"}, "couplings[0].length: 0.5 m is shorter than the distance of 1 m"),
     ],
 )
 def test_a_wrong_coupling_is_refused_by_name(coupling, said):

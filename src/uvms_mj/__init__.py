@@ -22,6 +22,7 @@ _NAMES = {
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
     "plant.buoyancy": "Buoyancy Volume",
+    "plant.coupling": "Coupling",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.obstacle": "Obstacle",
@@ -41,6 +42,7 @@ _NAMES = {
     "studies.tune": "Tuning",
     "views.figures": "plot",
     "views.video": "still video",
+    "world": "World",
 }
 """The modules with their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -77,6 +79,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Wrist as Wrist
     from .plant.buoyancy import Buoyancy as Buoyancy
     from .plant.buoyancy import Volume as Volume
+    from .plant.coupling import Coupling as Coupling
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.obstacle import Obstacle as Obstacle
@@ -102,6 +105,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .views.figures import plot as plot
     from .views.video import still as still
     from .views.video import video as video
+    from .world import World as World
 
 
 display.ABOVE.append(lambda: import_module(".views.notebook", __name__))

@@ -195,7 +195,7 @@ def _simulate_world(
             sim = stack.enter_context(kind(scenario, engine=engine, looks=False))
             runs[name] = _Run(sim, row_steps, sinks.get(name, ()), kept, _told(sim, f"{name}: "))
         _couple({name: run for name, run in runs.items() if name in world.coupled}, world.couplings)
-        joined = {frozenset(each.vehicles) for each in world.couplings if each.joins}
+        joined = {frozenset(each.vehicles) for each in world.couplings if each.kind in ("joint", "contact")}
         watch = _Encounters(runs, joined)
 
         def advanced(done: int, total: int) -> None:
@@ -227,7 +227,7 @@ class _Encounters:
     """Instants of a chunk at which it looks."""
 
     def __init__(self, runs: "Mapping[str, _Run]", joined: Collection[frozenset[str]]) -> None:
-        """Raises InputError if one vehicle is inside another at the start. What a joint keeps together may overlap."""
+        """Raises InputError if one vehicle is inside another at the start. What a joint or a contact keeps may overlap."""
         self._runs = runs
         self._new = {name: run.taken_fresh()[0] for name, run in runs.items()}
         self._pairs = {pair for pair in itertools.combinations(runs, 2) if frozenset(pair) not in joined}
@@ -252,7 +252,7 @@ class _Encounters:
         for one, two in sorted(self._pairs if n else ()):
             if (inside := encounter.gap(there[one], there[two]) < 0.0).any():
                 t = float(self._new[one][chosen[inside.argmax()], 0])
-                said = "contact between vehicles is not computed, and they pass through each other"
+                said = "contact between vehicles is not computed without a coupling, and they pass through each other"
                 warnings.warn(f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=4)
                 self._pairs.discard((one, two))
         self._new = {name: rows[n:] for name, rows in self._new.items()}

@@ -7,12 +7,14 @@ force on the first vehicle is for a **joint**, a spring without length that keep
 
     f = k d + b w,
 
-and for a **spring** of the natural length L or a **cable**, which never pushes,
+and for a **spring** of the natural length L, a **cable**, which never pushes, and a **contact** of two spheres about the
+points, whose radii together are L, which never pulls,
 
 .. math::
 
     f = T \frac{d}{|d|}, \qquad T = k (|d| - L) + b\, \frac{d^\top w}{|d|}, \qquad
-    T_{cable} = \begin{cases} \max(0, T) & |d| > L \\ 0 & \text{otherwise.} \end{cases}
+    T_{cable} = \begin{cases} \max(0, T) & |d| > L \\ 0 & \text{otherwise,} \end{cases} \qquad
+    T_{contact} = \begin{cases} \min(0, T) & |d| < L \\ 0 & \text{otherwise.} \end{cases}
 
 The force on the second vehicle is :math:`-f`. Both act at the middle of the two points, so that neither their sum nor
 the sum of their moments is other than zero: the momentum of both vehicles together does not change, nor their angular
@@ -48,13 +50,16 @@ TIE = np.dtype(
         ("r", "f8", (2, 3)),  # the points in B of each vehicle [m]
         ("stiffness", "f8"),  # k [N/m]
         ("damping", "f8"),  # b [N s/m]
-        ("length", "f8"),  # L, 0 for a joint [m]
-        ("slack", "i8"),  # whether it never pushes
+        ("length", "f8"),  # L [m]
+        ("kind", "i8"),  # a number of KINDS
     ],
     align=True,
 )
 """A spring and damper between two vehicles."""
 
+KINDS = {"joint": 0, "spring": 1, "cable": 2, "contact": 3}
+"""The kinds of ties by name."""
+_JOINT, _CABLE, _CONTACT = KINDS["joint"], KINDS["cable"], KINDS["contact"]
 _TOUCHING = 1e-12
 """Distance of two points below which their direction is not known [m]."""
 
@@ -77,12 +82,14 @@ def pull_together(tie, qpos_1, qvel_1, qpos_2, qvel_2, pulled_1, pulled_2):
     place_point(qpos_2, qvel_2, tie.r[1], R_2, x_2, v_2)
     d, w, f = x_2 - x_1, v_2 - v_1, np.zeros(3)
     distance = math.sqrt(d @ d)
-    if tie.length == 0.0 and tie.slack == 0:
+    if tie.kind == _JOINT:
         f[:] = tie.stiffness * d + tie.damping * w
     elif distance > _TOUCHING:
         tension = tie.stiffness * (distance - tie.length) + tie.damping * (d @ w) / distance
-        if tie.slack != 0:
+        if tie.kind == _CABLE:
             tension = max(0.0, tension) if distance > tie.length else 0.0
+        elif tie.kind == _CONTACT:
+            tension = min(0.0, tension) if distance < tie.length else 0.0
         f[:] = tension / distance * d
     middle = 0.5 * (x_1 + x_2)
     pulled_1.f_W_next[:], pulled_2.f_W_next[:] = f, -f

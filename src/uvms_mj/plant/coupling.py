@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
-from ..physics.coupling import TIE
+from ..physics.coupling import KINDS, TIE
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..quantities import STRICT, Number, Position, Switch, doc, within
+from ..quantities import STRICT, Lowercase, Number, Position, doc, within
 from .settings import EffectTable, World
 from .tether import apparent_mass
 
@@ -22,16 +22,24 @@ _MOST_GAP = 0.05
 
 @dataclass(frozen=True, config=STRICT)
 class Coupling(EffectTable):
-    """A spring and a damper between a point of one vehicle and a point of another: without a length a joint, which
-    keeps the points together; with slack a cable, which never pushes."""
+    """A spring and a damper between a point of one vehicle and a point of another: a joint, which keeps the points
+    together, a spring of a length, a cable, which never pushes, or the contact of two spheres about the points."""
 
     vehicles: tuple[str, str]
     """Names of the two vehicles."""
     points: tuple[Position, Position] = doc("its point in B of each vehicle [m]", ((0.0,) * 3, (0.0,) * 3))
+    kind: Annotated[Literal[tuple(KINDS)], Lowercase] = doc(  # type: ignore[valid-type]  # a table has the names
+        "joint, spring, cable, which never pushes, or contact of two spheres, which never pulls", "joint"
+    )
     stiffness: Annotated[Number, within(1e-3, 1e9, "N/m")] = doc("k [N/m]", 1e4)
     damping: Annotated[Number, within(0.0, 1e9, "N s/m")] = doc("b [N s/m]", 0.0)
-    length: Annotated[Number, within(0.0, 1e4, "m")] = doc("natural length; 0: a joint [m]", 0.0)
-    slack: Switch = doc("true: a cable, which never pushes", False)
+    length: Annotated[Number, within(0.0, 1e4, "m")] = doc(
+        "natural length of a spring or a cable, or both radii of a contact together [m]", 0.0
+    )
+
+    def __post_init__(self) -> None:
+        if (self.kind == "joint") == (self.length > 0.0):
+            raise ValueError(f"a {self.kind} {'has no' if self.kind == 'joint' else 'needs a'} length")
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.coupling.COUPLING`."""
@@ -51,12 +59,12 @@ class Coupling(EffectTable):
     @property
     def joins(self) -> bool:
         """Whether it is a joint, which keeps two points together."""
-        return self.length == 0.0 and not self.slack
+        return self.kind == "joint"
 
     @property
     def tie(self) -> np.ndarray:
         """(1,) its record :data:`uvms_mj.physics.coupling.TIE`."""
-        return np.array([(self.points, self.stiffness, self.damping, self.length, self.slack)], TIE)
+        return np.array([(self.points, self.stiffness, self.damping, self.length, KINDS[self.kind])], TIE)
 
 
 def coupling_faults(coupling: Coupling, setups: Sequence[Any], timestep: float) -> Iterator[Fault]:
@@ -78,5 +86,7 @@ def coupling_faults(coupling: Coupling, setups: Sequence[Any], timestep: float) 
     gap = float(np.linalg.norm(ends[1] - ends[0]))
     if coupling.joins and gap > _MOST_GAP:
         yield Fault("points", f"are {gap:.4g} m apart at the start; a joint begins with at most {_MOST_GAP:g} m")
-    if coupling.slack and gap > coupling.length + _MOST_GAP:
+    if coupling.kind == "cable" and gap > coupling.length + _MOST_GAP:
         yield Fault("length", f"{coupling.length:g} m is shorter than the distance of {gap:.4g} m at the start")
+    if coupling.kind == "contact" and gap < coupling.length - _MOST_GAP:
+        yield Fault("length", f"the spheres overlap by {coupling.length - gap:.4g} m at the start")
