@@ -17,7 +17,7 @@ import numpy as np
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.files import shipped
-from uvms_mj.world import vehicles_of
+from uvms_mj.setup.world import vehicles_of
 
 SOFT = {"wall.stiffness": 2e3, "simulation.duration": 8.0}
 RUNS: dict[str, tuple[str, dict[str, Any], str]] = (

@@ -14,7 +14,7 @@ from uvms_mj.control import ImpedanceTask
 from uvms_mj.files import parse_setting, shipped
 from uvms_mj.quantities import radians_notes
 from uvms_mj.scenario import keys
-from uvms_mj.world import vehicles_of
+from uvms_mj.setup.world import vehicles_of
 
 SCENARIOS = sorted(name for name in shipped("scenarios") if not vehicles_of(name))
 

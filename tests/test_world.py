@@ -1,21 +1,28 @@
 """Worlds: several vehicles in one scenario, alone or coupled."""
 
 import itertools
+import json
 import math
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import uvms_mj
-from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
+from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate, still
+from uvms_mj.cli import main
 from uvms_mj.engine.run import EncounterWarning
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant import encounter
 from uvms_mj.plant.geometry import Geometry, Shape
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.records.header import Status
-from uvms_mj.world import World, vehicles_of
+from uvms_mj.setup.world import World, vehicles_of
 
 ENGINES = ("free_body", "mujoco")
 BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
@@ -438,7 +445,10 @@ def test_with_a_stiff_bar_two_vehicles_are_one_body(tmp_path):
 @pytest.mark.parametrize(
     ("coupling", "said"),
     [
-        ({"kind": "spring", "stiffness": 1e9, "length": 1.0}, "couplings[0].stiffness: with damping, it moves 4.71 kg faster than"),
+        (
+            {"kind": "spring", "stiffness": 1e9, "length": 1.0},
+            "couplings[0].stiffness: with damping, it moves 4.71 kg faster than",
+        ),
         ({}, "couplings[0].points: are 1 m apart at the start; a joint begins with at most 0.05 m"),
         ({"length": 0.5, "kind": "cable"}, "couplings[0].length: 0.5 m is shorter than the distance of 1 m"),
     ],
@@ -465,3 +475,78 @@ def test_a_coupled_vehicle_is_not_run_alone_and_has_no_closed_form():
     arm = World.load("press_bar", {"vehicles[0].vehicle.model": "planar_arm", "vehicles[0].observer.name": "none"})
     with pytest.raises(InputError, match="left has joints; a coupling is computed for a rigid vehicle"):
         simulate(arm)
+
+
+# the command
+
+
+def command(*words):
+    result = CliRunner().invoke(main, [*words])
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_path):
+    out = tmp_path / "out"
+    short = ("simulation.duration=0.05", "--engine", "free_body", "--json", "-o", str(out))
+    said = json.loads(command("run", "press_bar", *short).stdout)
+    assert said["scenario"] == "press_bar"
+    assert [*said["vehicles"]] == ["left", "right", "bar"]
+    assert {report["status"] for report in said["vehicles"].values()} == {"completed"}
+    written = {"left.mcap", "right.mcap", "bar.mcap", "scenario.toml"}
+    assert {path.name for path in out.iterdir()} == written
+    assert World.load(out / "scenario.toml") == World.load("press_bar", {"simulation.duration": 0.05})
+    command("run", str(out / "scenario.toml"), *short)
+    assert {path.name for path in (out / "earlier-1").iterdir()} == written
+    command("plot", str(out), "--what", "position")
+    assert (out / "position.png").exists()
+    command("replay", str(out), "--save", str(tmp_path / "world.rrd"))
+    command("compare", str(out), "-o", str(tmp_path / "world.html"))
+    page = (tmp_path / "world.html").read_text()
+    assert all(name in page for name in ("left", "right", "bar"))
+    refused = CliRunner().invoke(main, ["run", "press_bar", "--viewer"])
+    assert refused.exit_code == 2
+    assert "uvms-mj replay DIR shows a world" in refused.output
+
+
+@pytest.mark.parametrize("name", ["study", "converge", "certify"])
+def test_commands_of_one_vehicle_refuse_a_world(name, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text("base = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
+    words = [name, str(study), "-o", str(tmp_path / "out")] if name == "study" else [name, "press_together"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert "World.load" in result.output
+
+
+def test_the_logs_of_a_world_outlive_kill_9(tmp_path):
+    out = tmp_path / "out"
+    words = ["run", "press_bar", "simulation.duration=1000", "--engine", "free_body", "-o", str(out), "-q"]
+    process = subprocess.Popen([sys.executable, "-m", "uvms_mj", *words], stderr=subprocess.DEVNULL)
+    logs = [out / f"{name}.mcap" for name in ("left", "right", "bar")]
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 500_000 for log in logs):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    for log in logs:
+        trace = Trace.load(log)
+        assert trace.status is Status.truncated
+        assert len(trace) > 1000
+
+
+def test_all_vehicles_are_in_one_picture():
+    pytest.importorskip("imageio_ffmpeg")
+    traces = simulate(World.load("press_together", {"simulation.duration": 0.05}), engine="free_body")
+    try:
+        both = np.asarray(still(traces, size=(320, 180)), float)
+    except InputError as error:
+        pytest.skip(str(error))
+    one = np.asarray(still(traces["left"], size=(320, 180), plots=()), float)
+    assert both.shape == one.shape
+    assert np.abs(both - one).mean() > 1.0
+    with pytest.raises(InputError, match="plots stand beside the scene of one vehicle"):
+        still(traces, plots=["force"])
+    other = simulate(traces["left"].scenario.updated({"vehicle.name": "other", "wall.position": 1.2}))
+    with pytest.raises(InputError, match="of the vehicles of one world"):
+        still({"left": traces["left"], "other": other})

@@ -34,6 +34,7 @@ _NAMES = {
     "records.trace": "Trace",
     "reproduce.paper.report": "compare",
     "scenario": "Scenario",
+    "setup.world": "World",
     "stages.base": "setting",
     "studies.certified": "certify",
     "studies.convergence": "converge",
@@ -42,7 +43,6 @@ _NAMES = {
     "studies.tune": "Tuning",
     "views.figures": "plot",
     "views.video": "still video",
-    "world": "World",
 }
 """The modules with their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -96,6 +96,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .records.trace import Trace as Trace
     from .reproduce.paper.report import compare as compare
     from .scenario import Scenario as Scenario
+    from .setup.world import World as World
     from .stages.base import setting as setting
     from .studies.certified import certify as certify
     from .studies.convergence import converge as converge
@@ -105,7 +106,6 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .views.figures import plot as plot
     from .views.video import still as still
     from .views.video import video as video
-    from .world import World as World
 
 
 display.ABOVE.append(lambda: import_module(".views.notebook", __name__))

@@ -11,7 +11,7 @@ from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.files import shipped
 from uvms_mj.setup.base import set_up
-from uvms_mj.world import vehicles_of
+from uvms_mj.setup.world import vehicles_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PD = f"{EXAMPLES / 'pd.py'}:Pd"

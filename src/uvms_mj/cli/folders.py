@@ -17,7 +17,7 @@ from .common import label_of
 if TYPE_CHECKING:
     from ..records.header import Header
     from ..scenario import Scenario
-    from ..world import World
+    from ..setup.world import World
 
 LOG, SCENARIO = "run.mcap", "scenario.toml"
 """Names of a run's files in its folder."""

@@ -357,7 +357,7 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
 def logs_of(log: str) -> tuple[str, ...]:
     """The logs of the vehicles in the folder of a world, or the one log that is named."""
     from ..files import is_file
-    from ..world import vehicles_of
+    from ..setup.world import vehicles_of
 
     scenario = Path(log) / SCENARIO
     names = vehicles_of(scenario) if is_file(scenario) else []
@@ -370,9 +370,9 @@ def logs_of(log: str) -> tuple[str, ...]:
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
     """Names for several logs: of vehicles in one world their names; otherwise their laws if these differ, else their
     folders, else their file names."""
-    from ..records.scene import one_world
+    from ..setup.world import one_world
 
-    if one_world([trace.header for trace in traces]):
+    if one_world([trace.scenario for trace in traces]):
         return [trace.scenario.vehicle.name for trace in traces]
     laws = [trace.scenario.controller.label() for trace in traces]
     folders = [Path(log).absolute().parent.name for log in logs]

@@ -247,8 +247,8 @@ def video(
         low = None if start is None else number("--from", start, "s", 0.0, 1e7)
         high = None if until is None else number("--to", until, "s", 0.0, 1e7)
         instant = None if at is None else number("--at", at, "s", 0.0, 1e7)
-        (trace,) = loaded((log,)).values()
-        trace = trace.between(low, high)
+        traces = {name: each.between(low, high) for name, each in loaded((log,)).items()}
+        trace = traces if len(traces) > 1 else next(iter(traces.values()))
         from ..views import video as views
 
         if kind == "png":

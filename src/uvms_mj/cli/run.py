@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
-    from ..world import World
+    from ..setup.world import World
 
 
 @command(
@@ -110,7 +110,7 @@ def _world_of(
 ) -> "World | None":
     """The world that the arguments of the command name; None if they name one vehicle. Raises InputError if the input
     is invalid."""
-    from ..world import World, vehicles_of
+    from ..setup.world import World, vehicles_of
 
     name, overrides = asked_for(arguments, settings)
     if name is None or log is not None or name.endswith(".mcap") or not vehicles_of(name):

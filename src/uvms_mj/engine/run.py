@@ -26,8 +26,8 @@ from ..records.trace import Columns, Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..setup.checks import SamplingWarning
+from ..setup.world import World
 from ..views.progress import following
-from ..world import World
 from .coupling import CoupledSimulation, Lockstep, OtherStopped
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST
@@ -227,7 +227,7 @@ class _Encounters:
     """Instants of a chunk at which it looks."""
 
     def __init__(self, runs: "Mapping[str, _Run]", joined: Collection[frozenset[str]]) -> None:
-        """Raises InputError if one vehicle is inside another at the start. What a joint or a contact keeps may overlap."""
+        """Raises InputError if one vehicle is inside another at the start. Vehicles that are ``joined`` may be."""
         self._runs = runs
         self._new = {name: run.taken_fresh()[0] for name, run in runs.items()}
         self._pairs = {pair for pair in itertools.combinations(runs, 2) if frozenset(pair) not in joined}

@@ -7,8 +7,8 @@ force on the first vehicle is for a **joint**, a spring without length that keep
 
     f = k d + b w,
 
-and for a **spring** of the natural length L, a **cable**, which never pushes, and a **contact** of two spheres about the
-points, whose radii together are L, which never pulls,
+and for a **spring** of the natural length L, a **cable**, which never pushes, and a **contact** of two spheres about
+the points, whose radii together are L, which never pulls,
 
 .. math::
 

@@ -5,7 +5,7 @@ Arrows longer than the scene are cut. Rerun's label of a cut arrow is marked.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from ..physics.frames import rotation_matrix
 from ..plant.contacts import surfaces_of
 from ..plant.geometry import Geometry, Shape
 from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall
-from ..world import OF_WORLD
 from .header import Header
 
 Colour = tuple[int, int, int]
@@ -91,13 +90,6 @@ def scene_of(header: Header) -> Scene:
     return Scene(
         (drawn_vehicle(header.geometry, header.scenario.vehicle.contact_bodies),), shapes, (arrow,) if speed else ()
     )
-
-
-def one_world(headers: Sequence[Header]) -> bool:
-    """Whether runs are of the vehicles of one world: they have names of their own, the same water, walls and time."""
-    names = {header.scenario.vehicle.name for header in headers}
-    shared = [[getattr(header.scenario, table) for table in OF_WORLD] for header in headers]
-    return len(headers) > 1 and len(names) == len(headers) and "" not in names and all(x == shared[0] for x in shared)
 
 
 def wall_face(header: Header) -> float:

@@ -16,8 +16,9 @@ from ...errors import InputError
 from ...files import atomic_write
 from ...plant.geometry import solids
 from ...records.header import Header, Outcome
-from ...records.scene import force_scale, one_world
+from ...records.scene import force_scale
 from ...records.trace import Trace
+from ...setup.world import one_world
 from ..colours import of_runs
 from .layout import application, layout
 from .process import Sender, ViewerClosed, free_port, start, web_viewer
@@ -166,7 +167,7 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     colours = of_runs([header.law.source for header in headers])
     corners = [bounds(list(solids(header.geometry)), header.geometry.reach) for header in headers]
     width = _LANE * max(float(high[1] - low[1]) for low, high in corners)
-    if one_world(headers):
+    if one_world([header.scenario for header in headers]):
         lanes = [Place(force_scale=scale)] * len(traces)
     else:
         lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]

@@ -14,12 +14,12 @@ from typing import Any
 
 import tomli_w
 
-from .errors import Fault, InputError, shortened, suggestion
-from .files import tables_of, toml_path
-from .plant.coupling import Coupling
-from .plant.settings import NAME, Stepping
-from .quantities import overrides_of
-from .scenario import Scenario
+from ..errors import Fault, InputError, shortened, suggestion
+from ..files import tables_of, toml_path
+from ..plant.coupling import Coupling
+from ..plant.settings import NAME, Stepping
+from ..quantities import overrides_of
+from ..scenario import Scenario
 
 OF_WORLD = ("simulation", "current", "obstacle", "sea", "wall", "walls", "couplings")
 """The tables of water, walls, time and couplings, which all vehicles share. Every other table is of a vehicle."""
@@ -161,6 +161,14 @@ def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
     if faults:
         raise InputError(faults, place)
     return World(first.name, first.description, scenarios)
+
+
+def one_world(scenarios: Sequence[Scenario]) -> bool:
+    """Whether scenarios are of the vehicles of one world: they have names of their own, the same water, walls and
+    time."""
+    names = {scenario.vehicle.name for scenario in scenarios}
+    shared = [[getattr(scenario, table) for table in OF_WORLD] for scenario in scenarios]
+    return len(shared) > 1 and len(names) == len(shared) and "" not in names and all(x == shared[0] for x in shared)
 
 
 def vehicles_of(scenario: str | os.PathLike) -> list[str]:
