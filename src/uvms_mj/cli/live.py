@@ -55,6 +55,11 @@ class Live:
             )
         self._served: Any = None
 
+    @property
+    def asked_for(self) -> bool:
+        """Whether a viewer is to show the run."""
+        return self._name is not None
+
     def open(self) -> tuple[list["Sink"], list["Guide"]]:
         """The sinks and the guides of the run: of nobody, of Rerun, or of Foxglove. Raises InputError if the viewer
         can't be opened."""

@@ -9,7 +9,7 @@ import click
 
 from .archive import about
 from .common import Console, Listing, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
-from .folders import remove_if_empty
+from .folders import SCENARIO, log_of, remove_if_empty
 from .options import (
     asked_for,
     command,
@@ -374,6 +374,7 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
     """The traces of several logs by :func:`labels`. Warns of truncated logs."""
     from ..records.trace import Trace
 
+    logs = tuple(each for log in logs for each in logs_of(log))
     traces = [Trace.load(log) for log in logs]
     for log, trace in zip(logs, traces, strict=True):
         say_if_truncated(log, trace)
@@ -381,8 +382,26 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
     return dict(zip(labels(logs, traces), traces, strict=True))
 
 
+def logs_of(log: str) -> tuple[str, ...]:
+    """The logs of the vehicles in the folder of a world, or the one log that is named."""
+    from ..files import is_file
+    from ..setup.world import vehicles_of
+
+    scenario = Path(log) / SCENARIO
+    names = vehicles_of(scenario) if is_file(scenario) else []
+    there = (Path(log) / log_of(name) for name in names)
+    if not names:
+        return (log,)
+    return tuple(str(path) for path in there if path.exists())
+
+
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
-    """Names for several logs: their laws if these differ, else their folders, else their file names."""
+    """Names for several logs: of vehicles in one world their names; otherwise their laws if these differ, else their
+    folders, else their file names."""
+    from ..setup.world import one_world
+
+    if one_world([trace.scenario for trace in traces]):
+        return [trace.scenario.vehicle.name for trace in traces]
     laws = [trace.scenario.controller.label() for trace in traces]
     folders = [Path(log).absolute().parent.name for log in logs]
     stems = [Path(log).stem for log in logs]

@@ -132,7 +132,8 @@ def plot(
         from ..views import figures
 
         names = names_in("--what", whats) or ["summary"]
-        default = Path(logs[0]).parent / "_".join(names)[:60]
+        beside = Path(logs[0])
+        default = (beside if beside.is_dir() else beside.parent) / "_".join(names)[:60]
         stem, formats = figure_files(kinds, out, default, force)
         wide = inches(width)
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
@@ -252,8 +253,8 @@ def video(
         low = None if start is None else number("--from", start, "s", 0.0, 1e7)
         high = None if until is None else number("--to", until, "s", 0.0, 1e7)
         instant = None if at is None else number("--at", at, "s", 0.0, 1e7)
-        (trace,) = loaded((log,)).values()
-        trace = trace.between(low, high)
+        traces = {name: each.between(low, high) for name, each in loaded((log,)).items()}
+        trace = traces if len(traces) > 1 else next(iter(traces.values()))
         from ..views import video as views
 
         if kind == "png":

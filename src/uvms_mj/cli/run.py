@@ -22,10 +22,11 @@ from .common import (
     end,
     ended,
     exit_interrupted,
+    label_of,
     printable,
     warn,
 )
-from .folders import LOG, RunFolder, output_folder, remove_if_empty
+from .folders import LOG, RunFolder, log_of, output_folder, remove_if_empty
 from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
+    from ..setup.world import World
 
 
 @command(
@@ -88,18 +90,21 @@ def run(
     """
     stop = Stop()
     console = Console(as_json, quiet)
-    scenario = None
+    scenario: Scenario | World | None = None
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
             from ..files import locked
 
             deployed = asked["as_deployed"]
+            shown = Live(live, viewer, speed, port, host)
+            if (world := _world_of(**asked)) is not None:
+                scenario = world
+                sys.exit(_run_world(world, out, files, log_rate, engine, shown, console, stop))
             again = asked["log"] is not None and asked["log"].lower().endswith(".zip")
             if again:
                 out, asked = _unpacked(out, asked)
             as_it_was = again and not (asked["arguments"] or asked["settings"] or asked["controller"] or deployed)
-            shown = Live(live, viewer, speed, port, host)
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             changes = () if asked["log"] is None or asked["row"] is not None else _changes_of(asked["log"])
             if deployed and not quiet:
@@ -128,6 +133,87 @@ def run(
             click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
+
+
+def _world_of(
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    row: int | None,
+    as_deployed: bool,
+) -> "World | None":
+    """The world that the arguments of the command name; None if they name one vehicle. Raises InputError if the input
+    is invalid."""
+    from ..setup.world import World, vehicles_of
+
+    name, overrides = asked_for(arguments, settings)
+    if name is None or log is not None or name.endswith(".mcap") or not vehicles_of(name):
+        return None
+    if as_deployed:
+        from ..setup.deployment import as_deployed as deployed
+
+        overrides = deployed(overrides)
+    return World.load(name, overrides, controller)
+
+
+def _run_world(
+    world: "World",
+    out: str | None,
+    files: dict[str, Path],
+    log_rate: str | None,
+    engine: str | None,
+    shown: Live,
+    console: Console,
+    stop: Stop,
+) -> int:
+    """Run a world, write a log for each vehicle and report each; return the exit status."""
+    from ..analysis.metrics import AROUND_THE_END_S
+    from ..analysis.summary import ending, fluctuates, summary
+    from ..engine.run import LawError, SinkError, simulate
+    from ..errors import InputError
+    from ..files import locked
+    from ..records.mcap import McapLog
+
+    if shown.asked_for:
+        raise InputError("a viewer shows one vehicle during its run; uvms-mj replay DIR shows a world afterwards")
+    folder, made = output_folder(out, world)
+    half = max(AROUND_THE_END_S, 0.5 * world.simulation.duration)
+    kept = half if any(map(fluctuates, world.scenarios.values())) else AROUND_THE_END_S
+    with locked(folder):
+        try:
+            sinks: dict[str, list[Sink]] = {name: [McapLog(folder / log_of(name))] for name in world.scenarios}
+            next(iter(sinks.values())).insert(0, RunFolder(folder, files, made_of(world), world))
+            with console.running(world, stop) as progress:
+                traces = simulate(
+                    world, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=kept, engine=engine or "mujoco"
+                )
+        except (LawError, SinkError) as raised:
+            click.echo(printable(f"error: {raised}"), err=True)
+            return EXIT_BAD_INPUT
+        except OSError as raised:
+            raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
+        finally:
+            remove_if_empty(made)
+    stop.ignore()
+    there, status = _existing(files), 0
+    reports = {name: summary(trace, {"mcap": there[name]}) for name, trace in traces.items()}
+    console.reports(traces, {"scenario": world.name, "vehicles": reports, "files": {"scenario": there["scenario"]}})
+    for name, trace in traces.items():
+        for note in ending(trace):
+            warn(f"{name}: {note}")
+        status = max(status, ended(trace, f"{name}: "))
+    return status
+
+
+def made_of(world: "World | None" = None) -> list[str]:
+    """The names of the files that are made from the logs of a run or a world, and go with them."""
+    from .logs import FORMATS
+    from .plot import WHATS
+
+    logs = [LOG] if world is None else [log_of(name) for name in world.scenarios]
+    suffixes = [f".{kind}" for kind in (*FORMATS, "mp4")]
+    return [f"{what}.png" for what in WHATS] + [str(Path(log).with_suffix(each)) for log in logs for each in suffixes]
 
 
 def chosen(
@@ -287,11 +373,8 @@ def run_and_report(
     from ..errors import InputError
     from ..records.header import Status
     from ..records.mcap import McapLog
-    from .logs import FORMATS
-    from .plot import WHATS
 
-    made = [f"{what}.png" for what in WHATS] + [str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4")]
-    sinks: list[Sink] = [RunFolder(folder, files, made), McapLog(folder / LOG)]
+    sinks: list[Sink] = [RunFolder(folder, files, made_of()), McapLog(folder / LOG)]
     viewers, guides = shown.open()
     error, half = None, max(AROUND_THE_END_S, 0.5 * scenario.simulation.duration)
     with console.running(scenario, stop) as progress:
@@ -331,7 +414,7 @@ def _existing(files: dict[str, Path]) -> dict[str, str]:
     return {kind: str(path) for kind, path in files.items() if path.exists()}
 
 
-def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
+def _nothing_ran(scenario: "Scenario | World | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
     """The report of a run that was interrupted before its first step."""
     from ..analysis.summary import summary_of_none
 
@@ -343,7 +426,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dic
     if scenario is not None:
         known |= {
             "scenario": scenario.name,
-            "controller": scenario.controller.label(),
+            "controller": label_of(scenario),
             "timestep_s": scenario.simulation.timestep,
         }
     return summary_of_none(known, files)

@@ -153,6 +153,21 @@ class External(Controller):
         pass
 
 
+@dataclasses.dataclass(frozen=True)
+class NoLaw(Controller):
+    """No command, of a body without thrusters that others carry."""
+
+    name = "none"
+    uses_task: ClassVar[bool] = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+
+    def at_rest(self, setup: SetupLike) -> str:
+        return "there is no law"
+
+
 MOST_WAITING = 1000
 """Control periods that a computation delay may last."""
 

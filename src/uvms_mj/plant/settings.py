@@ -4,6 +4,7 @@
 import dataclasses
 import itertools
 import math
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
@@ -31,6 +32,7 @@ from ..quantities import (
     Twist,
     Vector3,
     doc,
+    refusing,
     within,
 )
 from ..stages.setup import ScenarioLike
@@ -45,7 +47,7 @@ class World(NamedTuple):
     An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s], the inertia (6, 6) with
     added mass, and the duration of the run [s], too. One of a vehicle at the surface asks for the displaced mass [kg]
     at the centre of buoyancy (3,) in B [m], the z of the surface in W [m], and whether gravity is not along -z;
-    ``surfaces`` says whether the vehicle is one."""
+    ``surfaces`` says whether the vehicle is one. ``vehicle`` is its name, empty without one."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -63,6 +65,7 @@ class World(NamedTuple):
     surface: float = 0.0
     tilted: bool = False
     surfaces: bool = False
+    vehicle: str = ""
 
 
 Rows = tuple[tuple[float, ...], ...] | None
@@ -383,6 +386,15 @@ _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
 _Mass = Annotated[Number, within(0.0, 1e6, "kg")]
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+"""The name of a vehicle, which is also a part of topics and of the name of its log."""
+_Name = Annotated[
+    str,
+    refusing(
+        lambda name: bool(name) and not NAME.fullmatch(name),
+        "must be up to 40 letters, digits and underscores, and begin with a letter",
+    ),
+]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -419,6 +431,7 @@ class VehicleChoice:
         (),
     )
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
+    name: _Name = doc("name of the vehicle among others in one world; empty: none", "")
 
 
 _Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]

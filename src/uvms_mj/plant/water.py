@@ -19,7 +19,7 @@ from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.near_wall import HULL, STRIPS
 from ..physics.near_wall import SHAPES as HULLS
-from ..physics.random import key_of
+from ..physics.random import key_of, owned
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import (
     STRICT,
@@ -37,6 +37,7 @@ from ..quantities import (
     within,
 )
 from .buoyancy import Buoyancy
+from .coupling import Coupling
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -229,7 +230,7 @@ class Disturbance(EffectTable):
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DISTURBANCE`."""
-        return [_series("disturbance", self, self.bias, world)]
+        return [_series(owned("disturbance", world.vehicle), self, self.bias, world)]
 
     def faults(self, world: World) -> Iterator[Fault]:
         return _series_faults(self, world.timestep)
@@ -473,5 +474,6 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,
+    "couplings": Coupling,
 }
 """The table of each effect, or of each one of a list."""

@@ -44,6 +44,7 @@ from ...stages.signals import (
     Signal,
     band_signals,
     contact_signals,
+    coupling_signal,
     deflection_signal,
     effect_given,
     tether_signals,
@@ -107,6 +108,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
+    own = (*own, coupling_signal(0))
     recorded = (
         *RECORDED,
         *MEASURED_MOTION,
@@ -469,7 +471,7 @@ def write_effects(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_keys(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario.simulation.seed_of)
+    memory.stages.write_keys(setup.scenario.simulation.seed_of, setup.scenario.vehicle.name)
 
 
 def write_periods(memory: RunMemory, setup: Setup) -> None:
