@@ -15,7 +15,7 @@ from forked import done as forked
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
-from uvms_mj.engine.native import compilation, objects
+from uvms_mj.engine.native import compilation, objects, run_memory
 from uvms_mj.physics.kernels import kernels
 
 
@@ -128,7 +128,7 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
         if facts["externals"] and compilation.load(file.stem):
             break
-    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "cache_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
     assert compilation.load(file.stem)
@@ -137,8 +137,8 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
+    monkeypatch.setattr(objects, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
         (tmp_path / name).mkdir()
@@ -150,7 +150,7 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(compilation, "cache_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(objects, "cache_folder", lambda: Path("/nowhere/at/all"))
     compilation._native_functions.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
@@ -180,6 +180,33 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     assert len(marked) > 20
     assert marked <= covered  # also where this process has not imported it
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"), [("push_wall", {"initial.position": [0.96, 0.0, 0.0]}), ("tool_push", {})]
+)
+def test_code_of_a_short_run_has_the_same_bits(tmp_path, monkeypatch, name, settings):
+    """It is other code, which LLVM optimizes less; of joints it is not, where LLVM decides what is rounded once."""
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
+    scenario = Scenario.load(name, SHORT | settings)
+    levels, rows = set(), []
+    compiled = compilation._compiled
+    monkeypatch.setattr(
+        compilation, "_compiled", lambda *given: levels.add(given[3] if len(given) > 3 else 1) or compiled(*given)
+    )
+    for short in (False, True):
+        compilation._native_functions.cache_clear()
+        run_memory.entry_points.cache_clear()
+        for file in tmp_path.iterdir():
+            file.unlink()
+        before = compilation.short_run.set(short)
+        try:
+            rows.append(simulate(scenario).rows())
+        finally:
+            compilation.short_run.reset(before)
+    assert levels == {0, 1}
+    np.testing.assert_array_equal(*rows)
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])

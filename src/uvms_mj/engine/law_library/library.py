@@ -19,6 +19,7 @@ from ...files import atomic_write
 from ...scenario import Scenario
 from ..engines import refusals
 from ..native.chain import Chain, refuse
+from ..native.compilation import short_run
 from ..native.net import FIRST
 from ..native.run_memory import RunMemory
 from ..simulation import Simulation
@@ -196,7 +197,11 @@ class _Run(Simulation):
         super().__init__(scenario, engine="mujoco" if refusals(set_up(scenario)) else "free_body", looks=False)
 
     def _remembered(self) -> RunMemory:
-        return RunMemory(self.setup, self._engine, self._meanwhile)
+        before = short_run.set(True)
+        try:
+            return RunMemory(self.setup, self._engine, self._meanwhile)
+        finally:
+            short_run.reset(before)
 
     def _meanwhile(self, memory: RunMemory) -> None:
         self.begun: Any = self._begin(memory)

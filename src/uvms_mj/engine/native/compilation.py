@@ -15,6 +15,7 @@ import threading
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -70,6 +71,9 @@ PLAIN = "UVMS_MJ_PLAIN"
 """Environment variable for debugging: if it is set, every stage and kernel runs as plain Python."""
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
+short_run: ContextVar[bool] = ContextVar("short_run", default=False)
+"""Whether machine code is for one short run: what is not kept is optimized less. It has the same numbers, since no
+optimization changes a rounding. Fused code is always optimized: it decides which sums are rounded once."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def native_functions(
     with _compiling():
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
-        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused)
+        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused, short_run.get() and not fused)
 
 
 def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> NativeFunction:
@@ -232,7 +236,9 @@ def _gaps(translate: Callable[..., Any], lacking: Untranslatable) -> list[str]:
 
 
 @functools.cache
-def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused: bool) -> tuple[NativeFunction, ...]:
+def _native_functions(
+    parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused: bool, short: bool
+) -> tuple[NativeFunction, ...]:
     made_of = [b"fused" if fused else b""]
     for function, dtypes in parts:
         layout = [repr(each) for each in dtypes]
@@ -240,12 +246,15 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused
         made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
     name = object_name(made_of)
     addresses = load(name)
+    if addresses is None and short:
+        name = object_name([*made_of, b"short"])
+        addresses = load(name)
     if addresses is not None:
         return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
     from .intrinsics import kernel_module
 
     symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols))
+    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols), 0 if short else 1)
     return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
 
 
@@ -294,11 +303,11 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
     return NativeFunction(len(dtypes), lambda: ctypes.cast(code, ctypes.c_void_p).value or 0)
 
 
-def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:
+def _compiled(text: str, name: str, entries: list[str], level: int = 1) -> tuple[int, ...]:
     """Compile a module, keep its object on disk and return the addresses of its functions."""
     machine = target_machine()
     module = llvm.parse_assembly(text)
-    optimize(module, machine, llvm.get_process_triple())
+    optimize(module, machine, llvm.get_process_triple(), level)
     code = machine.emit_object(module)
     symbols = (*module.functions, *module.global_variables)
     externals = [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]

@@ -63,7 +63,7 @@ from .bodies import (
     write_wrist,
 )
 from .callback import advance, finish
-from .compilation import native_functions
+from .compilation import native_functions, short_run
 from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
@@ -194,10 +194,10 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
 
 
 @functools.cache
-def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
+def entry_points(shape: Shape, step: Any, short: bool) -> dict[str, Any]:
     """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
     :func:`.callback.evaluate` in MuJoCo's callback or :func:`.loop.free_steps`, and what Python calls between
-    chunks. They share most of their code, and are one module."""
+    chunks. They share most of their code, and are one module. ``short`` is :data:`.compilation.short_run`."""
     run = with_numbers(shape.layout)
     parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
     return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}
@@ -220,7 +220,7 @@ class RunMemory:
         """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads, and, with
         an engine that has not asked for it, before the entry points are translated."""
         self.engine, self.shape = engine, shape_of(setup)
-        self._entry_points = functools.partial(entry_points, self.shape, engine.code)
+        self._entry_points = functools.partial(entry_points, self.shape, engine.code, short_run.get())
         if meanwhile is None:
             _ = self.code  # LLVM has the largest module while the stages are translated
         self.stages = Pipeline(setup, self.shape)
