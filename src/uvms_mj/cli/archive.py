@@ -100,6 +100,7 @@ def compared(kind: str, folder: Path, quiet: bool = False) -> int:
         if not quiet:
             click.echo("equal to the archive", err=True)
         return 0
-    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
-    click.echo(printable(f"differs from the archive: {', '.join(found[:10])}{more}"), err=True)
+    more = f"\nand {len(found) - 10} more" if len(found) > 10 else ""
+    lines = "\n".join(f"- {each}" for each in found[:10])
+    click.echo(printable(f"differs from the archive:\n{lines}{more}"), err=True)
     return EXIT_DIFFERS

@@ -51,9 +51,18 @@ def _of_logs(then: Path, now: Path) -> list[str]:
         found.append("other signals or another number of samples")
     else:
         bits = x.view(np.uint64) != y.view(np.uint64)
-        found += [name for name, place in a.places.items() if bits[:, place].any()]
+        found += [_by(name, x[:, place], y[:, place]) for name, place in a.places.items() if bits[:, place].any()]
     names = sorted({*files, *others})
     return found + [name for name in names if _compared(name, files.get(name)) != _compared(name, others.get(name))]
+
+
+def _by(name: str, then: np.ndarray, now: np.ndarray) -> str:
+    """The name of a signal that differs, and by which part of its largest magnitude: rounding has some 1e-15."""
+    size = np.abs(then[np.isfinite(then)]).max(initial=0.0)
+    apart = np.abs(now - then)
+    if not np.isfinite(apart).all() or size == 0.0:
+        return name
+    return f"{name} by {apart.max() / size:.1g} of its largest magnitude"
 
 
 def _compared(name: str, data: bytes | None) -> Any:
