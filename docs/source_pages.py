@@ -20,7 +20,7 @@ from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
 _LINK = re.compile(
-    r"\]\((?:\.\./)*((?:src|tests|scripts|examples|models|CITATION\.cff|LICENSE|pyproject\.toml)\b[^)\s]*)\)"
+    r"\]\((?:\.\./)*((?:src|tests|scripts|examples|models|CITATION\.cff|CODE_OF_CONDUCT\.md|LICENSE|SECURITY\.md|pyproject\.toml)\b[^)\s]*)\)"
 )
 
 

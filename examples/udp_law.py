@@ -10,7 +10,7 @@ Any language will do: a request is 8 bytes "uvms-mj1", the number of the instant
 import sys
 
 from uvms_mj.control.base import PORT
-from uvms_mj.engine.udp import serve
+from uvms_mj.engine.udp import LOOPBACK, serve
 
 
 def law(signals):
@@ -18,4 +18,5 @@ def law(signals):
 
 
 if __name__ == "__main__":
-    serve(law, int(sys.argv[1]) if len(sys.argv) > 1 else PORT)
+    host = sys.argv[2] if len(sys.argv) > 2 else LOOPBACK  # 0.0.0.0 for a run on another machine
+    serve(law, int(sys.argv[1]) if len(sys.argv) > 1 else PORT, host=host)

@@ -17,10 +17,15 @@ import numpy as np
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.files import shipped
+from uvms_mj.setup.world import vehicles_of
 
 SOFT = {"wall.stiffness": 2e3, "simulation.duration": 8.0}
 RUNS: dict[str, tuple[str, dict[str, Any], str]] = (
-    {name: (name, {"simulation.duration": 8.0}, "mujoco") for name in sorted(shipped("scenarios"))}
+    {
+        name: (name, {"simulation.duration": 8.0}, "mujoco")
+        for name in sorted(shipped("scenarios"))
+        if not vehicles_of(name)
+    }
     | {
         f"{law}, mujoco": ("push_wall", {"controller.name": law, "simulation.duration": 8.0}, "mujoco")
         for law in BUILT_IN

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
 
 from draw_rooms import AFTER, BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from page_numbers import page
@@ -74,6 +75,14 @@ def test_links_lead_somewhere(path):
     for target, name in re.findall(r"\]\((?!https?:)([^)#]+\.py)#(?!L\d)([^)]+)\)", path.read_text()):
         last, text = name.rpartition(".")[2], (path.parent / target).read_text()
         assert re.search(rf"^\s*(def|class) {last}\b|^{last}\b.* = ", text, re.M), f"{target} defines no {name}"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "physics").glob("*.md")), ids=lambda path: path.name)
+def test_an_equation_is_no_block_of_code(path):
+    """Each block says its language; an equation stands between dollars."""
+    tokens = MarkdownIt().parse(path.read_text())
+    assert [token.content for token in tokens if token.type == "code_block"] == []
+    assert [token.content for token in tokens if token.type == "fence" and not token.info] == []
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "how_to").glob("*.md")), ids=lambda path: path.name)

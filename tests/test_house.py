@@ -2,13 +2,16 @@
 
 import ast
 import dataclasses
+import os
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 import uvms_mj
 from seeded_faults import seeded_faults
@@ -136,3 +139,42 @@ def test_reading_a_log_imports_no_theory_and_a_figure_no_pyplot(tmp_path):
     """
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.stdout == "[]\nFalse\n", done.stderr
+
+
+def test_a_commit_is_checked_by_what_make_checks_runs():
+    """pre-commit has the programs of the Makefile, and fetches none."""
+    text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    repos = yaml.safe_load(text)["repos"]
+    assert [each["repo"] for each in repos] == ["local"]
+    hooks = [hook for each in repos for hook in each["hooks"]]
+    assert {hook["language"] for hook in hooks} == {"system"}
+    (checks,) = re.findall(r"^checks: setup\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    asked = [" ".join(line.replace("$(BIN)", ".venv/bin").split()).split(" src ")[0] for line in checks.splitlines()]
+    assert [hook["entry"].replace(" --force-exclude", "") for hook in hooks] == asked
+
+
+def test_workflows_try_every_python_and_every_system_that_is_promised():
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    said = [each.rpartition(" ")[2] for each in project["classifiers"] if re.search(r":: 3\.\d+$", each)]
+    assert project["requires-python"] == f">={said[0]}"
+    for name, job in {"tests": "test", "wheel": "install"}.items():
+        path = ROOT / ".github" / "workflows" / f"{name}.yml"
+        matrix = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"][job]["strategy"]["matrix"]
+        assert matrix["python"] == said
+        systems = {*matrix["os"], *(each["os"] for each in matrix.get("include", ()))}
+        assert {"ubuntu-latest", "ubuntu-24.04-arm", "macos-latest"} == systems
+
+
+def test_a_release_has_the_version_of_its_tag():
+    """The wheel that the release looks for by its tag is the wheel that is built."""
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "wheel.yml").read_text(encoding="utf-8"))["jobs"]
+    release, version = jobs["release"], tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["version"]
+    assert release["needs"] == "install"
+    assert release["permissions"] == {"contents": "write"}
+    (wanted,) = (step["run"] for step in release["steps"] if "whl" in step.get("run", ""))
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "dist").mkdir()
+        Path(folder, "dist", f"uvms_mj-{version}-py3-none-any.whl").touch()
+        for tag, ends in ((f"v{version}", 0), ("v99.0", 1)):
+            ended = subprocess.run(["bash", "-c", wanted], cwd=folder, env=os.environ | {"GITHUB_REF_NAME": tag})
+            assert ended.returncode == ends

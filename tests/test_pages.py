@@ -37,7 +37,7 @@ FILE = re.compile(r"(?:#|<!--) ([\w.]+\.(?:py|toml|xml|sdf|csv))\b")
 MARK = re.compile(r"<!-- (not run|refused): ")
 NOT_RUN = {
     r"(make|pip|git|dask|apt-get)\b": "sets up a computer or a cluster",
-    r"uvms-mj .*--(viewer|web|scheduler)\b": "opens a window, or needs a cluster",
+    r"uvms-mj .*--(viewer|live|web|scheduler)\b": "opens a window, or needs a cluster",
     r"uvms-mj replay (?!.*--save)": "opens a window",
     r"uvms-mj (paper|practicality)\b": "takes minutes; tests/reproduce",
     r"(uvms-mj sitl|ardusub)\b": "waits for an autopilot; tests/engine",
@@ -49,6 +49,8 @@ def shortened(words: list[str]) -> list[str]:
     """The arguments of a command, with what makes it short unless the page says otherwise: few steps, or those up to a
     contact where the page uses the log; few draws and trials with the fast engine."""
     match words:
+        case [_, "--from", name, *_] if name.endswith(".zip"):
+            more = []  # it is repeated as it was
         case ["run", *_]:
             used = "--out" in words and "--log-rate" not in words
             more = ["simulation.duration=6.1"] if used else ["simulation.duration=0.02"]

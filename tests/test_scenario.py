@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import uvms_mj
 from uvms_mj import Fosm, Gsta, InputError, Scenario, Simulation
 from uvms_mj.control import ImpedanceTask
-from uvms_mj.files import parse_setting
+from uvms_mj.files import parse_setting, shipped
 from uvms_mj.quantities import radians_notes
 from uvms_mj.scenario import keys
+from uvms_mj.setup.world import vehicles_of
 
-SCENARIOS = sorted(path.stem for path in (Path(uvms_mj.__file__).parent / "scenarios").glob("*.toml"))
+SCENARIOS = sorted(name for name in shipped("scenarios") if not vehicles_of(name))
 
 
 def write(tmp_path, text):

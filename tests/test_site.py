@@ -22,6 +22,11 @@ LOADED = """new Promise(done => {
     document.readyState === "complete" ? typeset() : addEventListener("load", typeset);
 })"""
 """A promise of a page with its equations."""
+WRONG = """[...document.querySelectorAll("div.math")].filter(box => box.querySelector("mjx-merror") ||
+    !box.querySelector("mjx-math") ||
+    box.querySelector("mjx-math").getBoundingClientRect().right > box.getBoundingClientRect().right + 2
+).map(box => box.textContent)"""
+"""The displayed equations of a page that are not typeset, or are wider than the page."""
 
 
 def test_the_api_has_every_public_name():
@@ -120,11 +125,13 @@ def look(browser: Chromium, site: Path, width: int) -> None:
     """Open some pages in a window of a width."""
     browser("Network.enable")
     browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
-    for page in ("index", "physics/equations", "gallery/index", "notebooks/1_first_push", "reference/keys"):
+    theory = [f"physics/{each.stem}" for each in sorted((site / "physics").glob("*.html"))]
+    for page in ("index", *theory, "gallery/index", "notebooks/1_first_push", "reference/keys"):
         browser("Page.navigate", url=(site / f"{page}.html").as_uri())
         browser.evaluate(LOADED)
         assert browser.evaluate("location.pathname").endswith(f"/{page}.html")
         assert browser.evaluate("document.documentElement.scrollWidth") <= width, page
+        assert browser.evaluate(WRONG) == [], page
     asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
     assert len(asked) > 20
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []

@@ -32,4 +32,4 @@ def numbers() -> Iterator[tuple]:
     slide = simulate(Scenario.load("tool_slide"))
     sliding = np.linalg.norm(slide.f_contact_W[:, 1:], axis=1)[slide.t > 0.5 * slide.t[-1]].max()
     along = slide.f_contact_W[-1, 0]
-    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (along, 0.05), (sliding, 0.1)
+    yield "on the tool is {} N along x and, while it slides, $\\mu$ 10 N = {} N", (along, 0.05), (sliding, 0.1)

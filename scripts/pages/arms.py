@@ -52,7 +52,7 @@ def force(ax: Axes, trace: Trace) -> None:
 def numbers() -> Iterator[tuple]:
     vehicle = Mjcf.find(str(FILE)).vehicle
     link = vehicle.arm.links[0]
-    yield "pi r^2 (l + 4 r/3) = {} kg", link.displaced_mass
+    yield r"$\pi r^2 (l + \tfrac43 r)$ = {} kg", link.displaced_mass
     yield "| {} kg, {} kg m^2 |", link.M_A[2, 2], link.M_A[4, 4]
     yield "| {} N s^2/m^2, {} N m s^2 |", link.D_quadratic[2, 2], link.D_quadratic[4, 4]
 

@@ -62,7 +62,7 @@ def numbers() -> Iterator[tuple]:
     model = mujoco.MjModel.from_xml_path(str(shipped("models")["bluerov2_alpha5"]))
     w, load, h, T = float(model.dof_invweight0[6]), 1.26, 1e-4, 2e-3
     yield "(w = {} 1/(kg m^2), {} N m, h = 1e-4 s) this is {} rad/s", w, load, 1e-6 * h * w * load
-    yield "1e4 / (T^2 w): {} N m/rad", 1e4 / (T * T * w)
+    yield "$10^4/(T^2 w)$: {} N m/rad", 1e4 / (T * T * w)
     free = run(1.5, ((0.0, START[ELBOW]), (1.5, START[ELBOW])), **{"vehicle.coulomb_friction": 0.0})
     error = np.abs(free.q - START).max(axis=1)
     yield "within {} mrad from the start on, and to {} rad after a second", 1e3 * error.max(), error[free.t > 1.0].max()

@@ -73,7 +73,7 @@ def numbers() -> Iterator[tuple]:
     fine = {"simulation.timestep": 1e-4, "task.inertia_period": 1e-4}
     far = [1e6 * moved(held(ORDERS[0], **fine, **{"posture.period": T})).max() for T in (1e-4, 1e-3, 1e-2)]
     yield "by {} micrometres with 0.1 ms, by {} with the default of 1 ms and by {} with 10 ms", *far
-    yield "a move of 0.3 m under `gsta` leaves eta_e = {} after 8 s", (left_after_a_move(1.0), 0.005)
+    yield r"a move of 0.3 m under `gsta` leaves $\tilde\eta$ = {} after 8 s", (left_after_a_move(1.0), 0.005)
     yield "without the friction the same move ends within {}", left_after_a_move(0.0)
 
 

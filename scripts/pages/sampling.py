@@ -88,7 +88,7 @@ def numbers() -> Iterator[tuple]:
     yield "vibrates by {} N, by {} N", np.ptp(late[0]), (np.ptp(late[1]), 0.02)
     fine = run("push_soft_wall_100hz", simulation__timestep=1e-4, controller__delay=0.04)
     yield (
-        "that of 40 ms differs by {} % with the time step",
+        "the vibration with 40 ms differs by {} % with the time step",
         100.0 * abs(np.ptp(last(fine, 5.0)) / np.ptp(late[1]) - 1.0),
     )
     bounces = run("push_wall", simulation__duration=30.0, **{k.replace(".", "__"): v for k, v in RATE.items()})
@@ -102,7 +102,7 @@ def numbers() -> Iterator[tuple]:
     )
     assert isinstance(runs[0].analytic, SteadyState)
     assert isinstance(runs[0].scenario.controller, Gsta)
-    yield "{} ms for the paper's A = -100 and {} ms for -20", 2e3 / 100.0, 2e3 / 20.0
+    yield "{} ms for the paper's $A = -100$ and {} ms for $-20$", 2e3 / 100.0, 2e3 / 20.0
 
 
 def old_forces(axes: Axes) -> None:

@@ -12,6 +12,6 @@ EXAMPLE = DOCS.parent / "examples" / "biased_force.py"
 
 def numbers() -> Iterator[tuple]:
     sensor = {"navigation.name": f"{EXAMPLE}:BiasedForce", "navigation.bias": [0.5, 0.0, 0.0]}
-    yield "gives F = (1.5 + 0.5)/1.0015 = {} N", simulate(Scenario.load("push_wall", sensor)).push[-1]
+    yield "gives $F$ = (1.5 + 0.5)/1.0015 = {} N", simulate(Scenario.load("push_wall", sensor)).push[-1]
     limit = ForceAge.of(set_up(Scenario.load("push_wall"))).limit
     yield "At the default wall (1e5 N/m) the limit is {} ms", 1e3 * limit

@@ -108,7 +108,7 @@ def of_posture(model: str, joints: tuple[float, ...]) -> Iterator[tuple]:
 
 
 def long_numbers() -> Iterator[tuple]:
-    yield from of_law("fosm", "first order, epsilon = 3e-3 | {} N | {} N")
+    yield from of_law("fosm", r"first order, $\epsilon$ = 3e-3 | {} N | {} N")
     yield from of_law("impedance", "impedance, after 40 s | {} N | {} N")
     for model, postures in ARMS.items():
         for joints in postures:

@@ -104,7 +104,7 @@ def numbers() -> Iterator[tuple]:
     rates = [rate_deviation(np.ones(1), 1.0, gust)[0] for gust in (1.0 / 64.0, 1.0 / 8.0)]
     yield "RK4 converges at order {} where the vehicle does not turn", (order((0.0, 0.0, 0.0)), 0.2)
     yield "and at order {} where it turns", (order((0.8, -0.6, 0.4)), 0.2)
-    yield "a standard deviation of up to {} sigma/T for T/64 and {} sigma/T for T/8", *rates
+    yield r"a standard deviation of up to {} $\sigma/T$ for T/64 and {} $\sigma/T$ for T/8", *rates
 
 
 def push(above: Axes, below: Axes) -> None:

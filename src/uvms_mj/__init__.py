@@ -14,7 +14,7 @@ _NAMES = {
     "actuation": "Actuation Joints Thrusters",
     "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
     "engine.fleet": "Fleet",
-    "engine.native": "Attachment attach",
+    "engine.native.attachment": "Attachment attach",
     "engine.native.plain_stage": "StageFault",
     "engine.run": "LawError SinkError simulate",
     "engine.simulation": "Diverged Simulation",
@@ -22,6 +22,7 @@ _NAMES = {
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
     "plant.buoyancy": "Buoyancy Volume",
+    "plant.coupling": "Coupling",
     "plant.effect": "Effect",
     "plant.mjcf": "Mjcf",
     "plant.obstacle": "Obstacle",
@@ -33,6 +34,7 @@ _NAMES = {
     "records.trace": "Trace",
     "reproduce.paper.report": "compare",
     "scenario": "Scenario",
+    "setup.world": "World",
     "stages.base": "setting",
     "studies.certified": "certify",
     "studies.convergence": "converge",
@@ -61,8 +63,8 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .control import Sta as Sta
     from .control import gain as gain
     from .engine.fleet import Fleet as Fleet
-    from .engine.native import Attachment as Attachment
-    from .engine.native import attach as attach
+    from .engine.native.attachment import Attachment as Attachment
+    from .engine.native.attachment import attach as attach
     from .engine.native.plain_stage import StageFault as StageFault
     from .engine.run import LawError as LawError
     from .engine.run import SinkError as SinkError
@@ -77,6 +79,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Wrist as Wrist
     from .plant.buoyancy import Buoyancy as Buoyancy
     from .plant.buoyancy import Volume as Volume
+    from .plant.coupling import Coupling as Coupling
     from .plant.effect import Effect as Effect
     from .plant.mjcf import Mjcf as Mjcf
     from .plant.obstacle import Obstacle as Obstacle
@@ -93,6 +96,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .records.trace import Trace as Trace
     from .reproduce.paper.report import compare as compare
     from .scenario import Scenario as Scenario
+    from .setup.world import World as World
     from .stages.base import setting as setting
     from .studies.certified import certify as certify
     from .studies.convergence import converge as converge

@@ -2,8 +2,10 @@
 
 import contextlib
 import difflib
+import ipaddress
 import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -56,6 +58,7 @@ EXTRAS: Mapping[str, str] = {
     "fmi": "fmpy",
     "gpu": "cuda-bindings",
     "gym": "gymnasium",
+    "live": "foxglove-sdk",
     "tune": "optuna",
     "video": "imageio-ffmpeg",
     "xacro": "xacro",
@@ -75,6 +78,19 @@ def needs_extra(extra: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         install = f"install {EXTRAS[extra]}, with pip install 'uvms-mj[{extra}]'"
         raise InputError(f"no module {error.name!r}: {install}") from None
+
+
+class HostWarning(UserWarning):
+    """A port is reached by other machines."""
+
+
+def warn_of_host(key: str, host: str, what: str) -> None:
+    """Warn of a host that is not this machine's loopback: ``what`` its machines can do. ``key`` is the place of the
+    host in the user's input."""
+    with contextlib.suppress(ValueError):
+        if host == "localhost" or ipaddress.ip_address(host).is_loopback:
+            return
+    warnings.warn(f"{key} {host}: {what}; nothing asks who it is", HostWarning, stacklevel=2)
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:

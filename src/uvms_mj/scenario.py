@@ -27,6 +27,7 @@ from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.buoyancy import Buoyancy, Volume
+from .plant.coupling import Coupling
 from .plant.effect import Effect, numbers_of
 from .plant.obstacle import Obstacle
 from .plant.sea import Sea
@@ -88,6 +89,7 @@ class Scenario:
     buoyancy: Buoyancy = Buoyancy()
     fins: tuple[Fin, ...] = ()
     drag: tuple[Drag, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
     effects: tuple[Effect, ...] = ()
     wall: Wall = Wall()
     walls: tuple[Surface, ...] = ()
@@ -229,6 +231,9 @@ class Scenario:
         faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
+        if "vehicles" in tables:
+            several = "are a world of several vehicles, which World.load and uvms-mj run take; here is one vehicle"
+            raise InputError([Fault("vehicles", f"{several} needed")], place)
         meant = tables_by_word(CHOICES) if tables.keys() - _KEYS[""] else {}
         for word in [word for word in tables if word in meant and word not in _KEYS[""]] if meant else ():
             faults.append(Fault(word, no_table(word, "name", _TABLES, CHOICES)))
@@ -369,6 +374,7 @@ LISTS: dict[str, Any] = {
     "near_wall": NearWall,
     "fins": Fin,
     "drag": Drag,
+    "couplings": Coupling,
     "effects": Effect,
 }
 """The tables of each list of tables."""

@@ -68,7 +68,7 @@ def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):
         (["navigaton"], "no stage 'navigaton'; did you mean 'navigation'?; for your own"),
         (
             ["guidance", "ekf"],
-            "no stage 'ekf' in guidance; choose from along_wall, circle, filtered_steps, path, spline; ",
+            "no stage 'ekf' in guidance; choose from along_surface, along_wall, circle, filtered_steps, path, spline; ",
         ),
         (["gsta", "control"], "no stage 'control'; choose from admittance, aismc, "),  # a room comes first
         (["lag.py"], "'lag.py' names no class; give lag.py:Lag"),

@@ -45,7 +45,7 @@ def command(*arguments):
 def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
     assert WHATS == figures.WHATS
     assert FORMATS == figures.FORMATS
-    assert WIDTHS == {"column": style.COLUMN_IN, "page": style.PAGE_IN}
+    assert WIDTHS == figures.WIDTHS == style.WIDTHS
     done = command(log)
     assert done.exit_code == 0, done.output
     assert done.stdout == f"{log.parent / 'summary.png'}\n"

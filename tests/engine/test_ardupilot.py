@@ -13,6 +13,7 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.engine.ardupilot import FRAMES, ArduPilot, Servo, given_motors, motors_of, reply, steps_of
+from uvms_mj.errors import HostWarning
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.records.trace import Trace
@@ -363,3 +364,20 @@ def test_the_first_autopilot_takes_over_again_from_a_stray_that_came_while_it_wa
             assert peer._next().frame == frame
     assert len(said) == 2
     peer.close()
+
+
+def test_it_listens_where_the_user_says_and_beyond_loopback_with_a_warning():
+    """Another address of loopback stands for another machine's."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        peer = ArduPilot(np.arange(8), np.ones(8), 1, port=0, host="127.0.0.2")
+    assert peer._socket.getsockname()[0] == "127.0.0.2"
+    peer.close()
+    elsewhere = "192.0.2.1"  # an address for documentation: nothing listens there
+    with (
+        pytest.warns(
+            HostWarning, match=f"--host {elsewhere}: machines that reach this address can command the vehicle"
+        ),
+        pytest.raises(InputError, match=f"of {elsewhere}: "),
+    ):
+        ArduPilot(np.arange(8), np.ones(8), 1, port=0, host=elsewhere)

@@ -22,7 +22,9 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.engine.ardupilot import ArduPilot, motors_of, steps_of
-from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library import linking
+from uvms_mj.engine.law_library.library import write_library
+from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.setup.base import set_up
 

@@ -17,8 +17,10 @@ import pytest
 
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library import linking
 from uvms_mj.engine.law_library.border import PRESENT
+from uvms_mj.engine.law_library.library import write_library
+from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.engine.udp import STATUSES
 
 pytest.importorskip("ziglang")

@@ -48,7 +48,7 @@ class Late(Controller):
         state_dot.z[:] = state.a - state.b
 """
 CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
-    "fosm, delay, two walls that move, friction": (
+    "fosm, delay, two walls that move and turn, friction": (
         {
             "controller.name": "fosm",
             "controller.period": 5e-4,
@@ -69,6 +69,9 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
                     "edges": [0.4, 0.5, 0.6],
                     "attitude_deg": [0.0, 0.0, 10.0],
                     "motion": [[0.0, 0.0, 0.0, 0.0], [0.01, -0.01, 0.0, 0.0]],
+                    "turn_amplitude_deg": [2.0, 0.0, -3.0],
+                    "turn_frequency_hz": 4.0,
+                    "turn_phase_deg": 30.0,
                 },
             ],
         },

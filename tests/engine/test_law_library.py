@@ -25,7 +25,9 @@ from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import MACHINES, linking, texts, write_library
+from uvms_mj.engine.law_library import linking, texts
+from uvms_mj.engine.law_library.library import name_of, write_library
+from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.engine.native.chain import Chain
 from uvms_mj.engine.udp import LAYOUT, MAGIC, SIGNALS, STATUSES
 
@@ -1166,7 +1168,7 @@ def test_names_that_c_or_the_library_has_are_changed(tmp_path, monkeypatch):
 def test_the_default_name_of_a_library_is_free(monkeypatch, label, name):
     law = scenario("gsta")
     monkeypatch.setattr(type(law.controller), "label", classmethod(lambda cls: f"x.py:{label}"))
-    assert law_library.name_of(law) == name
+    assert name_of(law) == name
 
 
 def test_a_name_is_put_into_a_text_once():

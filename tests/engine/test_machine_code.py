@@ -15,7 +15,7 @@ from forked import done as forked
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
-from uvms_mj.engine.native import compilation
+from uvms_mj.engine.native import compilation, objects, run_memory
 from uvms_mj.physics.kernels import kernels
 
 
@@ -24,11 +24,11 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     (tmp_path / "temporary").mkdir()
     code = """if True:
         import os, warnings
-        from uvms_mj.engine.native import compilation
+        from uvms_mj.engine.native import objects
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            folder = compilation.cache_folder()
-            assert compilation.cache_folder() == folder
+            folder = objects.cache_folder()
+            assert objects.cache_folder() == folder
         assert len(said) == 1, said
         assert folder.is_dir() and os.environ["UVMS_MJ_CACHE_DIR"] == str(folder)
         print(said[0].message)
@@ -124,11 +124,11 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
     simulate(Scenario.load("push_wall", SHORT))
-    for file in compilation.cache_folder().glob("*.json"):
+    for file in objects.cache_folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
         if facts["externals"] and compilation.load(file.stem):
             break
-    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "cache_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
     assert compilation.load(file.stem)
@@ -137,20 +137,20 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
+    monkeypatch.setattr(objects, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
         (tmp_path / name).mkdir()
     (left / "torn.o").write_bytes(b"x")
     os.utime(left, (0.0, 0.0))
-    compilation.keep("name", b"code", ["symbol"], [])
+    objects.keep("name", b"code", ["symbol"], [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(compilation, "cache_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(objects, "cache_folder", lambda: Path("/nowhere/at/all"))
     compilation._native_functions.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
@@ -159,7 +159,7 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
     not. Errors and validated types of settings aside, which compute nothing in a kernel."""
     package = Path(compilation.__file__).parents[2]
-    covered = {path for room in compilation._ROOMS for path in (package / room).rglob("*.py")}
+    covered = {path for room in objects._ROOMS for path in (package / room).rglob("*.py")}
     found: set[Path] = set()
     todo = [Path(function.__code__.co_filename) for function in kernels]
     todo = [path for path in todo if package in path.parents]  # other tests have kernels of their own
@@ -175,11 +175,38 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
                 file = folder.with_suffix(".py")
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
-    assert set(compilation._sources()) == {path.read_bytes() for path in covered}
+    assert set(objects._sources()) == {path.read_bytes() for path in covered}
     marked = {path for path in package.rglob("*.py") if re.search(r"^@(kernel|fused)\b", path.read_text(), re.M)}
     assert len(marked) > 20
     assert marked <= covered  # also where this process has not imported it
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"), [("push_wall", {"initial.position": [0.96, 0.0, 0.0]}), ("tool_push", {})]
+)
+def test_code_of_a_short_run_has_the_same_bits(tmp_path, monkeypatch, name, settings):
+    """It is other code, which LLVM optimizes less; of joints it is not, where LLVM decides what is rounded once."""
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
+    scenario = Scenario.load(name, SHORT | settings)
+    levels, rows = set(), []
+    compiled = compilation._compiled
+    monkeypatch.setattr(
+        compilation, "_compiled", lambda *given: levels.add(given[3] if len(given) > 3 else 1) or compiled(*given)
+    )
+    for short in (False, True):
+        compilation._native_functions.cache_clear()
+        run_memory.entry_points.cache_clear()
+        for file in tmp_path.iterdir():
+            file.unlink()
+        before = compilation.short_run.set(short)
+        try:
+            rows.append(simulate(scenario).rows())
+        finally:
+            compilation.short_run.reset(before)
+    assert levels == {0, 1}
+    np.testing.assert_array_equal(*rows)
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
@@ -189,10 +216,10 @@ def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, mode)
     folder.mkdir()
     monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(folder))
     folder.chmod(0o700)
-    assert compilation.cache_folder.__wrapped__() == folder
+    assert objects.cache_folder.__wrapped__() == folder
     folder.chmod(mode)
-    with pytest.warns(compilation.CacheWarning, match=f"other users may write there.*chmod go-w {folder}"):
-        used = compilation.cache_folder.__wrapped__()
+    with pytest.warns(objects.CacheWarning, match=f"other users may write there.*chmod go-w {folder}"):
+        used = objects.cache_folder.__wrapped__()
     assert used != folder
     assert not list(folder.iterdir())
 
@@ -201,6 +228,6 @@ def test_a_folder_that_is_made_is_the_users_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path / "a" / "b"))
     before = os.umask(0)
     try:
-        assert compilation.cache_folder.__wrapped__().stat().st_mode & 0o777 == 0o700
+        assert objects.cache_folder.__wrapped__().stat().st_mode & 0o777 == 0o700
     finally:
         os.umask(before)

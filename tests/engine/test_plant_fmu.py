@@ -149,7 +149,8 @@ def test_a_cable_among_walls_is_in_it_and_fixes_the_walls(tmp_path):
     """Its nodes begin outside of the walls, which are no parameters then."""
     pile = {"shape": "cylinder", "position": [-1.6, 1.7, 0.0], "radius": 0.3, "amplitude": [0.0, 0.1, 0.0]}
     cable = {"tether.length": 6.0, "tether.elements": 12, "tether.anchor": [-3.0, 1.0, -1.0]}
-    over = {"controller.name": "external", "walls": [pile | {"frequency_hz": 0.5}], **cable}
+    turn = {"turn_amplitude_deg": [0.0, 20.0, 0.0], "turn_frequency_hz": 0.4, "pivot": [-1.6, 1.7, -2.0]}
+    over = {"controller.name": "external", "walls": [pile | {"frequency_hz": 0.5} | turn], **cable}
     scenario = Scenario.load("push_wall", over)
     parameters = write_fmu(scenario, tmp_path / "cable.fmu")
     assert "wall.stiffness" in parameters

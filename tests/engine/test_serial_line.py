@@ -18,7 +18,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, simulate
-from uvms_mj.engine.law_library import MACHINES, linking, write_library
+from uvms_mj.engine.law_library import linking
+from uvms_mj.engine.law_library.library import write_library
+from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.engine.udp import STATUSES, serve
 
 pytest.importorskip("ziglang")

@@ -5,15 +5,19 @@ import struct
 import subprocess
 import sys
 import threading
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from uvms_mj import InputError, Scenario, simulate
+from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
+from uvms_mj.cli import main
 from uvms_mj.cli.new import write_new
 from uvms_mj.engine.native.shared_library import compiler
-from uvms_mj.engine.udp import MAGIC, SIGNALS, serve
+from uvms_mj.engine.udp import MAGIC, SIGNALS, UdpLaw, serve
+from uvms_mj.errors import HostWarning
 
 PD = """
 from dataclasses import dataclass
@@ -206,3 +210,67 @@ def test_the_example_is_pd_in_a_process_of_its_own(tmp_path):
             finally:
                 other.kill()
         np.testing.assert_array_equal(ours.tau, theirs.tau)
+
+
+MACHINE = "127.0.0.2"
+"""Another address than the default's; it stands for another machine."""
+
+
+def test_a_law_on_another_address_is_asked_where_its_user_says(tmp_path):
+    """It has the numbers of the same law in process. What listens at the default's address is not asked."""
+    port, here = free_port(), []
+    scenario = Scenario.load("push_wall", {"simulation.duration": 1.0, "controller.period": 1e-3})
+    threading.Thread(target=serve, args=(Gsta(), port, 1001, MACHINE), daemon=True).start()
+    threading.Thread(target=serve, args=(lambda signals: here.append(1) or np.zeros(6), port), daemon=True).start()
+    given = {"controller.port": port, "controller.host": MACHINE}
+    log = McapLog(tmp_path / "run.mcap")
+    theirs = simulate(scenario.updated(given, controller="udp"), engine="free_body", sinks=[log])
+    ours = simulate(scenario, engine="free_body")
+    assert np.array_equal(theirs.tau_cmd, ours.tau_cmd)
+    assert not here
+    assert Trace.load(tmp_path / "run.mcap").scenario.controller.host == "127.0.0.1"  # a log has no host
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", MACHINE])
+def test_loopback_is_no_warning(host):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        UdpLaw(free_port(), 1.0, 1, host=host).close()
+
+
+ELSEWHERE = "192.0.2.1"
+"""An address for documentation. No machine has it, so nothing listens there."""
+
+
+def test_another_machine_is_a_warning():
+    with pytest.warns(HostWarning, match=f"controller.host {ELSEWHERE}: the run is sent over the network"):
+        UdpLaw(free_port(), 1.0, 1, host=ELSEWHERE).close()
+    with (
+        pytest.warns(HostWarning, match=f"host {ELSEWHERE}: machines that reach this address are answered"),
+        pytest.raises(InputError, match=f"of {ELSEWHERE}: "),
+    ):
+        serve(lambda signals: np.zeros(6), free_port(), host=ELSEWHERE)
+
+
+def test_a_host_that_does_not_exist_is_one_sentence():
+    given = {"controller.host": "no.such.host.invalid", "simulation.duration": 0.1}
+    with pytest.warns(HostWarning), pytest.raises(InputError, match=r"controller.host: no.such.host.invalid: \w"):
+        simulate(Scenario.load("push_wall", given, "udp"))
+
+
+def test_a_log_sends_nothing_to_another_machine(tmp_path, monkeypatch):
+    """Not even one that was forged: the host is named anew."""
+    port, asked = free_port(), []
+    given = {"simulation.duration": 0.01, "controller.period": 1e-3, "controller.port": port}
+    threading.Thread(target=serve, args=(Gsta(), port, 11), daemon=True).start()
+    trace = simulate(Scenario.load("push_wall", given, "udp"), engine="free_body")
+    with monkeypatch.context() as forged:
+        forged.setattr("uvms_mj.records.header.Udp.host", ELSEWHERE)
+        trace.save(tmp_path / "a.mcap")
+    assert Trace.load(tmp_path / "a.mcap").scenario.controller.host == ELSEWHERE
+    monkeypatch.setattr(
+        "uvms_mj.engine.run.UdpLaw.of", lambda scenario: asked.append(scenario.controller.host) or 1 / 0
+    )
+    for named in ([], ["controller.host=127.0.0.2"]):
+        CliRunner().invoke(main, ["run", "--from", str(tmp_path / "a.mcap"), *named, "-o", str(tmp_path / "b")])
+    assert asked == ["127.0.0.1", "127.0.0.2"]

@@ -34,7 +34,9 @@ ALWAYS = {"current", "disturbance"}
 
 
 def test_each_effect_has_records_a_table_and_a_field():
-    assert set(EFFECT_TABLES) == set(EFFECTS) - {"products", "cable", "nodes"} == set(SOME)  # a tether has a cable
+    further = {"products", "cable", "nodes", "pulls"}  # a tether has a cable, and a coupling a pull
+    of_two = {"couplings"}  # tests/test_world.py
+    assert set(EFFECT_TABLES) == set(EFFECTS) - further == set(SOME) | of_two
     fields = {field.name for field in dataclasses.fields(Scenario)}
     assert set(EFFECT_TABLES) <= fields
     scenario = Scenario.load("push_wall", TO_THE_WALL | dict(SOME.values()))

@@ -251,7 +251,7 @@ def test_a_wall_of_each_shape_is_in_the_log(tmp_path, name):
 
 def test_the_foxglove_layout_shows_topics_that_exist(logged):
     trace, _ = logged
-    layout = json.loads((ROOT / "docs" / "reference" / "foxglove_layout.json").read_text())
+    layout = json.loads((ROOT / "examples" / "foxglove_layout.json").read_text())
     text = json.dumps(layout)
     named = set(re.findall(r'"(/[a-z_/]+)[".]', text))
     assert named
@@ -260,4 +260,12 @@ def test_the_foxglove_layout_shows_topics_that_exist(logged):
         "/analytic/contact",
         "/analytic/position",
     }
-    assert {panel.partition("!")[0] for panel in layout["configById"]} >= {"3D", "Plot"}
+    assert {panel.partition("!")[0] for panel in layout["configById"]} == {"3D", "Parameters", "Plot"}
+    shown, tree = [], [layout["layout"]]
+    while tree:
+        node = tree.pop()
+        if isinstance(node, str):
+            shown.append(node)
+        else:
+            tree += [node["first"], node["second"]]
+    assert sorted(shown) == sorted(layout["configById"])

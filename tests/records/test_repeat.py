@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from recorded import LAW, decoded, same
-from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
-from uvms_mj.records.mcap.attachments import without_paths
+from uvms_mj import InputError, McapLog, Scenario, Status, Trace, simulate
+from uvms_mj.cli import main
+from uvms_mj.engine.run import Again
+from uvms_mj.records.mcap.attachments import outcome_of, without_paths
 
 ROOT = Path(__file__).parents[2]
 
@@ -142,3 +145,51 @@ def test_no_path_of_a_users_is_in_a_warning(here, tmp_path):
     assert "plain Python" in done.stderr
     assert b"secret_place" not in (tmp_path / "a" / "run.mcap").read_bytes()
     assert Trace.load(tmp_path / "a" / "run.mcap").notes
+
+
+CHANGES = ((1000, {"impedance.F_d": [3.0, 0, 0, 0, 0, 0]}), (2003, {"controller.k_1": 8, "wall.stiffness": 2e4}))
+
+
+def test_what_was_changed_in_a_run_is_changed_again_before_the_same_steps(tmp_path):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.5})
+    log = McapLog(tmp_path / "run.mcap")
+    trace = simulate(scenario, sinks=[log], guides=[Again(CHANGES)], engine="free_body")
+    assert trace.outcome.changes == CHANGES
+    plain = simulate(scenario, engine="free_body")
+    steps = np.flatnonzero((plain.rows() != trace.rows()).any(axis=1)) * trace.header.row_steps
+    assert steps[0] == 1000
+    ran = CliRunner().invoke(main, ["run", "--from", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "again")])
+    assert ran.exit_code == 0, ran.output
+    assert "again after step 2003: controller.k_1 = 8, wall.stiffness = 20000.0" in ran.output
+    again = Trace.load(tmp_path / "again" / "run.mcap")
+    assert np.array_equal(again.rows(), trace.rows())
+    assert again.outcome.changes == CHANGES
+
+
+@pytest.mark.parametrize("log_rate", [1000.0, "full"])
+def test_a_change_does_not_depend_on_how_the_run_is_cut_into_pieces(log_rate):
+    """A guide that is asked at every seventh step changes what one changes that is asked at the steps alone."""
+
+    class Sevenths(Again):
+        def go_on(self, sim, change):
+            return min(7, super().go_on(sim, change))
+
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.3})
+    once, often = (
+        simulate(scenario, log_rate=log_rate, guides=[guide(CHANGES)], engine="free_body")
+        for guide in (Again, Sevenths)
+    )
+    assert np.array_equal(once.rows(), often.rows())
+
+
+@pytest.mark.parametrize("given", [{"controller.name": "mine.py:Mine"}, {"task.frame": "tool"}, {"walls": [{}]}])
+def test_a_change_is_numbers(given):
+    """A text would be a file that is loaded; none is."""
+    with pytest.raises(InputError, match=f"{next(iter(given))}: only numbers change in a run"):
+        simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}), guides=[Again([(3, given)])])
+
+
+def test_a_log_whose_changes_are_texts_is_damaged():
+    with pytest.raises(InputError, match=r"outcome.json"):
+        outcome_of(b'{"status": "%s", "message": "", "steps": 1, "wall_time_s": 0.0, "changes": [[0, {"a": "b"}]]}'
+                   % Status.completed.value.encode())  # fmt: skip

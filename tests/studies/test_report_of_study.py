@@ -22,6 +22,7 @@ from uvms_mj.studies.report.statistics import (
     rank_correlation,
     rate,
     sensitivities,
+    sobol_indices,
 )
 
 MODEL = Path(__file__).parents[2] / "models" / "bluerov1.xml"
@@ -161,6 +162,27 @@ def test_the_indices_of_ishigamis_function_are_its_closed_form():
     text = words(page(plan, data.frame))
     assert "Sobol indices, by SALib" in text
     assert "Rank correlations" not in text
+
+
+@pytest.mark.parametrize("n", [1, 3, 60])
+def test_the_interval_of_a_share_is_within_shares_and_has_it(n):
+    for passed in range(n + 1):
+        found = rate(passed, n, n)
+        assert 0.0 <= found.low <= passed / n <= found.high <= 1.0
+        z, p = 1.959963984540054, passed / n  # Wilson's: both roots of (p - x)^2 = z^2 x (1 - x) / n
+        for x in (found.low, found.high):
+            assert (p - x) ** 2 == pytest.approx(z**2 * x * (1.0 - x) / n, abs=1e-12)
+
+
+def test_an_index_of_few_blocks_and_its_interval_are_shares_of_the_variance():
+    rng = np.random.default_rng(1)
+    beyond = 0
+    for _ in range(20):
+        total, first, _ = sobol_indices(rng.normal(size=3 * 8), 1, 0)
+        for each in (*total, *first):
+            assert 0.0 <= each.low <= each.value <= each.high <= 1.0
+            beyond += each.low == 0.0 or each.high == 1.0
+    assert beyond > 10  # else the bounds are not tried
 
 
 def test_a_block_of_sobol_samples_with_a_failed_run_is_left_out_and_said():

@@ -24,7 +24,7 @@ from traces import TASK, without
 from tree_run import tool_run
 from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
-from uvms_mj.stages.signals import AXES, BAND
+from uvms_mj.stages.signals import AXES, BAND, RECORDED
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures import style
 from uvms_mj.views.figures.panels import JOINTS
@@ -147,9 +147,11 @@ def test_no_text_lies_on_another_or_leaves_the_picture(drawn, texts):
 def test_neither_insets_nor_legends_lie_on_lines(drawn, texts):
     insets = 0
     for name, figure in drawn.items():
-        (legend,) = figure.legends
+        legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
+        assert len(figure.legends) == 1 or len(legends) >= len(figure.axes), name
         for ax in figure.axes:
-            assert not legend.get_window_extent().overlaps(ax.get_window_extent()), name
+            for legend in legends:
+                assert not legend.get_window_extent().overlaps(ax.get_window_extent()), name
             for inset in ax.child_axes:
                 insets += 1
                 box = inset.get_tightbbox()
@@ -193,6 +195,54 @@ def test_a_legend_has_no_two_lines_that_look_the_same_and_says_what_its_levels_a
     assert {"shoulder", "hinge", "roll", "pitch"} <= entries["summary of a tree"]
     levels = {"expected at a rigid wall", "analytic, at rest at this wall"}
     assert levels <= entries["force of one"] & entries["summary of one"]
+
+
+@pytest.mark.parametrize("width", ["ieee-column", "elsevier-page"])
+def test_where_a_colour_has_two_meanings_each_panel_has_its_legend(width):
+    heavy = {"vehicle.model": "bluerov2_heavy", "simulation.duration": 0.05}
+    trace = simulate(Scenario.load("push_wall", heavy), engine="free_body")
+    figure = figures.plot(trace, ["thrusters", "force", "position"], width=width)
+    FigureCanvasAgg(figure).draw()
+    assert not figure.legends
+    names = [name.replace("_", " ") for name in trace.header.mjcf.vehicle.thrusters]
+    for ax in figure.axes:
+        legend = ax.get_legend()
+        box = legend.get_window_extent()
+        assert {text.get_text() for text in legend.get_texts()} == {*ax.get_legend_handles_labels()[1]}
+        assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert {text.get_text() for text in figure.axes[0].get_legend().get_texts()} == {*names}
+    alike = figures.plot(trace, ["force", "position", "tau"], width=width)
+    assert len(alike.legends) == 1
+    assert not any(ax.get_legend() for ax in alike.axes)
+
+
+@pytest.mark.parametrize(
+    ("name", "width"),
+    [("ieee-column", 88.9), ("ieee-page", 181.0), ("elsevier-column", 90.0), ("elsevier-middle", 140.0)],
+)
+def test_a_width_of_a_publisher_is_the_width_of_the_pdf(traces, tmp_path, name, width):
+    figures.plot(traces["gsta"], "force", width=name, fonts="serif").savefig(tmp_path / "f.pdf")
+    box = (tmp_path / "f.pdf").read_bytes().partition(b"/MediaBox [ 0 0 ")[2].split()[0]
+    assert float(box) * 25.4 / 72.0 == pytest.approx(width, abs=0.05)
+
+
+def test_units_and_symbols_are_typeset():
+    assert style.unit_text("N s^2/m^2") == "N s²/m²"
+    assert style.unit_text("m^(1/2)/s^(3/2)") == "m$^{1/2}$/s$^{3/2}$"
+    assert style.unit_text("kg s^-1") == "kg s$^{-1}$"
+    assert style.unit_text("us") == "µs"
+    assert style.unit_text("plus") == "plus"
+    assert style.symbol("nu_dot", "x") == r"$\dot{\nu}_{\mathrm{x}}$"
+    assert style.symbol("tau_q_cmd") == r"$\tau_{\mathrm{q,cmd}}$"
+    for name in ("manipulability", "w_", "force_peak", "pwm", "sw1"):
+        assert style.symbol(name) == name
+    figure = Figure()  # matplotlib can set each of them
+    for i, name in enumerate([*(signal.name for signal in RECORDED), "xi_1"]):
+        figure.text(0.0, 0.01 * i, style.symbol(name))
+    for i, unit in enumerate({signal.unit for signal in RECORDED}):
+        figure.text(0.5, 0.01 * i, style.unit_text(unit))
+    FigureCanvasAgg(figure).draw()
 
 
 def test_a_signal_has_the_same_colour_everywhere(drawn):
@@ -465,7 +515,9 @@ def test_thinning_keeps_the_extremes_of_every_column(n, columns, seed):
 def test_a_users_states_are_drawn_whatever_their_sizes(drawn):
     trace = odd_run()
     figure = drawn["states of a user's law"]
-    assert [ax.get_ylabel() for ax in figure.axes] == ["state xi", "state xi", "state w_", "state four", "state many"]
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        *("state $\\xi$", "state $\\xi$", "state w_", "state four", "state many")
+    ]
     linear, angular, w, four, many = ([line for _, line in lines_of(figure, ax)] for ax in figure.axes)
     xi = [*linear, *angular]
     assert (len(linear), len(angular), len(w), len(four), len(many)) == (3, 3, 1, 4, 2)
@@ -473,7 +525,8 @@ def test_a_users_states_are_drawn_whatever_their_sizes(drawn):
     for i, line in enumerate(xi):
         assert np.array_equal(line.get_ydata(), trace.xi[:, i])
     assert np.array_equal(many[1].get_ydata(), trace.many.max(axis=1))
-    assert "range of the 40 numbers of many" in [text.get_text() for text in figure.legends[0].get_texts()]
+    own = [[text.get_text() for text in ax.get_legend().get_texts()] for ax in figure.axes if ax.get_legend()]
+    assert "range of the 40 numbers of many" in own[-1]  # a colour of four numbers is another one's of xi
 
 
 def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(drawn, traces):

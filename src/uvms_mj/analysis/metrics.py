@@ -221,9 +221,9 @@ def astray(trace: Trace) -> float | None:
 
 
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`rest_force` minus :func:`uvms_mj.control.design.demanded_force` [N]; None if the force has not settled or
-    nothing is demanded."""
-    final = rest_force(trace)
+    """:func:`rest_force` minus :func:`uvms_mj.control.design.demanded_force` [N]; None if the force has not settled,
+    nothing is demanded, or numbers changed in the run."""
+    final = None if trace.changed else rest_force(trace)
     error = math.nan if final is None else final - demanded_force(trace.scenario)
     return None if math.isnan(error) else error
 

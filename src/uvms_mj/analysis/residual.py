@@ -39,8 +39,10 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     at every step. With wall friction, a log without every step therefore gives nan in the components with friction.
 
     Raises:
-        InputError: M_d is the natural inertia of a vehicle with joints, which changes.
+        InputError: M_d is the natural inertia of a vehicle with joints, which changes; or numbers changed in the run.
     """
+    if trace.changed:
+        raise InputError(f"{', '.join(trace.changed)} changed in the run; the impedance error needs constant numbers")
     design, h = design_of(trace), trace.scenario.simulation.timestep
     if trace.scenario.impedance.natural and trace.header.mjcf.vehicle.arm.links:
         reason = "changes with the posture of the arm and is not recorded; the impedance error needs a constant inertia"

@@ -58,6 +58,8 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     if trace.header.measured:
         return ()
     found = [f"the vehicle was out of the water for {dry:.4g} s"] if (dry := _dry(trace)) else []
+    if trace.changed:
+        found.append(f"{', '.join(trace.changed)} changed in the run; the scenario has the values at its start")
     distance = None if trace.scenario.controller.external else astray(trace)
     lost = "the vehicle is still moving at the end, up to {:.3g} m from its reference: the loop may be unstable"
     return (*found, *(() if distance is None else (lost.format(distance),)))
@@ -152,12 +154,13 @@ def _chattering(trace: "Trace") -> float | None:
 
 
 def _force_error(trace: "Trace") -> float | None:
-    """Mean force over the last 0.5 s, settled or not, minus the demanded one [N]; None if nothing is demanded."""
+    """Mean force over the last 0.5 s, settled or not, minus the demanded one [N]; None if nothing is demanded, or
+    numbers changed in the run."""
     from ..control.design import demanded_force
     from .metrics import final_force
 
     force, demanded = final_force(trace)[0], demanded_force(trace.scenario)
-    return None if force is None or not math.isfinite(demanded) else force - demanded
+    return None if force is None or trace.changed or not math.isfinite(demanded) else force - demanded
 
 
 def _hold(name: str) -> "Callable[[Trace], Any]":
@@ -166,7 +169,7 @@ def _hold(name: str) -> "Callable[[Trace], Any]":
     def found(trace: "Trace") -> Any:
         from . import hold
 
-        return getattr(hold, name)(trace)
+        return None if trace.changed else getattr(hold, name)(trace)
 
     return found
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from .archive import archive
 from .certify import certify, converge
 from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
 from .experiments import bench, paper, practicality, validate
@@ -62,7 +63,8 @@ def main() -> None:
     uvms-mj video runs/.../run.mcap       a video of a log: the scene, its forces, growing plots
     uvms-mj plot runs/.../run.mcap        plot one or several logs
     uvms-mj compare a.mcap b.mcap         one HTML page that compares logs
-    uvms-mj info runs/.../run.mcap        contents of a log
+    uvms-mj info runs/.../run.mcap        contents of a log, or of an archive
+    uvms-mj archive results --out r.zip   all that a reviewer needs to repeat a run, a study or a bench
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
     uvms-mj export fmu push_wall          the plant as an FMU, for Simulink, OSP and others
     uvms-mj export law gsta push_wall     a law as a library in C, for the processor of a vehicle
@@ -85,7 +87,7 @@ def main() -> None:
 
 for command in (
     *(run, sitl, study, tune, identify, bench, paper, practicality, validate, converge, certify),
-    *(replay, video, plot, compare, info, export),
+    *(replay, video, plot, compare, info, archive, export),
     *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):
     main.add_command(command)

@@ -75,6 +75,12 @@ class Stop:
         if self.requested:
             raise KeyboardInterrupt
 
+    def heed(self) -> None:
+        """Heed signals again, after :meth:`ignore`."""
+        self.requested = False
+        for each in STOPPING:
+            signal.signal(each, self._on_signal)
+
     def ignore(self) -> None:
         """Ignore signals while the last results are written. :meth:`watch` still ends a write that hangs."""
         for each in STOPPING:
@@ -206,17 +212,22 @@ def end(message: str, status: int) -> NoReturn:
     sys.exit(status)
 
 
-def ended(trace: "Trace") -> int:
-    """Print why a run did not complete, and return the exit status."""
+def ended(trace: "Trace", whose: str = "") -> int:
+    """Print why a run did not complete, after ``whose`` it is, and return the exit status."""
     status = trace.status.name
     if status != "completed":
-        click.echo(printable(f"{status}: {trace.message}"), err=True)
+        click.echo(printable(f"{whose}{status}: {trace.message}"), err=True)
     return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)
 
 
 def warn(message: object, *_: Any, **__: Any) -> None:
     """Print a warning as one line. Python gives its hook for warnings the further arguments."""
     click.echo(f"warning: {printable(str(message))}", err=True)
+
+
+def label_of(scenario: Any) -> str:
+    """The law of a scenario; of a world, the names of its vehicles."""
+    return scenario.label if hasattr(scenario, "scenarios") else scenario.controller.label()
 
 
 class Console:
@@ -236,7 +247,7 @@ class Console:
 
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
-        label = f"{scenario.name} · {scenario.controller.label()}"
+        label = f"{scenario.name} · {label_of(scenario)}"
         shown = progress_bar(f"{label} · compiling", self.quiet, stop, "{simulated:.1f} s simulated", simulated=0.0)
         with shown as update:
             h = scenario.simulation.timestep
@@ -247,6 +258,14 @@ class Console:
             click.echo(json.dumps(report, allow_nan=False), file=self._out)
         elif not self.quiet:
             _run_table(trace, report)
+
+    def reports(self, traces: Mapping[str, Any], report: dict[str, Any]) -> None:
+        """As :meth:`report`, of each vehicle of a world."""
+        if self.as_json:
+            click.echo(json.dumps(report, allow_nan=False), file=self._out)
+        elif not self.quiet:
+            for name, trace in traces.items():
+                _run_table(trace, report["vehicles"][name], f"{name} · ")
 
 
 @dataclass(frozen=True)
@@ -309,6 +328,7 @@ def facts(title: str, rows: Iterable[Sequence[Any]], **looks: Any) -> Listing:
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     """Print the contents of a log: its rows, attachments, law, versions and topics."""
     from ..records.mcap.layout import Format
+    from ..records.mcap.topics import below
 
     header = trace.header
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
@@ -327,7 +347,9 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
         ("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items())),
     ]
     facts("contents of the log", [(name, printable(value)) for name, value in rows]).show()
-    topics = [(each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics]
+    topics = [
+        (below(header) + each.name, each.type, each.frame, each.unit, each.meaning) for each in Format(header).topics
+    ]
     Listing("topics", ("topic", "type", "frame", "unit", "meaning"), topics, fixed=("topic", "type"), width=60).show()
 
 
@@ -347,7 +369,7 @@ def print_verdicts(
     Listing(title, (*heads, "verdict"), shown, fixed=("verdict",), ruled=True).show()
 
 
-def _run_table(trace: Any, report: dict[str, Any]) -> None:
+def _run_table(trace: Any, report: dict[str, Any], whose: str = "") -> None:
     from rich.text import Text
 
     from ..analysis.summary import heading, rows
@@ -358,4 +380,4 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     ):  # which can't be repeated
         bars = ("error bars", "uvms-mj converge, with the same scenario and settings")
         table.append(tuple(Text(each, style="dim") for each in bars))
-    facts(printable(heading(report)), table).show()
+    facts(printable(f"{whose}{heading(report)}"), table).show()

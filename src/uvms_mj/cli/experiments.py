@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from .archive import compared, unpacked
 from .common import (
     Listing,
     Resumed,
@@ -19,12 +20,14 @@ from .common import (
     print_verdicts,
     printable,
     progress_bar,
+    refuse_existing,
 )
 from .folders import folder_for, move_aside
 from .options import (
     OneOrNone,
     asked_for,
     command,
+    force_option,
     json_option,
     names_in,
     output_options,
@@ -38,6 +41,7 @@ from .study import pool_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from ..reproduce.archive.container import Manifest
     from ..reproduce.claims import Row
     from ..scenario import Scenario
 
@@ -53,7 +57,10 @@ _RESULTS = ("logs", "claims.csv", "claims.json", "report.html")
 @scenario_argument
 @set_option
 @path_option("-o", "--out", metavar="DIR", help="Folder for all output; required unless --from is given.")
-@path_option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without new runs, into DIR or --out.")
+@path_option(
+    "--from", "source", metavar="DIR|FILE.zip",
+    help="Redraw from DIR/logs without new runs, into DIR or --out; of an archive: run it again, and compare.",
+)  # fmt: skip
 @json_option
 def paper(
     arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None, as_json: bool
@@ -71,12 +78,20 @@ def paper(
     """
     stop = Stop()
     draw_to_files()
-    running = source is None
+    archive = source if source is not None and source.lower().endswith(".zip") else None
+    running = source is None or archive is not None
     place = Path(source or out or "")
+    if archive is not None:
+        with bad_input():
+            place, unpacked_in, manifest = unpacked(archive, "paper", out)
+        out, source = str(place), None
     with filling(place, lambda: "" if running else "; the logs are complete: redraw with --from"):
         from ..files import locked
 
-        jobs = _jobs(arguments, settings, out, source)
+        if archive is None:
+            jobs = _jobs(arguments, settings, out, source)
+        else:
+            jobs = _jobs_again(archive, (*arguments, *settings), unpacked_in, manifest)
         from ..reproduce.paper import runs as study
         from ..reproduce.paper import write
 
@@ -96,6 +111,8 @@ def paper(
             with progress_bar("drawing", as_json, stop) as bar:
                 rows = write(folder, runs, bar)
     files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
+    if archive is not None and (status := compared("paper", folder, as_json)):
+        sys.exit(status)
     _end(rows, None if as_json else _claims_of_the_paper, files["report"], files={k: str(v) for k, v in files.items()})
 
 
@@ -126,6 +143,19 @@ def _jobs(
     name, overrides = asked_for(arguments, settings)
     gains = _gains(overrides)
     return plan(Scenario.load(name or "push_wall", overrides), gains)
+
+
+def _jobs_again(archive: str, given: tuple[str, ...], place: Path, manifest: "Manifest") -> "dict[str, Scenario]":
+    """The runs of an archive by name, which is unpacked at ``place``."""
+    from ..errors import InputError
+    from ..records.mcap import read_files
+    from ..reproduce.archive.contents import RESULTS
+
+    if given:
+        raise InputError(f"--from {archive}: repeats the runs as they were; omit {' '.join(given)}")
+    names = {key: str((place / name).absolute()) for key, name in manifest.about["names"].items()}
+    logs = sorted((place / RESULTS / "logs").glob("*.mcap"))
+    return {log.stem: read_files(log)[0].scenario.updated(names) for log in logs}
 
 
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -316,6 +346,11 @@ validate.add_command(speed)
 )
 @click.option("--at-most", type=click.IntRange(1), metavar="N", help="At most N draws of each level, for a look.")
 @click.option("--tune", type=click.IntRange(0), default=0, metavar="N", help="Also judge each law with tuned gains.")
+@path_option(
+    "--with", "beside", metavar="RESULT",
+    help="Also have the rows of another result in table.tex, page and figure: shipped, bench.json or FILE:LAW.",
+)  # fmt: skip
+@path_option("--from", "archive", metavar="FILE.zip", help="Repeat the result of an archive, and compare its bytes.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
 @output_options
@@ -326,6 +361,8 @@ def run_bench(
     draws: str,
     at_most: int | None,
     tune: int,
+    beside: str | None,
+    archive: str | None,
     workers: int | None,
     scheduler: str | None,
     as_json: bool,
@@ -341,8 +378,10 @@ def run_bench(
     \b
     uvms-mj bench                                   all shipped laws, some minutes
     uvms-mj bench gsta my_law.py:MyLaw --out mine
+    uvms-mj bench my_law.py:MyLaw --with shipped    one table with the shipped laws
     uvms-mj bench gsta controller.k_1=8 label=stiff --out stiff
     uvms-mj bench my_laws.toml --tasks arm,waves --at-most 5
+    uvms-mj bench --from bench.zip --out repeated   a result of an archive again
     uvms-mj bench tasks                             the tasks and what passes them
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
 
@@ -369,12 +408,22 @@ def run_bench(
     draw_to_files()
     folder = Path(out or Path("runs", "bench"))
     with resumed.filling(folder), pool_of(scheduler, workers) as executor:
+        from ..errors import InputError
+        from ..reproduce.archive.contents import LAWS
         from ..reproduce.bench import LATEX, MOST, PAGE, RESULT, bench
+        from ..reproduce.bench.draws import DEVELOPMENT
 
         names = names_in("--tasks", only)
+        if archive is not None:
+            if laws or names or at_most is not None or tune or draws != DEVELOPMENT:
+                raise InputError(f"--from {archive}: repeats the result as it was; leave out laws, tasks and draws")
+            folder, place, manifest = unpacked(archive, "bench", out)
+            laws, names = (str(place / LAWS),), manifest.about["tasks"]
+            at_most, draws = manifest.about["at_most"], manifest.about["draws"]
+            draws = draws.replace("secret:", f"secret:{place.absolute()}/", 1)
         with resumed.bar("climbing", as_json or quiet, "{done:.1f} of {total} levels") as update:
             most = MOST if at_most is None else at_most
-            how = {"draws": draws, "at_most": most, "tune": tune}
+            how = {"draws": draws, "at_most": most, "tune": tune, "beside": beside or ""}
             found = bench(laws, folder, only=names, **how, progress=update, executor=executor)
     files = {"result": str(folder / RESULT), "report": str(folder / PAGE), "latex": str(folder / LATEX)}
     if as_json:
@@ -382,6 +431,8 @@ def run_bench(
     elif not quiet:
         _levels_held(found)
         click.echo(printable("\n".join((files["report"], files["result"]))))
+    if archive is not None:
+        sys.exit(compared("bench", folder, quiet))
 
 
 def _held(found: "Mapping[str, Any]") -> dict[str, dict[str, Any]]:
@@ -448,8 +499,10 @@ def bench_tasks(as_json: bool) -> None:
 @command("compare", epilog="Exit status: 0, also where the results differ, 2 bad input or nothing to compare.")
 @click.argument("first", metavar="A.json[:LAW]")
 @click.argument("second", metavar="B.json[:LAW]")
+@path_option("-o", "--out", metavar="FILE.tex", help="Also write the table as LaTeX.")
+@force_option
 @json_option
-def bench_compare(first: str, second: str, as_json: bool) -> None:
+def bench_compare(first: str, second: str, out: str | None, force: bool, as_json: bool) -> None:
     """Compare two results of the benchmark, law by law and task by task, in the same draws.
 
     Of each task: the level that each law holds, and of the draws that both ran, at the levels at which both were
@@ -464,11 +517,22 @@ def bench_compare(first: str, second: str, as_json: bool) -> None:
     \b
     uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
+    uvms-mj bench compare mine blind --out table.tex
     """
     with bad_input():
+        from ..errors import InputError
+        from ..files import atomic_write
+        from ..reproduce.bench.page import latex_comparison
         from ..reproduce.bench.results import compared, sentences
 
+        if out is not None:
+            if Path(out).suffix != ".tex":
+                raise InputError(f"--out {out}: the name must end in .tex")
+            refuse_existing("--out", Path(out), force)
         found = compared(first, second)
+        if out is not None:
+            with atomic_write(Path(out)) as part:
+                part.write_text(latex_comparison(found), encoding="utf-8")
     if as_json:
         click.echo(json.dumps(found, allow_nan=False))
         return

@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .common import label_of
+
 if TYPE_CHECKING:
     from ..records.header import Header
     from ..scenario import Scenario
+    from ..setup.world import World
 
 LOG, SCENARIO = "run.mcap", "scenario.toml"
 """Names of a run's files in its folder."""
@@ -48,20 +51,27 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
         click.echo(f"note: {what} in {folder} was moved to {aside}", err=True)
 
 
+def log_of(vehicle: str) -> str:
+    """The name of the log of a vehicle of a world."""
+    return f"{vehicle}.mcap"
+
+
 class RunFolder:
     """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
 
-    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str]) -> None:
+    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str], world: "World | None" = None) -> None:
         """``files`` gets the paths of the run's files, by kind, when these may be overwritten. ``made`` are the names
-        of files that are made from a log, and go with it."""
-        self.folder, self.files, self.made = folder, files, made
+        of files that are made from a log, and go with it. A world has a log for each vehicle, of the vehicle's kind."""
+        self.folder, self.files, self.made, self.world = folder, files, made, world
 
     def begin(self, header: "Header") -> None:
-        paths = {"mcap": self.folder / LOG, "scenario": self.folder / SCENARIO}
-        made = [self.folder / name for name in self.made] if paths["mcap"].exists() else []
+        logs = {"mcap": LOG} if self.world is None else {name: log_of(name) for name in self.world.scenarios}
+        paths = {kind: self.folder / name for kind, name in (logs | {"scenario": SCENARIO}).items()}
+        made = [self.folder / name for name in self.made] if any(paths[kind].exists() for kind in logs) else []
         move_aside(self.folder, (*paths.values(), *made), "the earlier run")
         self.files |= paths
-        paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
+        scenario = header.scenario if self.world is None else self.world
+        paths["scenario"].write_text(scenario.to_toml(), encoding="utf-8")
 
     def write(self, rows: Any) -> None:
         pass
@@ -70,14 +80,14 @@ class RunFolder:
         pass
 
 
-def output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
+def output_folder(out: str | None, scenario: "Scenario | World") -> tuple[Path, list[Path]]:
     """Create the folder of a run before anything is computed. Returns it and all new folders, inner first."""
     if out is not None:
         folder = Path(out)
         made = _missing(folder)
         return folder_for(out), made
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{label_of(scenario)}")[:100]
     stem = folder = Path("runs") / f"{now}-{words}"
     for n in itertools.count(2):
         made = _missing(folder)

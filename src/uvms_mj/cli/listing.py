@@ -251,13 +251,22 @@ def stage_signals(table: str) -> tuple[Listing, Listing]:
 def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
     """Signals with shape, unit, frame and meaning. A length of zero is the number of thrusters, joints, contacts, fins,
     or nodes or elements of a tether."""
-    from ..stages.signals import BAND, JOINT_SIGNALS, contact_signals, deflection_signal, joints_given, tether_signals
+    from ..stages.signals import (
+        BAND,
+        JOINT_SIGNALS,
+        contact_signals,
+        coupling_signal,
+        deflection_signal,
+        joints_given,
+        tether_signals,
+    )
 
     counted = dict.fromkeys((signal.name for signal in contact_signals(0)), "contacts")
     counted |= dict.fromkeys(
         [*(signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))), *BAND["tau_q"]], "joints"
     )
     counted[deflection_signal(0).name] = "fins"
+    counted[coupling_signal(0).name] = "couplings"
     counted |= zip((signal.name for signal in tether_signals(0)), ("nodes", "elements"), strict=True)
     rows = []
     for signal in listed:
@@ -281,6 +290,7 @@ def recorded_signals() -> list[Listing]:
         band_signals,
         commanded_signal,
         contact_signals,
+        coupling_signal,
         deflection_signal,
         pulse_signal,
         tether_signals,
@@ -299,6 +309,7 @@ def recorded_signals() -> list[Listing]:
         *JOINT_SIGNALS,
         deflection_signal(0),
         *tether_signals(0),
+        coupling_signal(0),
     )
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [

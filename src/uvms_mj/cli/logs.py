@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import Console, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
-from .folders import remove_if_empty
+from .archive import about
+from .common import Console, Listing, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
+from .folders import SCENARIO, log_of, remove_if_empty
 from .options import (
     asked_for,
     command,
@@ -33,17 +34,21 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 @click.option("--show", metavar="NAME", help="Print one of the files in the log, for example scenario.toml.")
 @json_option
 def info(log: str, show: str | None, as_json: bool) -> None:
-    """Print the contents of a log: the run's table, signals, topics, versions, files.
+    """Print the contents of a log: the run's table, signals, topics, versions, files; or of an archive.
 
     LOG is a run's log, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
-    export log take it, too.
+    export log take it, too. Or it is an archive, FILE.zip: every digest is checked, and nothing is executed.
 
     \b
     uvms-mj info results/run.mcap
     uvms-mj info dive.toml
     uvms-mj info results/run.mcap --show scenario.toml
+    uvms-mj info study.zip
     """
     with bad_input():
+        if log.lower().endswith(".zip"):
+            _of_archive(log, show, as_json)
+            return
         from ..analysis.summary import summary
         from ..errors import InputError, suggestion
         from ..records.mcap import read
@@ -82,6 +87,26 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         Console(as_json=False, quiet=False).report(trace, report)
         log_tables(Path(log), trace, files)
         say_how_measured(trace)
+
+
+def _of_archive(path: str, show: str | None, as_json: bool) -> None:
+    """Print the contents of an archive whose digests are right, or one of its files."""
+    from ..errors import InputError, suggestion
+    from ..reproduce.archive.container import contents, read
+
+    manifest = read(Path(path))
+    if show is not None:
+        if show not in manifest.members:
+            raise InputError(f"--show {show}: the archive has no such file; {suggestion(show, manifest.members)}")
+        sys.stdout.buffer.write(contents(Path(path), manifest, show))
+        return
+    if as_json:
+        click.echo(json.dumps(about(manifest)))
+        return
+    rows = [(name, f"{each.size}", each.sha256[:16]) for name, each in manifest.members.items()]
+    Listing(f"{manifest.kind} {manifest.name}", ("file", "bytes", "sha256"), rows, right=("bytes",), width=70).show()
+    click.echo(printable("\n".join(f"{name}: {version}" for name, version in manifest.versions.items())))
+    click.echo(printable(f"sha256 of {manifest.digest}; every digest is right\n{manifest.command}"))
 
 
 class _Exports(click.Group):
@@ -263,9 +288,8 @@ def export_law(
     It needs the extra c: pip install 'uvms-mj[c]'.
     """
     with bad_input():
-        from ..engine.law_library import MACHINES, name_of, write_library
+        from ..engine.law_library.linking import MACHINES, Work
         from ..errors import Fault, InputError, suggestion
-        from ..scenario import Scenario
 
         if "=" in law:
             raise InputError(f"{law}: name the law first, as in uvms-mj export law gsta {law}")
@@ -273,22 +297,26 @@ def export_law(
         for target in chosen:
             if target not in MACHINES:
                 raise InputError(f"--target {target}: is not known; {suggestion(target, MACHINES)}")
-        scenario_name, overrides = asked_for(arguments, settings)
-        if "controller.name" in overrides:
-            raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
-        scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
-        name = name or name_of(scenario)
-        folder = Path(out or name)
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"--out {folder}: is a file; name a folder")
-        if folder.exists() and any(folder.iterdir()) and not force:
-            raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
-        made = [] if folder.exists() else [folder]
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test)
-        finally:
-            remove_if_empty(made)
+        with Work(chosen, not no_test) as work:
+            scenario_name, overrides = asked_for(arguments, settings)
+            if "controller.name" in overrides:
+                raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
+            from ..engine.law_library.library import name_of, write_library
+            from ..scenario import Scenario
+
+            scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
+            name = name or name_of(scenario)
+            folder = Path(out or name)
+            if folder.exists() and not folder.is_dir():
+                raise InputError(f"--out {folder}: is a file; name a folder")
+            if folder.exists() and any(folder.iterdir()) and not force:
+                raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
+            made = [] if folder.exists() else [folder]
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test, work)
+            finally:
+                remove_if_empty(made)
         for note in library.notes:
             warn(note)
         for each in library.targets:
@@ -346,6 +374,7 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
     """The traces of several logs by :func:`labels`. Warns of truncated logs."""
     from ..records.trace import Trace
 
+    logs = tuple(each for log in logs for each in logs_of(log))
     traces = [Trace.load(log) for log in logs]
     for log, trace in zip(logs, traces, strict=True):
         say_if_truncated(log, trace)
@@ -353,8 +382,26 @@ def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
     return dict(zip(labels(logs, traces), traces, strict=True))
 
 
+def logs_of(log: str) -> tuple[str, ...]:
+    """The logs of the vehicles in the folder of a world, or the one log that is named."""
+    from ..files import is_file
+    from ..setup.world import vehicles_of
+
+    scenario = Path(log) / SCENARIO
+    names = vehicles_of(scenario) if is_file(scenario) else []
+    there = (Path(log) / log_of(name) for name in names)
+    if not names:
+        return (log,)
+    return tuple(str(path) for path in there if path.exists())
+
+
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
-    """Names for several logs: their laws if these differ, else their folders, else their file names."""
+    """Names for several logs: of vehicles in one world their names; otherwise their laws if these differ, else their
+    folders, else their file names."""
+    from ..setup.world import one_world
+
+    if one_world([trace.scenario for trace in traces]):
+        return [trace.scenario.vehicle.name for trace in traces]
     laws = [trace.scenario.controller.label() for trace in traces]
     folders = [Path(log).absolute().parent.name for log in logs]
     stems = [Path(log).stem for log in logs]

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf", "pgf")
-WIDTHS = {"column": 3.5, "page": 7.16}
+WIDTHS = {
+    **{"column": 3.5, "page": 7.16, "ieee-column": 88.9 / 25.4, "ieee-page": 181.0 / 25.4},
+    **{"elsevier-column": 90.0 / 25.4, "elsevier-middle": 140.0 / 25.4, "elsevier-page": 190.0 / 25.4},
+}
 """Widths of a figure by name [in]."""
 FONTS = ("sans", "serif", "cm", "latex")
 _CM = {"": 1.0, "cm": 1.0, "mm": 0.1, "in": 2.54}
@@ -37,7 +40,10 @@ def figure_options(function: Any) -> Any:
             help="sans, serif (Times), cm (Computer Modern), or latex: LaTeX sets the texts of a pdf or pgf.",
         ),
         click.option(
-            "--width", metavar="WIDTH", help="column (3.5in) or page (7.16in) of a paper, or 12cm, 88mm, 5in; 12 is cm."
+            "--width",
+            metavar="WIDTH",
+            help="column (3.5in) or page (7.16in); ieee-column (88.9mm), ieee-page (181mm); elsevier-column, -middle, "
+            "-page (90, 140, 190mm); or 12cm, 88mm, 5in; 12 is cm.",
         ),
         click.option(
             "--format",
@@ -126,7 +132,8 @@ def plot(
         from ..views import figures
 
         names = names_in("--what", whats) or ["summary"]
-        default = Path(logs[0]).parent / "_".join(names)[:60]
+        beside = Path(logs[0])
+        default = (beside if beside.is_dir() else beside.parent) / "_".join(names)[:60]
         stem, formats = figure_files(kinds, out, default, force)
         wide = inches(width)
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
@@ -246,8 +253,8 @@ def video(
         low = None if start is None else number("--from", start, "s", 0.0, 1e7)
         high = None if until is None else number("--to", until, "s", 0.0, 1e7)
         instant = None if at is None else number("--at", at, "s", 0.0, 1e7)
-        (trace,) = loaded((log,)).values()
-        trace = trace.between(low, high)
+        traces = {name: each.between(low, high) for name, each in loaded((log,)).items()}
+        trace = traces if len(traces) > 1 else next(iter(traces.values()))
         from ..views import video as views
 
         if kind == "png":

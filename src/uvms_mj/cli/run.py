@@ -1,30 +1,51 @@
 """One run: ``uvms-mj run``, and ``uvms-mj sitl`` with an autopilot in the loop."""
 
+import contextlib
 import json
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, Console, Stop, bad_input, end, ended, exit_interrupted, printable, warn
-from .folders import LOG, RunFolder, output_folder, remove_if_empty
+from .archive import compared, unpacked
+from .common import (
+    EXIT_BAD_INPUT,
+    EXIT_UNSTABLE,
+    Console,
+    Stop,
+    bad_input,
+    end,
+    ended,
+    exit_interrupted,
+    label_of,
+    printable,
+    warn,
+)
+from .folders import LOG, RunFolder, log_of, output_folder, remove_if_empty
+from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
-    from ..engine.run import Peer
+    from ..engine.run import Changes, Peer
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
+    from ..setup.world import World
 
 
 @command(
-    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted "
-    "(143 SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 completed, 1 differs from the archive that it repeats, 2 bad input or a law that failed, 3 "
+    "unstable, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
 )
-@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
+@run_options(
+    "Repeat the run of a log, run.mcap, with its scenario and vehicle; of an archive, FILE.zip, with its laws; with "
+    "--row, of a study's folder."
+)
 @click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
@@ -32,10 +53,25 @@ if TYPE_CHECKING:
 @click.option(
     "--as-deployed", is_flag=True, help="Commands as a real vehicle takes them: late, slow, whole microseconds."
 )
-@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
+@live_options
+@click.option("--speed", metavar="N|max", help="With --live foxglove: times real time [default: 1], or as it runs.")
+@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="TCP port of --live foxglove [default: 8765].")
+@click.option(
+    "--host", metavar="ADDRESS", help="Address of --live foxglove [default: 127.0.0.1]. Others may then connect."
+)
 @output_options
 def run(
-    out: str | None, log_rate: str | None, engine: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any
+    out: str | None,
+    log_rate: str | None,
+    engine: str | None,
+    live: str | None,
+    viewer: bool,
+    speed: str | None,
+    port: int | None,
+    host: str | None,
+    as_json: bool,
+    quiet: bool,
+    **asked: Any,
 ) -> None:
     """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
@@ -47,23 +83,34 @@ def run(
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     uvms-mj run --from study --row 17 --viewer
+    uvms-mj run --from run.zip --out repeated
+    uvms-mj run --live foxglove
     uvms-mj run --engine free_body
     uvms-mj run --as-deployed vehicle.model=bluerov2_heavy thrusters.voltage=14 thrusters.mixer=linear
     """
     stop = Stop()
     console = Console(as_json, quiet)
-    scenario = None
+    scenario: Scenario | World | None = None
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
             from ..files import locked
 
             deployed = asked["as_deployed"]
+            shown = Live(live, viewer, speed, port, host)
+            if (world := _world_of(**asked)) is not None:
+                scenario = world
+                sys.exit(_run_world(world, out, files, log_rate, engine, shown, console, stop))
+            again = asked["log"] is not None and asked["log"].lower().endswith(".zip")
+            if again:
+                out, asked = _unpacked(out, asked)
+            as_it_was = again and not (asked["arguments"] or asked["settings"] or asked["controller"] or deployed)
             scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
+            changes = () if asked["log"] is None or asked["row"] is not None else _changes_of(asked["log"])
             if deployed and not quiet:
                 _say_what_is_left(scenario, mjcf)
             folder, made = output_folder(out, scenario)
-            with locked(folder):
+            with locked(folder), contextlib.closing(shown):
                 try:
                     status = run_and_report(
                         scenario,
@@ -72,10 +119,13 @@ def run(
                         files,
                         log_rate,
                         recorded if engine is None else engine,
-                        viewer,
+                        shown,
                         console,
                         stop,
+                        changes=changes,
                     )
+                    if as_it_was and status in (0, EXIT_UNSTABLE):
+                        status = compared("run", folder, quiet) or status
                 finally:  # within the lock: the folder of another run, which has not written yet, is empty too
                     remove_if_empty(made)
     except KeyboardInterrupt:
@@ -83,6 +133,87 @@ def run(
             click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
+
+
+def _world_of(
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    row: int | None,
+    as_deployed: bool,
+) -> "World | None":
+    """The world that the arguments of the command name; None if they name one vehicle. Raises InputError if the input
+    is invalid."""
+    from ..setup.world import World, vehicles_of
+
+    name, overrides = asked_for(arguments, settings)
+    if name is None or log is not None or name.endswith(".mcap") or not vehicles_of(name):
+        return None
+    if as_deployed:
+        from ..setup.deployment import as_deployed as deployed
+
+        overrides = deployed(overrides)
+    return World.load(name, overrides, controller)
+
+
+def _run_world(
+    world: "World",
+    out: str | None,
+    files: dict[str, Path],
+    log_rate: str | None,
+    engine: str | None,
+    shown: Live,
+    console: Console,
+    stop: Stop,
+) -> int:
+    """Run a world, write a log for each vehicle and report each; return the exit status."""
+    from ..analysis.metrics import AROUND_THE_END_S
+    from ..analysis.summary import ending, fluctuates, summary
+    from ..engine.run import LawError, SinkError, simulate
+    from ..errors import InputError
+    from ..files import locked
+    from ..records.mcap import McapLog
+
+    if shown.asked_for:
+        raise InputError("a viewer shows one vehicle during its run; uvms-mj replay DIR shows a world afterwards")
+    folder, made = output_folder(out, world)
+    half = max(AROUND_THE_END_S, 0.5 * world.simulation.duration)
+    kept = half if any(map(fluctuates, world.scenarios.values())) else AROUND_THE_END_S
+    with locked(folder):
+        try:
+            sinks: dict[str, list[Sink]] = {name: [McapLog(folder / log_of(name))] for name in world.scenarios}
+            next(iter(sinks.values())).insert(0, RunFolder(folder, files, made_of(world), world))
+            with console.running(world, stop) as progress:
+                traces = simulate(
+                    world, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=kept, engine=engine or "mujoco"
+                )
+        except (LawError, SinkError) as raised:
+            click.echo(printable(f"error: {raised}"), err=True)
+            return EXIT_BAD_INPUT
+        except OSError as raised:
+            raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
+        finally:
+            remove_if_empty(made)
+    stop.ignore()
+    there, status = _existing(files), 0
+    reports = {name: summary(trace, {"mcap": there[name]}) for name, trace in traces.items()}
+    console.reports(traces, {"scenario": world.name, "vehicles": reports, "files": {"scenario": there["scenario"]}})
+    for name, trace in traces.items():
+        for note in ending(trace):
+            warn(f"{name}: {note}")
+        status = max(status, ended(trace, f"{name}: "))
+    return status
+
+
+def made_of(world: "World | None" = None) -> list[str]:
+    """The names of the files that are made from the logs of a run or a world, and go with them."""
+    from .logs import FORMATS
+    from .plot import WHATS
+
+    logs = [LOG] if world is None else [log_of(name) for name in world.scenarios]
+    suffixes = [f".{kind}" for kind in (*FORMATS, "mp4")]
+    return [f"{what}.png" for what in WHATS] + [str(Path(log).with_suffix(each)) for log in logs for each in suffixes]
 
 
 def chosen(
@@ -93,9 +224,11 @@ def chosen(
     log_rate: str | None,
     row: int | None = None,
     as_deployed: bool = False,
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
-    is a log's. Raises InputError if the input is invalid."""
+    is a log's. ``names`` are the files of an archive by the keys that name them. Raises InputError if the input is
+    invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
@@ -117,7 +250,23 @@ def chosen(
         return scenario, None, log_rate, engine
     if Path(log, "study.toml").is_file():
         raise InputError(f"--from {log}: is the folder of a study; name one of its runs with --row N")
-    return _from_log(log, overrides, controller, log_rate)
+    if controller is not None:
+        names = {key: value for key, value in names.items() if key != "controller.name"}
+    return _from_log(log, {**names, **overrides}, controller, log_rate)
+
+
+def _unpacked(out: str | None, asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The output folder and the arguments of a run that repeats an archive, which is unpacked there."""
+    from ..errors import InputError
+    from ..reproduce.archive.contents import LOG as MEMBER
+    from ..reproduce.archive.contents import RESULTS
+
+    if asked["row"] is not None:
+        raise InputError("--row is a run of a study's folder: unpack the archive of the study with uvms-mj study")
+    folder, place, manifest = unpacked(asked["log"], "run", out)
+    names = {key: str((place / name).absolute()) for key, name in manifest.about["names"].items()}
+    names.pop("vehicle.model", None)  # the log has it
+    return str(folder), {**asked, "log": str(place / RESULTS / MEMBER), "names": names}
 
 
 def _say_what_is_left(scenario: "Scenario", mjcf: "Mjcf | None") -> None:
@@ -135,6 +284,7 @@ def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a log. Warns if a repetition may differ from the original."""
+    from ..control.base import Udp
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
@@ -155,11 +305,31 @@ def _from_log(
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded "
                 f"code{beside})"
             )
+    if isinstance(header.scenario.controller, Udp) and controller is None:
+        overrides = {"controller.host": Udp.host} | overrides  # a log sends nothing to another machine
     scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
     return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate, header.engine
+
+
+def _changes_of(log: str) -> "Changes":
+    """The changes that were made in the run of a log. Raises InputError if the log was cut off, and lacks them."""
+    from ..errors import InputError
+    from ..records.header import LIVE_NOTE, Status
+    from ..records.mcap import read, read_files
+
+    if LIVE_NOTE not in read_files(log)[0].notes:
+        return ()
+    outcome = read(log)[2]
+    if outcome.status is Status.truncated:
+        cut = "the log was cut off, and it lacks the numbers that were changed while its run went on"
+        raise InputError(f"--from {log}: {cut}; its run can't be repeated")
+    for step, values in outcome.changes:
+        said = ", ".join(f"{key} = {value}" for key, value in values.items())
+        click.echo(printable(f"again after step {step}: {said}"), err=True)
+    return outcome.changes
 
 
 def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
@@ -189,27 +359,23 @@ def run_and_report(
     files: dict[str, Path],
     log_rate: str | None,
     engine: str,
-    viewer: bool,
+    shown: Live,
     console: Console,
     stop: Stop,
     peer: "Peer | None" = None,
+    changes: "Changes" = (),
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``. ``peer`` is
-    that of :func:`uvms_mj.engine.run.simulate`."""
+    that of :func:`uvms_mj.engine.run.simulate`, and ``changes`` are made in the run as :class:`.Again` does."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
-    from ..engine.run import LawError, SinkError, simulate
+    from ..engine.run import Again, LawError, SinkError, simulate
     from ..errors import InputError
+    from ..records.header import Status
     from ..records.mcap import McapLog
-    from .logs import FORMATS
-    from .plot import WHATS
 
-    made = [f"{what}.png" for what in WHATS] + [str(Path(LOG).with_suffix(f".{kind}")) for kind in (*FORMATS, "mp4")]
-    sinks: list[Sink] = [RunFolder(folder, files, made), McapLog(folder / LOG)]
-    if viewer:
-        from ..views.rerun import LiveView
-
-        sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
+    sinks: list[Sink] = [RunFolder(folder, files, made_of()), McapLog(folder / LOG)]
+    viewers, guides = shown.open()
     error, half = None, max(AROUND_THE_END_S, 0.5 * scenario.simulation.duration)
     with console.running(scenario, stop) as progress:
         try:
@@ -217,11 +383,12 @@ def run_and_report(
                 scenario,
                 log_rate=log_rate,
                 progress=progress,
-                sinks=sinks,
+                sinks=[*viewers, *sinks],  # without a display or a port it fails before anything is written
                 keep_s=half if fluctuates(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
                 peer=peer,
+                guides=[*([Again(changes)] if changes else []), *guides],
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)
@@ -234,9 +401,12 @@ def run_and_report(
     console.report(trace, report)
     if error is not None:
         click.echo(printable(f"error: {error}"), err=True)
+        shown.stay(stop)
         return EXIT_BAD_INPUT
     for note in ending(trace):
         warn(note)
+    if trace.status is not Status.interrupted:
+        shown.stay(stop)
     return ended(trace)
 
 
@@ -244,7 +414,7 @@ def _existing(files: dict[str, Path]) -> dict[str, str]:
     return {kind: str(path) for kind, path in files.items() if path.exists()}
 
 
-def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
+def _nothing_ran(scenario: "Scenario | World | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
     """The report of a run that was interrupted before its first step."""
     from ..analysis.summary import summary_of_none
 
@@ -256,7 +426,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dic
     if scenario is not None:
         known |= {
             "scenario": scenario.name,
-            "controller": scenario.controller.label(),
+            "controller": label_of(scenario),
             "timestep_s": scenario.simulation.timestep,
         }
     return summary_of_none(known, files)
@@ -332,11 +502,16 @@ def _engine_of(folder: Path, row: int) -> str:
     "--instance", type=click.IntRange(0, 99), default=0, metavar="N", help="ArduPilot's -I N: port 9002 + 10 N."
 )
 @click.option("--port", type=click.IntRange(1, 65535), metavar="P", help="UDP port, in place of the instance's.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; others may then send.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. Beyond this machine's own, others may command; a warning says so.",
+)
 @click.option("--motors", metavar="1,-2,...", help="Of each thruster its motor, and its sign [default: by geometry].")
 @click.option("--engine", metavar="NAME", help="free_body where it can [default], or mujoco.")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 100].")
-@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
+@live_options
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 def sitl(
     arguments: tuple[str, ...],
@@ -350,6 +525,7 @@ def sitl(
     motors: str | None,
     engine: str | None,
     log_rate: str | None,
+    live: str | None,
     viewer: bool,
     quiet: bool,
 ) -> None:
@@ -382,6 +558,7 @@ def sitl(
             raise InputError(wrong)
         if not host or not math.isfinite(depth):
             raise InputError("--host must not be empty, and --depth must be a finite number")
+        shown = Live(live, viewer, "max" if live == "foxglove" else None)  # the autopilot has the pace
         setup = set_up(scenario)
         frame = "given"
         if motors is not None:
@@ -391,7 +568,7 @@ def sitl(
         steps = steps_of(rate, scenario.simulation.timestep)
         place = PORT + 10 * instance if port is None else port
         folder, made = output_folder(out, scenario)
-        with locked(folder):
+        with locked(folder), contextlib.closing(shown):
             peer = ArduPilot(channels, signs, steps, depth, place, host)
             try:
                 if not quiet:
@@ -400,7 +577,7 @@ def sitl(
                     )
                 kind = engine or chosen_engine(scenario)
                 status = run_and_report(
-                    scenario, None, folder, files, log_rate or "100", kind, viewer, console, stop, peer
+                    scenario, None, folder, files, log_rate or "100", kind, shown, console, stop, peer
                 )
             finally:
                 peer.close()

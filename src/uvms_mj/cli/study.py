@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .archive import compared, unpacked
 from .common import (
     EXIT_ENGINES_DIFFER,
     Listing,
@@ -42,11 +43,13 @@ if TYPE_CHECKING:
 
 
 @command(
-    epilog="Exit status: 0 every run has its row, also one that failed, 4 likewise, but the engines differ in a run of "
-    "the sample by more than run.tolerance, 2 bad input or no space, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 every run has its row, also one that failed, 1 with --from: a row differs, 4 the engines "
+    "differ in a run of the sample by more than run.tolerance, 2 bad input or no space, 130 interrupted (143 SIGTERM, "
+    "129 SIGHUP)."
 )
 @click.argument("arguments", nargs=-1, metavar="STUDY [KEY=VALUE]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the study>].")
+@path_option("--from", "archive", metavar="FILE.zip", help="Repeat the study of an archive, and compare each row.")
 @click.option("--dry-run", is_flag=True, help="Print runs, steps, keys, time and size; run nothing.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
@@ -54,7 +57,13 @@ if TYPE_CHECKING:
 @click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
 @output_options
 def run_study(
-    dry_run: bool, workers: int | None, scheduler: str | None, as_json: bool, quiet: bool, **asked: Any
+    dry_run: bool,
+    workers: int | None,
+    scheduler: str | None,
+    archive: str | None,
+    as_json: bool,
+    quiet: bool,
+    **asked: Any,
 ) -> None:
     """Run a study: many runs of one scenario, with laws to compare and keys that vary.
 
@@ -78,6 +87,7 @@ def run_study(
     uvms-mj study mine.toml --out results
     uvms-mj study monte_carlo --out mc design.runs=100 simulation.duration=5
     uvms-mj study mine.toml --out results --scheduler tcp://10.0.0.1:8786
+    uvms-mj study --from study.zip --out repeated
     uvms-mj study report results         one page: rates, distributions, maps, sensitivity, worst runs
     uvms-mj study plot results           one figure of it, for a paper
     uvms-mj study table results          a table by law, as LaTeX or CSV
@@ -88,6 +98,8 @@ def run_study(
     """
     resumed = Resumed("runs")
     with bad_input():
+        if archive is not None:
+            asked = _unpacked(archive, asked)
         study, folder = _chosen(**asked)
     with resumed.filling(folder), pool_of(scheduler, workers) as executor:
         expected = head(study, executor, folder, dry_run, as_json, quiet)
@@ -105,7 +117,21 @@ def run_study(
             study.run(folder, executor=executor, progress=progress)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
-    sys.exit(print_result(study, as_json, quiet))
+    status = print_result(study, as_json, quiet)
+    if archive is not None:
+        status = compared("study", folder, quiet) or status
+    sys.exit(status)
+
+
+def _unpacked(archive: str, asked: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of a study that repeats an archive, which is unpacked in its folder."""
+    from ..errors import InputError
+    from ..studies.results import STUDY
+
+    if asked["arguments"] or asked["settings"] or asked["engine"]:
+        raise InputError(f"--from {archive}: repeats the study as it was; leave out the study, its keys and --engine")
+    folder, place, _ = unpacked(archive, "study", asked["out"])
+    return {**asked, "arguments": (str(place / STUDY),), "out": str(folder)}
 
 
 def _chosen(

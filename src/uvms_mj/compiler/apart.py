@@ -2,6 +2,7 @@
 llvmlite lets in one thread of a process at a time."""
 
 import contextlib
+import functools
 import os
 import pickle
 import subprocess
@@ -103,14 +104,34 @@ def joined(libm: str, entry: str) -> str:
 
 
 def emit(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
-    """The code of LLVM's text for each target, made in a process of its own: none where LLVM has ended it."""
-    ends = []
+    """The code of LLVM's text for each target: none where LLVM has ended its process. Targets with one ``optimizer``
+    share what they are emitted from."""
+    os.nice(10)  # what calls goes on with work that is waited for longer
+    groups: dict[tuple[str, Target], list[Target]] = {}
     for text, target in jobs:
+        groups.setdefault((text, target.optimizer or target), []).append(target)
+    shared = _forked([functools.partial(_emit, *group, targets) for group, targets in groups.items()])
+    codes = {
+        (group[0], target): code
+        for (group, targets), found in zip(groups.items(), shared, strict=True)
+        for target, code in zip(targets, pickle.loads(found) if found else [b""] * len(targets), strict=True)
+    }
+    return [codes[job] for job in jobs]
+
+
+def _emit(text: str, optimizer: Target, targets: Sequence[Target]) -> bytes:
+    module = optimizer.optimized(llvm.parse_assembly(text))
+    return pickle.dumps(_forked([functools.partial(target.emitted, module) for target in targets]))
+
+
+def _forked(calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
+    """What each call returns in a process of its own: nothing where it has ended early."""
+    ends = []
+    for call in calls:
         end, into = os.pipe()
         if os.fork() == 0:
-            os.nice(10)  # what calls goes on with work that is waited for longer
             with os.fdopen(into, "wb") as out:
-                out.write(target.code(llvm.parse_assembly(text)))
+                out.write(call())
             os._exit(0)
         os.close(into)
         ends.append(end)

@@ -1,6 +1,6 @@
 """Control: the wrench. :mod:`uvms_mj.control.base` has the contract of a law."""
 
-from .base import Controller, External, Udp
+from .base import Controller, External, NoLaw, Udp
 from .base import gain as gain
 from .laws.admittance import Admittance
 from .laws.aismc import Aismc
@@ -16,4 +16,4 @@ BUILT_IN: dict[str, type[Controller]] = {
     cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal, Pid, Admittance, Parallel, DobImpedance, Aismc)
 }
 """The laws that compute tau_cmd."""
-SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External, Udp.name: Udp}
+SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External, Udp.name: Udp, NoLaw.name: NoLaw}

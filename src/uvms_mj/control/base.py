@@ -153,6 +153,21 @@ class External(Controller):
         pass
 
 
+@dataclasses.dataclass(frozen=True)
+class NoLaw(Controller):
+    """No command, of a body without thrusters that others carry."""
+
+    name = "none"
+    uses_task: ClassVar[bool] = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+
+    def at_rest(self, setup: SetupLike) -> str:
+        return "there is no law"
+
+
 MOST_WAITING = 1000
 """Control periods that a computation delay may last."""
 
@@ -216,16 +231,23 @@ PORT = 9100
 class Udp(Controller):
     """A law of another process: it is given the signals of each instant, and answers with tau_cmd, in lockstep."""
 
-    port: Annotated[int, Field(strict=True, ge=1, le=65535)] = gain(PORT, "1", "UDP port of the law on this machine")
+    port: Annotated[int, Field(strict=True, ge=1, le=65535)] = gain(PORT, "1", "UDP port of the law")
     timeout: Annotated[Number, within(0.01, 3600.0, "s")] = gain(10.0, "s", "longest wall time without an answer")
 
     export: Annotated[int, Field(strict=True, ge=0, lt=2**48)] = gain(
         0, "1", "number of the export that answers, from its README; 0: any law"
     )
+    host: Annotated[str, Field(min_length=1, max_length=253)] = gain(
+        "127.0.0.1", "1", "name or IPv4 address of the law's machine"
+    )
 
     name = "udp"
     external: ClassVar[bool] = True
     by_caller: ClassVar[str] = "tau_cmd"
+
+    def constants(self, setup: SetupLike) -> Mapping[str, Any]:
+        """None: the function has nothing to compute."""
+        return {}
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

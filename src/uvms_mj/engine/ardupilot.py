@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..actuation.base import GREATEST_US, LEAST_US, NEUTRAL_US
-from ..errors import InputError
+from ..errors import InputError, warn_of_host
 from ..physics.frames import rotation_matrix, to_body, to_world
 
 _16, _32 = struct.Struct("<HHI16H"), struct.Struct("<HHI32H")
@@ -169,6 +169,7 @@ class ArduPilot:
     waited_s: float = 0.0
 
     def __post_init__(self) -> None:
+        warn_of_host("--host", self.host, "machines that reach this address can command the vehicle")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((self.host, self.port))

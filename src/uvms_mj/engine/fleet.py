@@ -21,9 +21,9 @@ from ..setup.base import Setup
 from ..setup.checks import checked
 from ..stages.namespace import source_files, without_names
 from .engines import FreeEngine
-from .native.compilation import fingerprint, object_name, recall, remember
 from .native.devices import Gpu, Processor
 from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource, without_addresses
+from .native.objects import fingerprint, object_name, recall, remember
 from .native.run_memory import tables_of
 from .simulation import Simulation, valid_scenario
 

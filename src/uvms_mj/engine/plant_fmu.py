@@ -21,7 +21,7 @@ from ..compiler.targets import X86_64
 from ..errors import Fault, InputError
 from ..files import atomic_write
 from ..physics.effects import EFFECTS
-from ..physics.random import key_of
+from ..physics.random import key_of, owned
 from ..plant.water import EFFECT_TABLES
 from ..quantities import unit_of
 from ..scenario import Scenario
@@ -281,6 +281,7 @@ class _Parts:
             *EFFECTS,
             *(s.stage.room.table for s in self.memory.stages.running),
         ]
+        names += [owned(name, self.scenario.vehicle.name) for name in names]
         for place in np.flatnonzero(images[0] != images[1]):
             found = [
                 n for n in names if all(image[place] == key_of(s, n) for s, image in zip(seeds, images, strict=True))

@@ -10,7 +10,7 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -76,6 +76,9 @@ class Simulation:
         InputError: the input is invalid, or the engine can't run the scenario.
     """
 
+    _in_world: ClassVar[bool] = False
+    """Whether what couples the vehicle to others is computed where it is stepped."""
+
     def __init__(
         self,
         scenario: Scenario | None = None,
@@ -84,7 +87,7 @@ class Simulation:
         mjcf: Mjcf | None = None,
         looks: bool = True,
     ) -> None:
-        self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf)
+        self.setup = checked(valid_scenario(scenario).with_fresh_stages(), mjcf, self._in_world)
         settle_modes()  # which a user's file may change by what it imports
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
@@ -127,6 +130,12 @@ class Simulation:
     @property
     def data(self) -> Any:
         return self._engine.data
+
+    @property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """The live pose (7,) and velocity (6,) of the vehicle, as a free joint has them: the velocity in W, and the
+        angular velocity in B."""
+        return self._engine.qpos, self._engine.qvel
 
     @property
     def chunk_steps(self) -> int:
@@ -366,6 +375,16 @@ class Simulation:
     def all_native(self) -> bool:
         """Whether its steps are machine code without Python or MuJoCo between them."""
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
+
+    def one_step(self) -> Callable[[], object]:
+        """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
+        watched."""
+        with self._alone:
+            if self._users:
+                return functools.partial(self._run, 1, np.inf)
+            self._engine.check(self.t, self.scenario.simulation.timestep)
+            self._ready = False
+            return functools.partial(self._engine.step, 1)
 
     @property
     def diverged(self) -> Diverged | None:

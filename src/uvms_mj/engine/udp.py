@@ -6,8 +6,8 @@ program of an exported law, its ``loop.c``, has more behind them: the status of 
 export (uint64), :data:`LAYOUT` as it knows it (uint64), and the thrust of each thruster that it has allocated. All
 numbers are little endian. A request that is not answered is sent again: a law answers it with the same numbers.
 
-Both sides use loopback only. The socket of a run is connected to the law's port, so that the operating system delivers
-what that port sends, and nothing else.
+Both sides use loopback, unless the user names another host. The socket of a run is connected to the law's port, so that
+the operating system delivers what that port sends, and nothing else.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault, InputError
+from ..errors import Fault, InputError, warn_of_host
 from ..stages.signals import GIVEN, record_dtype
 
 LOOPBACK = "127.0.0.1"
@@ -53,19 +53,28 @@ _AGAIN_S = 0.2
 
 
 class UdpLaw:
-    """A peer of a run: a law that listens on a port of this machine.
+    """A peer of a run: a law that listens on a port.
 
     Args:
         port: its port.
         timeout: longest wall time without an answer [s].
         period_steps: time steps of a control period.
         export: number of the export that answers; 0: any law.
+        host: name or IPv4 address of its machine.
+
+    Raises:
+        InputError: there is no such host.
     """
 
-    def __init__(self, port: int, timeout: float, period_steps: int, export: int = 0) -> None:
-        self._place, self._timeout, self._steps, self._instant = (LOOPBACK, port), timeout, period_steps, 0
+    def __init__(self, port: int, timeout: float, period_steps: int, export: int = 0, host: str = LOOPBACK) -> None:
+        warn_of_host("controller.host", host, "the run is sent over the network, and the law's answers are believed")
+        self._place, self._timeout, self._steps, self._instant = (host, port), timeout, period_steps, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(self._place)
+        try:
+            self._socket.connect(self._place)
+        except OSError as error:
+            self._socket.close()
+            raise InputError([Fault("controller.host", f"{host}: {error.strerror}")]) from None
         self._socket.settimeout(_AGAIN_S)
         self._odd, self._export, self._thrusts = "", export, np.zeros(0)
 
@@ -74,7 +83,7 @@ class UdpLaw:
         """The peer of a scenario with the law ``udp``."""
         law = scenario.controller
         steps = round(scenario.control_period / scenario.simulation.timestep)
-        return cls(law.port, law.timeout, steps, law.export)
+        return cls(law.port, law.timeout, steps, law.export, law.host)
 
     def close(self) -> None:
         self._socket.close()
@@ -155,19 +164,21 @@ class UdpLaw:
         self.command(sim)
 
 
-def serve(law: Any, port: int, requests: int | None = None) -> None:
+def serve(law: Any, port: int, requests: int | None = None, host: str = LOOPBACK) -> None:
     """Answer requests on a port with ``law(signals)``, six numbers, from a record of :data:`SIGNALS`; for so many
     instants, or until an interrupt. A repeated request gets the same answer. One run is answered at a time, the one
-    that began last: a law that remembers must not meet the instants of two runs in turn.
+    that began last: a law that remembers must not meet the instants of two runs in turn. ``host`` is the address to
+    listen on; a run on another machine needs one that it reaches.
 
     Raises:
         InputError: another program has the port, or the law does not give six numbers.
     """
+    warn_of_host("host", host, "machines that reach this address are answered")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer, contextlib.suppress(KeyboardInterrupt):
         try:
-            peer.bind((LOOPBACK, port))
+            peer.bind((host, port))
         except OSError as error:
-            raise InputError(f"UDP port {port} of {LOOPBACK}: {error.strerror}; choose another") from None
+            raise InputError(f"UDP port {port} of {host}: {error.strerror}; choose another") from None
         last, answer, asked = -1, b"", None
         while requests is None or last + 1 < requests:
             data, address = peer.recvfrom(65536)

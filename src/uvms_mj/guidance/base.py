@@ -152,7 +152,7 @@ def samples(stage: Guidance, setup: SetupLike, instants: Sequence[int]) -> np.nd
     settings, given = stage.record(setup), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
     given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period
-    given["key"] = random_key(setup.scenario.simulation.seed, stage)
+    given["key"] = random_key(setup.scenario.simulation.seed, stage, setup.scenario.vehicle.name)
     out = np.zeros(1, _REFERENCES)
     for name in ("p_d", "p_d_dot", "quat_d"):
         out[name] = np.nan

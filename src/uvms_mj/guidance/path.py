@@ -44,14 +44,14 @@ from .base import Guidance, start_notes
 from .spline import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+    from scipy.interpolate import BSpline, PPoly
 
 
 MOST_POSES = 100
-_RAMP = 6
+RAMP = 6
 """Segments while the speed rises or falls; on a straight line one would be exact."""
 _SAMPLES = 2001
-_SHORTEST = 1e-6
+SHORTEST = 1e-6
 """Poses that are nearer to each other than this have no direction between them [m]."""
 
 
@@ -87,56 +87,60 @@ def motion(
             f"the position {list(positions[i + 1])} is the position of the pose before it, or of the start: a path has "
             "no direction there; use reference.name = spline, or a dwell at the pose before it",
         )
-        for i in np.flatnonzero(chords < _SHORTEST)
+        for i in np.flatnonzero(chords < SHORTEST)
     ]
     if faults:
         raise InputError(faults, "scenario")
     stops = [0, *(i for i, dwell in enumerate(dwells) if i and (dwell > 0.0 or i + 1 == len(dwells)))]
-    cruise = max(1, MOST_SEGMENTS // (len(stops) - 1) - 2 * _RAMP - 1)
+    cruise = max(1, MOST_SEGMENTS // (len(stops) - 1) - 2 * RAMP - 1)
     parts, (t, V, a) = [], timing
     for first, last in itertools.pairwise(stops):
-        parts.append(_leg(numbers[first : last + 1], chords[first:last], t, V, a, cruise))
+        knots = np.concatenate([[0.0], np.cumsum(chords[first:last])])
+        parts.append(leg(through(numbers[first : last + 1], knots), knots[-1], t, V, a, cruise))
         t = float(parts[-1].x[-1]) + dwells[last]
     return pack(parts)
 
 
-def _leg(poses: np.ndarray, chords: np.ndarray, t: float, V: float, a: float, cruise: int) -> PPoly:
-    """One leg through poses (n, 7), from rest at the time t to rest: segments with the exact position, velocity and
-    acceleration at their ends."""
-    from scipy.integrate import cumulative_simpson
-    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+def through(poses: np.ndarray, knots: np.ndarray) -> BSpline:
+    """The smooth curve through poses (n, 7), or positions (n, 3), at knots (n,); a straight line through two."""
+    from scipy.interpolate import make_interp_spline
 
-    knots = np.concatenate([[0.0], np.cumsum(chords)])
-    free = [(3, np.zeros(7)), (4, np.zeros(7))]
-    straight = len(poses) == 2
-    curve = (
-        make_interp_spline(knots, poses, k=1)
-        if straight
-        else make_interp_spline(knots, poses, k=5, bc_type=(free, free))
-    )
-    u = np.linspace(0.0, knots[-1], _SAMPLES)
+    if len(poses) == 2:
+        return make_interp_spline(knots, poses, k=1)
+    free = [(3, np.zeros(poses.shape[1])), (4, np.zeros(poses.shape[1]))]
+    return make_interp_spline(knots, poses, k=5, bc_type=(free, free))
+
+
+def leg(curve: BSpline, end: float, t: float, V: float, a: float, cruise: int, ramp: int = RAMP) -> PPoly:
+    """One leg along a curve of poses (7,) over [0, end], from rest at the time t to rest: segments with the exact
+    position, velocity and acceleration at their ends, so many at the speed V, and in each ramp."""
+    from scipy.integrate import cumulative_simpson
+    from scipy.interpolate import CubicHermiteSpline
+
+    straight = curve.k == 1
+    u = np.linspace(0.0, end, _SAMPLES)
     slope = np.linalg.norm(curve(u, 1)[:, :3], axis=1)  # ds/du
     s = cumulative_simpson(slope, x=u, initial=0.0)
     length, of_length = s[-1], CubicHermiteSpline(s, u, 1.0 / slope)
     V = min(V, float(np.sqrt(length * a / 1.5)))
     T = 1.5 * V / a
     T_cruise = length / V - T
-    x = np.linspace(0.0, 1.0, _RAMP + 1)
-    ramp = V * T * (x**3 - 0.5 * x**4), V * (3.0 * x**2 - 2.0 * x**3), V / T * 6.0 * (x - x**2)
+    x = np.linspace(0.0, 1.0, ramp + 1)
+    risen = V * T * (x**3 - 0.5 * x**4), V * (3.0 * x**2 - 2.0 * x**3), V / T * 6.0 * (x - x**2)
     between = np.linspace(0.0, 1.0, (1 if straight else cruise) + 1)[1:-1]
     if T_cruise < 1e-9 * T:
         between = between[:0]
     ones = np.ones_like(between)
     times = np.concatenate([x * T, T + between * T_cruise, T + T_cruise + x * T])
-    s = np.concatenate([ramp[0], 0.5 * V * T + V * T_cruise * between, length - ramp[0][::-1]])
-    s_dot = np.concatenate([ramp[1], V * ones, ramp[1][::-1]])
-    s_ddot = np.concatenate([ramp[2], 0.0 * ones, -ramp[2][::-1]])
+    s = np.concatenate([risen[0], 0.5 * V * T + V * T_cruise * between, length - risen[0][::-1]])
+    s_dot = np.concatenate([risen[1], V * ones, risen[1][::-1]])
+    s_ddot = np.concatenate([risen[2], 0.0 * ones, -risen[2][::-1]])
     later = (np.diff(times) > 1e-12 * T) & (
         np.diff(t + times) > 0.0
     )  # in a long leg, a ramp is below a double's digits
     kept = np.concatenate([later, [True]])
     times, s, s_dot, s_ddot = times[kept], s[kept, None], s_dot[kept, None], s_ddot[kept, None]
-    u = np.clip(of_length(s[:, 0]), 0.0, knots[-1])
+    u = np.clip(of_length(s[:, 0]), 0.0, end)
     c, c_1, c_2 = curve(u), curve(u, 1), curve(u, 2) if not straight else np.zeros((len(u), 7))
     speed = np.linalg.norm(c_1[:, :3], axis=1, keepdims=True)
     bend = np.sum(c_1[:, :3] * c_2[:, :3], axis=1, keepdims=True) / speed**2  # of ds/du along u, over ds/du
@@ -291,7 +295,7 @@ def turn_about(axis, angle, quat, out):
     multiply(np.array([w, x, y, z]), quat, out)
 
 
-_MOMENT = 1e-6
+MOMENT = 1e-6
 """Dwell at a point at which the path only stops [s]."""
 
 
@@ -338,7 +342,7 @@ class AlongWall(Followed):
         initial, x_d = setup.initial, scenario.wall.position + self.depth(scenario)
         positions = [initial.position, (x_d, *initial.position[1:]), *((x_d, *point) for point in self.points)]
         attitudes = (initial.attitude_deg, *(self.attitude_deg for _ in positions[1:]))
-        dwells = (0.0, self.dwell, *(_MOMENT if self.stop else 0.0 for _ in self.points))
+        dwells = (0.0, self.dwell, *(MOMENT if self.stop else 0.0 for _ in self.points))
         keys = ("wall.position", *(f"reference.points[{i}]" for i in range(len(self.points))))
         timing = (self.start_time, self.speed, self.acceleration)
         return motion(tuple(positions), attitudes, dwells, timing, keys)

@@ -26,7 +26,7 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
-from ..physics.frames import quat_from_euler_deg
+from ..physics.frames import quat_from_euler_deg, turning
 from ..physics.kernels import kernel
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
@@ -137,12 +137,6 @@ def follow(begins, coefficients, t, out):
     out.quat_d[:] = Q / math.sqrt(square)
     out.omega_d[:] = turning(Q_dot, Q) * (2.0 / square)
     out.omega_d_dot[:] = 2.0 / square * (turning(Q_ddot, Q) - (Q @ Q_dot) * out.omega_d)
-
-
-@kernel
-def turning(P, Q):
-    """The vector part (3,) of the product of P (4,) with the conjugate of Q (4,)."""
-    return Q[0] * P[1:] - P[0] * Q[1:] - np.cross(P[1:], Q[1:])
 
 
 MOST_POSES = 250

@@ -53,7 +53,7 @@ import numpy as np
 
 from .frames import to_body, to_world, velocity_at
 from .kernels import kernel
-from .surfaces import signed_distance
+from .surfaces import signed_distance, surface_velocity
 
 CABLE = np.dtype(
     [
@@ -200,7 +200,9 @@ def touch(cable, surfaces, wall, depth, p, v, t, below, above, A, z, a):
     n, rate = np.array([0.0, 0.0, 1.0]), v[2]
     if wall >= 0:
         signed_distance(surfaces[wall], p, n)
-        rate = n @ (v - surfaces[wall].v_W)
+        v_wall = np.zeros(3)
+        surface_velocity(surfaces[wall], p, v_wall)
+        rate = n @ (v - v_wall)
     h, m = cable.timestep, cable.mass + cable.added
     stop = m * STOP * (h * STOP + 2.0)
     push = m * STOP * STOP * depth - stop * rate

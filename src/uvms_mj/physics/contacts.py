@@ -52,7 +52,7 @@ import numpy as np
 
 from .frames import add_wrench_from, compose_poses, motion_at, to_world, velocity_at
 from .kernels import kernel
-from .surfaces import move, nearest_on_segment, signed_distance
+from .surfaces import move, nearest_on_segment, signed_distance, surface_velocity
 
 CONTACT = np.dtype(
     [
@@ -114,7 +114,7 @@ def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
         timestep: [s].
     """
     contact, c = pair.contact, pair.centre_W
-    n, arm, v = contact.normal_W, contact.arm_W, np.zeros(3)
+    n, arm, v, v_wall = contact.normal_W, contact.arm_W, np.zeros(3), np.zeros(3)
     to_world(R_WC, pair.ends_C[0], c)
     c += p_WC
     if pair.capsule != 0:
@@ -128,9 +128,12 @@ def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
         return
     arm[:] = c - p_WC - (pair.radius + 0.5 * distance) * n
     point_velocity(R_WC, nu, arm, v)
-    v -= surface.v_W
+    surface_velocity(surface, p_WC + arm, v_wall)
+    v -= v_wall
     v_n = n @ v
     pair.f_n = series_force(pair, -distance, -v_n, timestep)
+    if surface.turns != 0 and contact.touching != 0:
+        turn_stretch(contact.stretch_W, timestep * surface.omega_W)
     press(contact, pair.f_n, v - v_n * n, R_WC, timestep)
 
 
@@ -159,6 +162,15 @@ def press_at_rest(pairs, surfaces, at_rest, pair_count, pose_count):
             found.f_n, found.depth, found.tau_C[:] = pair.f_n, pair.depth, 0.0
             if pair.contact.touching != 0:
                 found.tau_C[:] = pair.contact.tau_B
+
+
+@kernel
+def turn_stretch(xi, angle):
+    """Turn a stretch xi (3,), which is fixed to the wall, by a small rotation vector (3,), without a change of its
+    length: by Cayley's transform."""
+    half = 0.5 * angle
+    moved = np.cross(half, xi)
+    xi += 2.0 / (1.0 + half @ half) * (moved + np.cross(half, moved))
 
 
 @kernel

@@ -9,7 +9,7 @@ r"""Effects of the water beside added mass, damping and buoyancy. Each has a rec
 - wrench (:func:`add_effects`): a wrench (6,) about B's origin in B, added to tau, from the velocity nu_r (6,) of the
   base relative to the water in B. Closed forms call it, too;
 - pull (:func:`find_pulls`, :func:`add_pulls`): a force that is found once a time step, from pose, velocity and states:
-  a cable that moves, :mod:`.cable`;
+  a cable that moves, :mod:`.cable`; a coupling to another vehicle, :mod:`.coupling`, which whoever steps both finds;
 - state (:func:`advance_effects`): numbers that advance once a time step, and that a reset returns.
 
 A vehicle has an array of records of each effect; of an empty array no machine code is left, so that an absent effect
@@ -81,6 +81,7 @@ import numpy as np
 
 from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
+from .coupling import COUPLING, PULL, PULLED, begin_pull
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
@@ -156,19 +157,26 @@ EFFECTS = {
     "fins": FIN,
     "drag": DRAG,
     "products": PRODUCT,
+    "couplings": COUPLING,
+    "pulls": np.dtype([("coupling", "i8")], align=True),
 }
-"""The records of the effects, by the names of their tables; products are of a vehicle's file, and a
-cable with its nodes is of the table of the tether."""
+"""The records of the effects, by the names of their tables; products are of a vehicle's file, a
+cable with its nodes is of the table of the tether, and each coupling has a pull, whose state is its force."""
 
 FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall", "buoyancy")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
-PULLS = ("cable", "nodes")
+PULLS = ("cable", "nodes", "couplings", "pulls")
 """The effects that pull at the vehicle with states of their own."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS, *PULLS))
 """All others, which add a wrench by the velocity in the water."""
 TABLES = {"current": {"table": 4, "shear": 2}, "disturbance": {"table": 7}}
 """The tables of an effect, each the name of the field with its place, and the width of its rows."""
-STATES: dict[str, Callable[[int], Any]] = {"fins": lambda nodes: "f8", "cable": cable_state}
+STATES: dict[str, Callable[[int], Any]] = {
+    "fins": lambda nodes: "f8",
+    "cable": cable_state,
+    "couplings": lambda nodes: PULLED,
+    "pulls": lambda nodes: PULL,
+}
 """The states of each record of an effect that has states, with so many nodes of a cable: of a fin its delta [rad]. They
 begin at zero, advance once a time step by :func:`advance_effects`, and a reset returns them."""
 
@@ -321,6 +329,8 @@ def find_pulls(plant, numbers, t, p_WB, R_WB, nu, surfaces, walls):
     """Find the forces of all effects that pull, in the step that begins at the time t [s] in the water of a plant,
     among so many walls, SURFACE records at their places."""
     effects, water = plant.effects, plant.water
+    for k in range(effects.couplings.shape[0]):
+        begin_pull(effects.couplings_state[k], effects.pulls_state[k])
     if effects.cable.shape[0] != 0:
         cable, state = effects.cable[0], effects.cable_state[0]
         if cable.timestep == 0.0:  # a reset leaves an empty record of a cable that it takes away
@@ -342,6 +352,8 @@ def add_pulls(effects, R_WB, tau):
     """Add the forces of :func:`find_pulls` to tau (6,) [N, N m, B]."""
     if effects.cable.shape[0] != 0 and effects.cable[0].timestep > 0.0:
         add_pull(effects.cable[0], effects.cable_state[0], R_WB, tau)
+    for k in range(effects.couplings.shape[0]):
+        tau += effects.couplings_state[k].tau
 
 
 @kernel

@@ -141,6 +141,12 @@ def multiply(p, q, out):
 
 
 @kernel
+def turning(P, Q):
+    """The vector part (3,) of the product of P (4,) with the conjugate of Q (4,)."""
+    return Q[0] * P[1:] - P[0] * Q[1:] - np.cross(P[1:], Q[1:])
+
+
+@kernel
 def quat_error(quat_d, quat, out):
     """Set the error quaternion out = conj(quat_d) * quat (paper, below eq. (12)), with w >= 0.
 

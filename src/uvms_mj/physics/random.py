@@ -45,6 +45,11 @@ def standard_normal(key, instant, index) -> float:
     return math.sqrt(-2.0 * math.log(x)) * math.cos(2.0 * math.pi * y)
 
 
+def owned(name: str, vehicle: str) -> str:
+    """The name of what a vehicle among others has for itself: its random numbers are no other vehicle's."""
+    return f"{vehicle} {name}".lstrip()
+
+
 def key_of(seed: int, name: str) -> int:
     """The key of the random numbers of a named thing, an integer in [0, 2^62), from the seed of a run."""
     return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8]) >> 2

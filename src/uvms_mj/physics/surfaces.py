@@ -12,9 +12,20 @@ inside, and its gradient is the normal out of the surface. For a point q in S:
     d = \left|\max(|q| - a, 0)\right| + \min(\max_i(|q_i| - a_i), 0)
 
 for a plane, a sphere, a cylinder of the radius r and a box of the half edges a. A capsule is all points within r of a
-segment of the half length b: the sphere about :math:`q_z` clipped to b. A surface moves without turning: by a
-table of displacements over time, linear between its rows, by a sine, and by the swell of the sea, a sum of
-:math:`c \cos\omega t + s \sin\omega t`.
+segment of the half length b: the sphere about :math:`q_z` clipped to b.
+
+**Motion.** A surface moves as a rigid body. Its place without motion turns about a pivot c by the rotation vector
+:math:`\theta(t)`, in axes of W, and is displaced by u(t):
+
+.. math::
+
+    p_{WS} = c + R(\theta)\,(p_0 - c) + u, \qquad R_{WS} = R(\theta) R_0, \qquad
+    \theta, u = a \sin(2\pi f t + \varphi) + \sum (c_k \cos\omega_k t + s_k \sin\omega_k t).
+
+u also has a table over time, linear between its rows. The velocity of the surface's point at x is :math:`\dot p_{WS} +
+\omega \times (x - p_{WS})`. With the unit quaternion :math:`Q = (\cos|\theta|/2,\ S\theta)`, :math:`S =
+\sin(|\theta|/2)/|\theta|`, a smooth function of :math:`|\theta|^2`, the angular velocity is
+:math:`\omega = 2\, \mathrm{vec}(\dot Q \bar Q)` and its rate :math:`2\, \mathrm{vec}(\ddot Q \bar Q)`.
 """
 
 import functools
@@ -25,7 +36,7 @@ from typing import Any
 
 import numpy as np
 
-from .frames import to_body, to_world
+from .frames import rotation, to_body, to_world, turning
 from .kernels import kernel, record_of
 
 
@@ -87,6 +98,15 @@ SURFACE = np.dtype(
         ("phase", "f8"),  # [rad]
         ("swell", "i8"),  # place in the numbers; rows (omega [rad/s], c (3,), s (3,) [m, W])
         ("swell_rows", "i8"),
+        ("turns", "i8"),
+        ("pivot", "f8", (3,)),  # c [m, W]
+        ("R_start", "f8", (3, 3)),  # R_WS without motion
+        ("turn_W", "f8", (3,)),  # amplitude of the sine of theta [rad]
+        ("turn_frequency", "f8"),  # [Hz]
+        ("turn_phase", "f8"),  # [rad]
+        ("tilt", "i8"),  # place in the numbers; rows of theta, as those of the swell [rad/s, rad, rad]
+        ("tilt_rows", "i8"),
+        ("omega_W", "f8", (3,)),  # angular velocity at this instant [rad/s]
     ],
     align=True,
 )
@@ -100,18 +120,12 @@ def move(surface, numbers, t):
     Before its first row and after its last one, the surface keeps the displacement of this row. Its table is in
     ``numbers``: rows of a time [s] and a displacement in W [m]. So are the rows of its swell.
     """
-    angle = 2.0 * math.pi * surface.frequency * t + surface.phase
-    sine, cosine = math.sin(angle), 2.0 * math.pi * surface.frequency * math.cos(angle)
-    surface.p_WS[:] = surface.start_W + surface.amplitude_W * sine
-    surface.v_W[:] = surface.amplitude_W * cosine
-    for k in range(surface.swell_rows):
-        wave = surface.swell + 7 * k
-        omega = numbers[wave]
-        cosine, sine = math.cos(omega * t), math.sin(omega * t)
-        for i in range(3):
-            c, s = numbers[wave + 1 + i], numbers[wave + 4 + i]
-            surface.p_WS[i] += c * cosine + s * sine
-            surface.v_W[i] += omega * (s * cosine - c * sine)
+    p, v, unused = surface.p_WS, surface.v_W, np.zeros(3)
+    p[:], v[:] = surface.start_W, 0.0
+    add_sine(surface.amplitude_W, surface.frequency, surface.phase, t, p, v, unused)
+    add_waves(numbers, surface.swell, surface.swell_rows, t, p, v, unused)
+    if surface.turns != 0:
+        turn(surface, numbers, t)
     if surface.rows == 0:
         return
     table = surface.table
@@ -128,6 +142,77 @@ def move(surface, numbers, t):
             surface.v_W[i] += rate
             here += rate * past
         surface.p_WS[i] += here
+
+
+@kernel
+def add_sine(amplitude, frequency, phase, t, x, x_dot, x_ddot):
+    """Add a sine of the amplitude (3,) and its first two time derivatives to x, x_dot and x_ddot (3,)."""
+    omega = 2.0 * math.pi * frequency
+    angle = omega * t + phase
+    sine, cosine = math.sin(angle), omega * math.cos(angle)
+    x += amplitude * sine
+    x_dot += amplitude * cosine
+    x_ddot -= amplitude * (omega * omega * sine)
+
+
+@kernel
+def add_waves(numbers, first, rows, t, x, x_dot, x_ddot):
+    """Add the waves whose rows begin at a place in the numbers, and their time derivatives, to x, x_dot and x_ddot
+    (3,)."""
+    for k in range(rows):
+        wave = first + 7 * k
+        omega = numbers[wave]
+        cosine, sine = math.cos(omega * t), math.sin(omega * t)
+        for i in range(3):
+            c, s = numbers[wave + 1 + i], numbers[wave + 4 + i]
+            x[i] += c * cosine + s * sine
+            x_dot[i] += omega * (s * cosine - c * sine)
+            x_ddot[i] -= omega * omega * (c * cosine + s * sine)
+
+
+@kernel
+def turn(surface, numbers, t):
+    """Add the turn of a surface to its place and its velocity."""
+    theta, rate, unused = np.zeros(3), np.zeros(3), np.zeros(3)
+    Q, Q_dot, R = np.zeros(4), np.zeros(4), np.zeros((3, 3))
+    add_sine(surface.turn_W, surface.turn_frequency, surface.turn_phase, t, theta, rate, unused)
+    add_waves(numbers, surface.tilt, surface.tilt_rows, t, theta, rate, unused)
+    quaternion_of(theta, rate, unused, Q, Q_dot, np.zeros(4))
+    rotation(Q, R)
+    arm = surface.start_W - surface.pivot
+    turned = R @ arm
+    surface.omega_W[:] = 2.0 * turning(Q_dot, Q)
+    surface.p_WS += turned - arm
+    surface.v_W += np.cross(surface.omega_W, turned)
+    surface.R_WS[:] = R @ surface.R_start
+
+
+@kernel
+def quaternion_of(theta, theta_dot, theta_ddot, Q, Q_dot, Q_ddot):
+    """Set Q (4,), the unit quaternion of a rotation vector theta (3,) [rad], and its first two time derivatives."""
+    m, m_dot = theta @ theta, 2.0 * (theta @ theta_dot)
+    m_ddot = 2.0 * (theta_dot @ theta_dot + theta @ theta_ddot)
+    C = math.cos(0.5 * math.sqrt(m))  # and S with its derivatives by m
+    if m < 0.03:
+        S = 0.5 - m / 48.0 * (1.0 - m / 80.0 * (1.0 - m / 168.0 * (1.0 - m / 288.0)))
+        S_1 = -1.0 / 48.0 + m / 1920.0 * (1.0 - m / 112.0 * (1.0 - m / 216.0))
+        S_2 = 1.0 / 1920.0 - m / 107520.0 * (1.0 - m / 144.0)
+    else:
+        S = math.sin(0.5 * math.sqrt(m)) / math.sqrt(m)
+        S_1 = (C - 2.0 * S) / (4.0 * m)
+        S_2 = (-0.25 * S - 6.0 * S_1) / (4.0 * m)
+    Q[0], Q[1:] = C, S * theta
+    Q_dot[0], Q_dot[1:] = -0.25 * S * m_dot, S_1 * m_dot * theta + S * theta_dot
+    Q_ddot[0] = -0.25 * (S_1 * m_dot * m_dot + S * m_ddot)
+    Q_ddot[1:] = (S_2 * m_dot * m_dot + S_1 * m_ddot) * theta + 2.0 * S_1 * m_dot * theta_dot + S * theta_ddot
+
+
+@kernel
+def surface_velocity(surface, x_W, v_W):
+    """Set v_W (3,) to the velocity of the point of a surface's body at x_W (3,) [m/s]."""
+    v_W[:] = surface.v_W
+    if surface.turns != 0:
+        v_W += np.cross(surface.omega_W, x_W - surface.p_WS)
 
 
 @kernel

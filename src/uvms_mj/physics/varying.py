@@ -50,8 +50,9 @@ def varying(n: int, *more: tuple[str, str]) -> np.dtype:
     return np.dtype(
         [
             ("mean", "f8", (n,)),
-            ("amplitude", "f8", (n,)),  # of amplitude sin(2 pi frequency t)
+            ("amplitude", "f8", (n,)),  # of amplitude sin(2 pi frequency t + phase)
             ("frequency", "f8", (n,)),  # [Hz]
+            ("phase", "f8", (n,)),  # [rad]
             ("rows", "i8"),  # of the table
             ("table", "i8"),  # rows of [t, x_1 .. x_n]
             ("deviation", "f8", (n,)),  # of the Gauss-Markov process
@@ -74,7 +75,7 @@ def add_sines(series, t, value):
     value[:] = series.mean
     for i in range(value.shape[0]):
         if series.amplitude[i] != 0.0:
-            value[i] += series.amplitude[i] * np.sin(2.0 * np.pi * series.frequency[i] * t)
+            value[i] += series.amplitude[i] * np.sin(2.0 * np.pi * series.frequency[i] * t + series.phase[i])
 
 
 @kernel
@@ -84,7 +85,7 @@ def sine_rates(series, t, rate):
     for i in range(rate.shape[0]):
         if series.amplitude[i] != 0.0:
             omega = 2.0 * np.pi * series.frequency[i]
-            rate[i] = omega * series.amplitude[i] * math.cos(omega * t)
+            rate[i] = omega * series.amplitude[i] * math.cos(omega * t + series.phase[i])
 
 
 @kernel

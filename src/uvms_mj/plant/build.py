@@ -52,7 +52,7 @@ def perturbed(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
         InputError: ``thruster_offset`` does not have one offset a thruster, or would move a pure moment, or a payload
             is on a link that the vehicle does not have.
     """
-    if choice == VehicleChoice(choice.model, contact_bodies=choice.contact_bodies):
+    if choice == VehicleChoice(choice.model, contact_bodies=choice.contact_bodies, name=choice.name):
         return nominal
     B, places = nominal.B.copy(), nominal.places
     if choice.thruster_offset is not None:

@@ -145,7 +145,9 @@ class Contacts:
             if wall.moves:
                 row["moves"], row["rows"] = True, len(wall.motion)
                 row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
-                row["phase"] = math.radians(wall.phase_deg)
+                row["phase"], row["turns"] = math.radians(wall.phase_deg), wall.turning
+                row["turn_W"], row["turn_frequency"] = np.radians(wall.turn_amplitude_deg), wall.turn_frequency_hz
+                row["turn_phase"] = math.radians(wall.turn_phase_deg)
         for row, pair in zip(pairs, self.pairs, strict=True):
             wall, contact = pair.wall, row["contact"]
             for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():

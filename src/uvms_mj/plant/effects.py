@@ -95,6 +95,10 @@ class _World:
     def surfaces(self) -> bool:
         return bool(self._scenario.buoyancy.shapes)
 
+    @property
+    def vehicle(self) -> str:
+        return self._scenario.vehicle.name
+
 
 def world_of(scenario: ScenarioLike, plant: Any) -> Any:
     """The :class:`.settings.World` of a scenario with a plant."""

@@ -17,7 +17,9 @@ the hull moves a wall at x by
     \xi_3 z + (\xi_4 x_h + \xi_5 y_h) \times (x - x_p),
 
 with :math:`x_h` and :math:`y_h` forward and to the left of the hull. Between its rows an operator is linear in its real
-and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn.
+and imaginary part. The variance of a motion is :math:`\int |R_j|^2 S\, d\omega`. The wall does not turn. With ``turns``
+the angles, as a rotation vector, turn it about the pivot (:mod:`uvms_mj.physics.surfaces`), which moves it as above to
+first order.
 
 A wall may have waves of its own, a spectrum that no water moves by. Without operators it heaves as they do.
 """
@@ -54,12 +56,12 @@ def waves_at(wall: Surface, sea: Sea) -> Sea:
     return Sea(wall.swell_height, wall.swell_period, spectrum=wall.swell_spectrum, seed=wall.swell_seed)
 
 
-def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
-    """The displacement of a wall in waves as rows (n, 7) of :func:`uvms_mj.physics.surfaces.move`; none of a wall
-    that follows none."""
-    sea = waves_at(wall, sea)
+def swell(wall: Surface, sea: Sea, world: World) -> tuple[np.ndarray, np.ndarray]:
+    """The displacement [m] and the turn [rad] of a wall in waves, as rows (n, 7) each of
+    :func:`uvms_mj.physics.surfaces.add_waves`; none of a wall that follows none."""
+    sea, none = waves_at(wall, sea), np.zeros((0, WIDTH))
     if not wall.follows_sea or not sea.moves:
-        return np.zeros((0, WIDTH))
+        return none, none
     waves = sea.waves(world)
     a, omega, k, e_x, e_y, phase = (np.array(part) for part in zip(*waves, strict=True))
     pivot = np.array(wall.position if wall.pivot is None else wall.pivot)
@@ -70,9 +72,16 @@ def swell(wall: Surface, sea: Sea, world: World) -> np.ndarray:
     heading, arm = math.radians(wall.heading_deg), np.array(wall.position) - pivot
     forward = np.array([math.cos(heading), math.sin(heading), 0.0])
     left = np.array([-forward[1], forward[0], 0.0])
+    risen = heave[:, None] * np.array([0.0, 0.0, 1.0])
+
+    def rows(Z: np.ndarray) -> np.ndarray:
+        return np.hstack([omega[:, None], Z.real, -Z.imag])
+
+    if wall.turns:
+        angles = np.radians(1.0) * (roll[:, None] * forward + pitch[:, None] * left)
+        return rows(crest[:, None] * risen), rows(crest[:, None] * angles)
     turned = np.radians(1.0) * (roll[:, None] * np.cross(forward, arm) + pitch[:, None] * np.cross(left, arm))
-    Z = crest[:, None] * (heave[:, None] * np.array([0.0, 0.0, 1.0]) + turned)
-    return np.hstack([omega[:, None], Z.real, -Z.imag])
+    return rows(crest[:, None] * (risen + turned)), none
 
 
 def hull_faults(walls: tuple[Surface, ...], sea: Sea, world: World) -> Iterator[Fault]:

@@ -4,6 +4,7 @@
 import dataclasses
 import itertools
 import math
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
@@ -31,6 +32,7 @@ from ..quantities import (
     Twist,
     Vector3,
     doc,
+    refusing,
     within,
 )
 from ..stages.setup import ScenarioLike
@@ -45,7 +47,7 @@ class World(NamedTuple):
     An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s], the inertia (6, 6) with
     added mass, and the duration of the run [s], too. One of a vehicle at the surface asks for the displaced mass [kg]
     at the centre of buoyancy (3,) in B [m], the z of the surface in W [m], and whether gravity is not along -z;
-    ``surfaces`` says whether the vehicle is one."""
+    ``surfaces`` says whether the vehicle is one. ``vehicle`` is its name, empty without one."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -63,6 +65,7 @@ class World(NamedTuple):
     surface: float = 0.0
     tilted: bool = False
     surfaces: bool = False
+    vehicle: str = ""
 
 
 Rows = tuple[tuple[float, ...], ...] | None
@@ -119,6 +122,9 @@ Length = Annotated[Number, within(1e-6, 1e6, "m")]
 Displacement = tuple[Time, Coordinate, Coordinate, Coordinate]
 Response = tuple[Annotated[Number, within(0.0, 1e3, "rad/s")], Annotated[Number, within(0.0, 1e3, "m/m, deg/m")], Angle]
 _MOST_ROWS = 100_000
+MOST_TURN_DEG = 90.0
+"""Largest amplitude of a wall's turn [deg]."""
+_Turn = Annotated[Number, within(-MOST_TURN_DEG, MOST_TURN_DEG, "deg")]
 _OF_SWELL = {"swell_period": 6.0, "swell_spectrum": "jonswap", "swell_seed": None}
 
 
@@ -163,12 +169,18 @@ class Surface:
     amplitude: Vector3 = doc("of a sine of the displacement, in W [m]", (0.0,) * 3)
     frequency_hz: Annotated[Number, within(0.0, 1e3, "Hz")] = doc("of the sine [Hz]", 0.0)
     phase_deg: Angle = doc("of the sine at t = 0 [deg]", 0.0)
+    turn_amplitude_deg: tuple[_Turn, _Turn, _Turn] = doc(
+        "of a sine of the rotation vector about pivot, in W; at most 90 in all [deg]", (0.0,) * 3
+    )
+    turn_frequency_hz: Annotated[Number, within(0.0, 1e3, "Hz")] = doc("of this sine [Hz]", 0.0)
+    turn_phase_deg: Angle = doc("of this sine at t = 0 [deg]", 0.0)
     heave: tuple[Response, ...] = doc(
         "[[omega, amplitude, phase_deg], ...]: response to the waves of [sea], linear between [rad/s, m/m, deg]", ()
     )
     roll: tuple[Response, ...] = doc("as heave, about the hull's axis forward [rad/s, deg/m, deg]", ())
     pitch: tuple[Response, ...] = doc("as heave, about the hull's axis to the left [rad/s, deg/m, deg]", ())
-    pivot: Position | None = doc("place in W that the hull rolls and pitches about; default: position [m]", None)
+    turns: Switch = doc("true: roll and pitch turn the wall as well, and not only move its position", False)
+    pivot: Position | None = doc("place in W that the wall, or its hull, turns about; default: position [m]", None)
     heading_deg: Angle = doc("heading of the hull's axis forward in W [deg]", 0.0)
     swell_height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
         "height of waves that move this wall alone, in the place of [sea]; 0: none [m]", 0.0
@@ -194,16 +206,17 @@ class Surface:
         ]
         if len(times) > _MOST_ROWS:
             wrong.append(f"motion has {len(times)} rows; at most {_MOST_ROWS} are allowed")
-        if any(self.amplitude) and self.frequency_hz == 0.0:
-            wrong.append("amplitude needs frequency_hz")
+        wrong += self._wrong_sines()
         for mode in ("heave", "roll", "pitch"):
             omegas = [row[0] for row in getattr(self, mode)]
             if any(late <= early for early, late in itertools.pairwise(omegas)):
                 wrong.append(f"{mode}: the frequencies of the rows must increase")
         if (self.roll or self.pitch) and self.pivot is None:
             wrong.append("roll and pitch need pivot, which the hull turns about")
-        if self.pivot is not None and not self.follows_sea:
-            wrong.append("pivot needs heave, roll or pitch")
+        if self.pivot is not None and not (self.follows_sea or any(self.turn_amplitude_deg)):
+            wrong.append("pivot needs heave, roll, pitch or turn_amplitude_deg")
+        if self.turns and not (self.roll or self.pitch):
+            wrong.append("turns needs roll or pitch")
         idle = [key for key in _OF_SWELL if not self.swell_height and getattr(self, key) != _OF_SWELL[key]]
         if idle:
             wrong.append(f"{', '.join(idle)}: of waves of the wall's own, which it has with swell_height")
@@ -211,6 +224,22 @@ class Surface:
             wrong.append("heading_deg needs roll or pitch")
         if wrong:
             raise ValueError("; ".join(wrong))
+
+    def _wrong_sines(self) -> Iterator[str]:
+        """The errors of the sines of its displacement and its turn."""
+        for name, amplitude in (("", self.amplitude), ("turn_", self.turn_amplitude_deg)):
+            word = f"{name}amplitude{'_deg' if name else ''}"
+            frequency, phase = getattr(self, f"{name}frequency_hz"), getattr(self, f"{name}phase_deg")
+            if any(amplitude) and frequency == 0.0:
+                yield f"{word} needs {name}frequency_hz"
+            if phase and not any(amplitude):
+                yield f"{name}phase_deg needs {word}"
+        if any(self.turn_amplitude_deg) and not self.turn_frequency_hz:
+            return
+        if self.turn_frequency_hz and not any(self.turn_amplitude_deg):
+            yield "turn_frequency_hz needs turn_amplitude_deg"
+        if (size := math.hypot(*self.turn_amplitude_deg)) > MOST_TURN_DEG * (1.0 + 1e-9):
+            yield f"turn_amplitude_deg is {size:.4g} deg in all; at most {MOST_TURN_DEG:g} deg are allowed"
 
     def _wrong_contact(self) -> Iterator[str]:
         """The errors of its contact and its friction."""
@@ -261,7 +290,12 @@ class Surface:
 
     @property
     def moves(self) -> bool:
-        return bool(self.motion) or any(self.amplitude) or self.follows_sea
+        return bool(self.motion) or any(self.amplitude) or self.turning or self.follows_sea
+
+    @property
+    def turning(self) -> bool:
+        """Whether it turns."""
+        return any(self.turn_amplitude_deg) or self.turns
 
     @property
     def follows_sea(self) -> bool:
@@ -291,6 +325,7 @@ class Surface:
         """Set shape and place without motion of a SURFACE record."""
         record["kind"], record["extent"], record["R_WS"] = list(SHAPES).index(self.shape), self.size, self.R_WS
         record["p_WS"] = record["start_W"] = self.position
+        record["R_start"], record["pivot"] = self.R_WS, self.position if self.pivot is None else self.pivot
 
 
 def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
@@ -351,6 +386,15 @@ _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
 _Mass = Annotated[Number, within(0.0, 1e6, "kg")]
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+"""The name of a vehicle, which is also a part of topics and of the name of its log."""
+_Name = Annotated[
+    str,
+    refusing(
+        lambda name: bool(name) and not NAME.fullmatch(name),
+        "must be up to 40 letters, digits and underscores, and begin with a letter",
+    ),
+]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -387,6 +431,7 @@ class VehicleChoice:
         (),
     )
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
+    name: _Name = doc("name of the vehicle among others in one world; empty: none", "")
 
 
 _Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]

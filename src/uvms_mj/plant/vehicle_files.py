@@ -434,8 +434,10 @@ def _thrusters(model: mujoco.MjModel) -> list[Fault]:
     """Errors for a model without thrusters, and for thrusters without effect on the vehicle."""
     thrusters = np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE)
     faults = []
-    if not len(thrusters):
-        faults.append(Fault("<actuator>", 'has no thruster; a thruster is <motor site="..." gear="1 0 0 0 0 0"/>'))
+    if not len(thrusters) and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, "thrusters") < 0:
+        a_load = 'a load has none, which <text name="thrusters" data="none"/> in <custom> says'
+        thruster = 'a thruster is <motor site="..." gear="1 0 0 0 0 0"/>'
+        faults.append(Fault("<actuator>", f"has no thruster; {thruster}; {a_load}"))
     for i in thrusters.tolist():
         name = model.actuator(i).name or f"actuator {i}"
         site = model.actuator_trnid[i, 0]

@@ -19,7 +19,7 @@ from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, quat_product, rotation_matrix
 from ..physics.near_wall import HULL, STRIPS
 from ..physics.near_wall import SHAPES as HULLS
-from ..physics.random import key_of
+from ..physics.random import key_of, owned
 from ..physics.varying import FINEST, rate_deviation
 from ..quantities import (
     STRICT,
@@ -33,9 +33,11 @@ from ..quantities import (
     Wrench,
     doc,
     of_length,
+    repeated,
     within,
 )
 from .buoyancy import Buoyancy
+from .coupling import Coupling
 from .obstacle import Obstacle
 from .sea import Sea
 from .settings import EffectTable, Rows, World
@@ -88,6 +90,9 @@ class Current(EffectTable):
     frequency_hz: tuple[_Hz, _Hz, _Hz] = doc(
         "frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 3
     )
+    phase_deg: Annotated[Angles, repeated(3)] = doc(
+        "phase of the sinusoidal part at t = 0, 90 of a cosine: one for all, or three [deg]", (0.0,) * 3
+    )
     table: CurrentTable = doc(
         "part given over time in W, [[t, v_x, v_y, v_z], ...], linear between rows [s, m/s]", None
     )
@@ -105,7 +110,10 @@ class Current(EffectTable):
         None,
     )
 
-    free = ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear")
+    free = (
+        *("speed", "direction_deg", "vertical", "frequency_hz", "phase_deg"),
+        *("correlation_time", "shortest_gust", "shear"),
+    )
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (0.0, 100.0), "vertical": (-100.0, 100.0)}
 
     @classmethod
@@ -180,6 +188,9 @@ class Disturbance(EffectTable):
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
     amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
     frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
+    phase_deg: Annotated[tuple[Angle, ...], of_length(6), repeated(6)] = doc(
+        "phase of the sinusoidal part at t = 0, 90 of a cosine: one for all, or six [deg]", (0.0,) * 6
+    )
     table: DisturbanceTable = doc(
         "part given over time in B, [[t, X, Y, Z, K, M, N], ...], linear between rows [s, N, N m]", None
     )
@@ -188,7 +199,7 @@ class Disturbance(EffectTable):
     )
     correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
 
-    free = ("bias", "frequency_hz", "correlation_time")
+    free = ("bias", "frequency_hz", "phase_deg", "correlation_time")
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"bias": (-1e6, 1e6)}
 
     @property
@@ -219,7 +230,7 @@ class Disturbance(EffectTable):
 
     def records(self, world: World) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DISTURBANCE`."""
-        return [_series("disturbance", self, self.bias, world)]
+        return [_series(owned("disturbance", world.vehicle), self, self.bias, world)]
 
     def faults(self, world: World) -> Iterator[Fault]:
         return _series_faults(self, world.timestep)
@@ -239,7 +250,8 @@ def _without_noise(series: Any, table: Rows) -> Any:
 
 def _series(name: str, series: Current | Disturbance, mean: tuple[float, ...], world: World) -> tuple:
     """The numbers of :func:`uvms_mj.physics.varying.varying`."""
-    sum_of_sines, rows = (mean, series.amplitude, series.frequency_hz), len(series.table or ())
+    sum_of_sines = mean, series.amplitude, series.frequency_hz, np.radians(series.phase_deg)
+    rows = len(series.table or ())
     if not any(series.deviation):
         return *sum_of_sines, rows, 0, series.deviation, False, 0.0, 0.0, 0.0, 0, -1, 0
     kept = np.exp(-series.spacing / series.correlation_time)
@@ -256,6 +268,12 @@ def _series_faults(series: Current | Disturbance, h: float) -> Iterator[Fault]:
                 f"as {abs(f - round(f * h) / h):.6g} Hz"
             )
             yield Fault(f"frequency_hz[{i}]", wrong)
+    sines = list(zip(series.amplitude, series.frequency_hz, series.phase_deg, strict=True))
+    if any(series.phase_deg) and not any(amplitude and phase for amplitude, _, phase in sines):
+        yield Fault("phase_deg", "belongs to a sine, and its amplitude is 0")
+    for i, (amplitude, f, phase) in enumerate(sines):
+        if amplitude and phase and f == 0.0:
+            yield Fault(f"phase_deg[{i}]", f"{phase:g} deg belongs to a sine, and frequency_hz[{i}] is 0")
     if any(series.deviation) and series.spacing < h * (1.0 - 1e-9):
         wrong = f"{series.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
         yield Fault("correlation_time", wrong)
@@ -456,5 +474,6 @@ EFFECT_TABLES: dict[str, type[EffectTable]] = {
     "tether": Tether,
     "fins": Fin,
     "drag": Drag,
+    "couplings": Coupling,
 }
 """The table of each effect, or of each one of a list."""

@@ -7,6 +7,7 @@ import importlib.metadata
 import inspect
 import itertools
 import platform
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from ..control.base import NoClosedForm, SteadyState
+from ..control.base import NoClosedForm, SteadyState, Udp
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.contacts import Probe
@@ -26,7 +27,8 @@ from ..quantities import STRICT, NonNegative
 from ..scenario import CHOICES, Scenario, table_at
 from ..stages.base import Stage
 from ..stages.contract import listed_files
-from ..stages.foreign import SHARED
+from ..stages.foreign import SHARED, UNIT
+from ..stages.namespace import name_beside, source_files
 from ..stages.signals import OF_JOINTS, Signal, no_signal
 from ..stages.written import class_source
 
@@ -48,7 +50,8 @@ class Status(enum.Enum):
 @dataclass(frozen=True)
 class StageSource:
     """Source of a stage: name of a shipped one, or ``file.py:ClassName`` with the text of the file, or of the class if
-    there is no file, and its digest; the sizes of its states by name; and the contents of the files that it lists."""
+    there is no file, and its digest; the sizes of its states by name; and the contents of the files that it imports or
+    lists."""
 
     source: str
     sha256: str | None
@@ -58,7 +61,7 @@ class StageSource:
 
     @property
     def digests(self) -> dict[str, str]:
-        """The digests of the files that it lists, by name."""
+        """The digests of the files that it imports or lists, by name."""
         return {name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()}
 
     @classmethod
@@ -77,8 +80,12 @@ class StageSource:
             except (OSError, TypeError):  # defined at a prompt
                 return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
-        code = b"" if path.suffix in SHARED else code  # of machine code a log has the digest alone
+        code = b"" if path.suffix in (*SHARED, UNIT) else code  # of machine code a log has the digest alone
         files = {name: file.read_bytes() for name, file in listed_files(kind).items()}
+        if path.suffix == ".py" and path.is_file():
+            own = path.resolve()
+            imported = [each for each in source_files(sys.modules[kind.__module__]) if each != own]
+            files |= {name_beside(own, each): each.read_bytes() for each in imported}
         return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states, files)
 
 
@@ -205,24 +212,36 @@ class Header:
         return sum(signal.size for signal in self.signals)
 
     def portable_scenario(self) -> dict[str, Any]:
-        """The scenario's tables with file names without folders; the log contains the files."""
+        """The scenario's tables with file names without folders, and without the host of another machine; the
+        log contains the files."""
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
         for name, stage in self.sources.items():
             table_at(tables, name)["name"] = stage.source
+        if "host" in tables["controller"] and self.law.sha256 is None:
+            tables["controller"]["host"] = Udp.host  # no log says where this machine sends
         return tables
+
+
+_Number = bool | int | float
+Values = dict[str, _Number | list[_Number | list[_Number]]]
+"""Numbers of a scenario by dotted key. No text is among them: a name of a stage or of a file would be loaded."""
+LIVE_NOTE = "numbers of the scenario could be changed from outside while the run went on"
+"""Note of a run with guides."""
 
 
 @checked(frozen=True, config=STRICT)
 class Outcome:
     """How a run ended: the status, truncated if the log lacks it; the reason why it stopped before its end; the number
-    of time steps done; and the wall time of the stepping [s]."""
+    of time steps done; the wall time of the stepping [s]; and the changes of the scenario that were made in the run,
+    each with the number of steps that were done before it."""
 
     status: Status
     message: str
     steps: Annotated[int, Field(ge=0)]
     wall_time_s: NonNegative
+    changes: tuple[tuple[Annotated[int, Field(ge=0)], Values], ...] = ()
 
 
 class Sink(Protocol):

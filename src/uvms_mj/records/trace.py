@@ -169,7 +169,8 @@ class Trace:
         Args:
             what: one or several of position, attitude, velocity, force, sliding, tau, thrusters, integral, joints and
                 summary, of the names of recorded signals, or of their components, ``tau.x``.
-            width: of the figure: "column" (3.5 in), "page" (7.16 in) or a number [in]; default: page for the summary,
+            width: of the figure: "column" (3.5 in), "page" (7.16 in), "ieee-page" and others of
+                :data:`uvms_mj.views.figures.WIDTHS`, or a number [in]; default: page for the summary,
                 otherwise column.
             fonts: "sans" (default), "serif" (Times), "cm" (Computer Modern), or "latex": LaTeX sets the texts when the
                 figure is written as .pdf or .pgf.
@@ -257,7 +258,14 @@ class Trace:
     @property
     def analytic(self) -> SteadyState | NoClosedForm:
         """Predicted steady state from scenario and gains alone, or the reason why no closed form exists."""
+        if self.outcome.changes:
+            return NoClosedForm(f"{', '.join(self.changed)} changed in the run")
         return self.header.analytic
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """The keys of the scenario that were changed while the run went on."""
+        return tuple(dict.fromkeys(key for _, values in self.outcome.changes for key in values))
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -78,8 +78,8 @@ class Setup:
         return effect_rows(effect_tables(self.scenario))
 
     @functools.cached_property
-    def swells(self) -> tuple[np.ndarray, ...]:
-        """Of each wall the rows (n, 7) of its motion with the sea."""
+    def swells(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Of each wall the rows (n, 7) of its displacement and its turn with the sea."""
         sea, world = self.scenario.sea, world_of(self.scenario, self.plant)
         return tuple(swell(wall, sea, world) for _, wall in self.contacts.walls)
 

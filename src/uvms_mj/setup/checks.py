@@ -256,11 +256,15 @@ _MOST_EFFECTS = 8
 """Most effects of a user's own: a run has room for so many stages."""
 
 
-def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario and its stages, and build its plant and its design. The arguments are as for
-    :func:`.base.set_up`. Raises InputError if the scenario cannot run."""
+def checked(scenario: Scenario, mjcf: Mjcf | None = None, in_world: bool = False) -> Setup:
+    """Check a scenario and its stages, and build its plant and its design. The first arguments are as for
+    :func:`.base.set_up`; a coupling is computed where the vehicle is stepped ``in_world``, with the others. Raises
+    InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)
+        if not in_world and any(scenario.vehicle.name in each.vehicles for each in scenario.couplings):
+            others = "a coupling needs the other vehicle; run the world, not one vehicle of it"
+            raise InputError([Fault("couplings", others)], "scenario")
         refuse(setup, scenario.named_stages, CHECKS)
     return setup
 
@@ -325,6 +329,8 @@ def _thruster_notes(vehicle: Vehicle) -> Iterator[str]:
     """Warnings for thrusters that do not span all axes, or one of them badly."""
     strengths, axes = axis_strengths(vehicle.B)
     rank, n = axes_spanned(vehicle.B), len(vehicle.thrusters)
+    if n == 0:
+        return
     thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
     if rank < 6:
         missing = [axis for axis, lost in zip(AXES, is_unreached(vehicle.B), strict=True) if lost]

@@ -41,7 +41,7 @@ from pydantic import (
 from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of, shortened
-from ..physics.random import key_of
+from ..physics.random import key_of, owned
 from ..quantities import Step, unit_of
 from .contract import base_of, check_contract, has_own_constants, shape_of, wrong_start
 from .namespace import namespace_of
@@ -319,9 +319,10 @@ def _find_numbers(cls: type[Stage]) -> tuple[str, ...]:
     return () if has_own_constants(cls) else tuple(names)
 
 
-def random_key(seed: int, stage: Stage) -> int:
-    """The key of a stage's random numbers, at least 0, from ``simulation.seed`` and the stage's table."""
-    return key_of(seed, stage.room.table)
+def random_key(seed: int, stage: Stage, vehicle: str = "") -> int:
+    """The key of a stage's random numbers, at least 0, from ``simulation.seed``, the stage's table and the name of the
+    vehicle."""
+    return key_of(seed, owned(stage.room.table, vehicle))
 
 
 def _is_number(value: Any) -> bool:

@@ -52,6 +52,7 @@ _RECORDED = (
     *signals.AT_SURFACE,
     signals.deflection_signal(1),
     *signals.tether_signals(1),
+    signals.coupling_signal(1),
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""

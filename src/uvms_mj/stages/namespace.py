@@ -360,6 +360,17 @@ def source_files(module: ModuleType) -> list[Path]:
     return sorted(found)
 
 
+def import_folders(path: Path) -> list[Path]:
+    """The folders from which a file of Python imports, its own first."""
+    return [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
+
+
+def name_beside(path: Path, source: Path) -> str:
+    """The name that a file has where all that a file ``path`` imports is in one folder."""
+    folder = next((each for each in import_folders(path) if source.is_relative_to(each)), source.parent)
+    return source.relative_to(folder).as_posix()
+
+
 def _imported(path: Path, namespace: Namespace | None) -> Iterator[str]:
     """The names of modules that a file may import; of a package beside the user's file also by relative ones."""
     for node in ast.walk(parsed(path.read_bytes())):
@@ -380,6 +391,9 @@ def _origins(name: str, namespace: Namespace | None) -> list[Path]:
     """The files of a module and of the packages around it."""
     if namespace is not None and namespace.has(name.partition(".")[0]):
         return namespace.files(name)
+    first = _spec_of(name.partition(".")[0])
+    if first is not None and first.has_location and is_installed(Path(str(first.origin)).resolve()):
+        return []  # to find a module in it, Python would import it
     spec = _spec_of(name)
     own = spec is not None and spec.has_location and str(spec.origin).endswith(".py")
     return [Path(str(spec.origin))] if own and spec else []

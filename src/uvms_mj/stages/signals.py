@@ -292,6 +292,13 @@ def tether_signals(n: int) -> tuple[Signal, Signal]:
     )
 
 
+def coupling_signal(n: int) -> Signal:
+    """Recorded of a vehicle with n couplings to others."""
+    return Signal(
+        "f_couplings_W", (n, 3), "N", "W", "force of each coupling on the vehicle, in the order of the world's"
+    )
+
+
 def contact_signals(n: int) -> tuple[Signal, ...]:
     """Recorded if there are n contacts beside the probe's with [wall]."""
     return (

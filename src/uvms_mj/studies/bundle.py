@@ -8,7 +8,6 @@ import functools
 import hashlib
 import json
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,12 +23,12 @@ from ..stages.base import Stage
 from ..stages.contract import listed_files, wrong_files
 from ..stages.foreign import SUFFIXES, parted
 from ..stages.loader import load_file
-from ..stages.namespace import source_files
+from ..stages.namespace import import_folders, name_beside, source_files
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-_HERE = "<files>/"
+HERE = "<files>/"
 """Beginning of a path in the tables of a bundle, in place of the worker's folder."""
 _PACKAGE = Path(__file__).parents[1]
 _NO_NUMBERS = (
@@ -65,7 +64,7 @@ class StudyBundle:
     def of(cls, plan: "Plan") -> "StudyBundle":
         """Pack a plan. Raises InputError if a file can't be read."""
         files: dict[str, bytes] = {}
-        return cls(_changed(plan.tables, lambda text: _packed(text, files)), files, code())
+        return cls(with_texts(plan.tables, lambda text: _packed(text, files)), files, code())
 
     @functools.cached_property
     def digest(self) -> str:
@@ -88,10 +87,10 @@ class StudyBundle:
             folder = self._folder()
 
             def here(text: str) -> str:
-                return text.replace(_HERE, folder, 1) if text.startswith(_HERE) else text
+                return text.replace(HERE, folder, 1) if text.startswith(HERE) else text
 
             try:
-                _plans[self.digest] = Plan.from_dict(_changed(self.tables, here))
+                _plans[self.digest] = Plan.from_dict(with_texts(self.tables, here))
             except InputError as error:
                 said = str(error).replace(folder, "")
                 raise InputError(f"with the files alone that travel to a worker: {said}{_HINT}") from None
@@ -125,12 +124,12 @@ _HINT = (
 )
 
 
-def _changed(value: Any, change: Callable[[str], str]) -> Any:
+def with_texts(value: Any, change: Callable[[str], str]) -> Any:
     """A value of a table with each text in it changed."""
     if isinstance(value, Mapping):
-        return {key: _changed(each, change) for key, each in value.items()}
+        return {key: with_texts(each, change) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_changed(each, change) for each in value]
+        return [with_texts(each, change) for each in value]
     return change(value) if isinstance(value, str) else value
 
 
@@ -141,7 +140,7 @@ def _packed(value: str, files: dict[str, bytes]) -> str:
     pack = _PACKS.get(path.suffix)
     if pack is None or not path.is_absolute() or not path.is_file():
         return value
-    return f"{_HERE}{pack(path, files, name)}{f':{name}' if name else ''}"
+    return f"{HERE}{pack(path, files, name)}{f':{name}' if name else ''}"
 
 
 def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
@@ -149,10 +148,9 @@ def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
     Returns its name."""
     path = path.resolve()
     module = load_file(path, "study", function)
-    roots, name = _roots(path), _code_name(path)
+    name = _code_name(path)
     for source in (*source_files(module), *_listed(module)):
-        root = next((root for root in roots if source.is_relative_to(root)), source.parent)
-        files[f"{name}/{source.relative_to(root)}"] = source.read_bytes()
+        files[f"{name}/{name_beside(path, source)}"] = source.read_bytes()
     return f"{name}/{path.name}"
 
 
@@ -172,14 +170,9 @@ def _code_name(path: Path) -> str:
     return f"code-{_short(str(path).encode())}"
 
 
-def _roots(path: Path) -> list[Path]:
-    """The folders from which a file of Python imports, its own first."""
-    return [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
-
-
-def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
-    """Names of the files that a text of a study's table needs and that are not in ``then``, the digests by name
-    of version.json. Nothing is imported."""
+def files_of(value: str, then: Mapping[str, str]) -> tuple[str, dict[str, bytes]]:
+    """A text of a study's table as a worker has it, and the files that it needs, by their names in ``then``, the
+    digests by name of version.json: as they are now, empty where one has gone. Nothing is imported."""
     now: dict[str, bytes] = {}
     file, _ = parted(value)
     if file and Path(file).is_file():
@@ -187,10 +180,16 @@ def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
         folder = f"{_code_name(path)}/"
         now = {f"{folder}{path.name}": path.read_bytes()}
         for name in (name for name in then if name.startswith(folder)):
-            there = [root / name.removeprefix(folder) for root in _roots(path)]
+            there = [root / name.removeprefix(folder) for root in import_folders(path)]
             now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
-    elif not file:
-        _packed(value, now)
+        return value.replace(file, f"{HERE}{folder}{path.name}", 1), now
+    return (value if file else _packed(value, now)), now
+
+
+def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
+    """Names of the files that a text of a study's table needs and that are not in ``then``, the digests by name
+    of version.json. Nothing is imported."""
+    now = files_of(value, then)[1]
     return [Path(name).name for name, data in now.items() if hashlib.sha256(data).hexdigest() != then.get(name)]
 
 

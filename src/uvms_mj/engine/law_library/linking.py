@@ -3,20 +3,25 @@ links."""
 
 import importlib.metadata
 import importlib.util
+import os
 import platform
 import re
 import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
-from ..native.compilation import object_name, recall, remember
+from ..native.objects import object_name, recall, remember
 
 
 @dataclass(frozen=True)
@@ -47,28 +52,32 @@ class Machine:
         return " ".join(["python -m ziglang cc", *(each for each in options if each != "-fPIC"), "-static"])
 
 
-def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
-    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True)
+def _small(
+    triple: str, processor: str, features: str = "", reloc: str = "pic", optimizer: Target | None = None
+) -> Target:
+    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True, optimizer=optimizer)
 
 
+_64_BITS = _small("x86_64-unknown-linux-gnu", "x86-64-v2")
+_32_BITS = _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static")
 _ARM = ("-target", "arm-linux-musleabihf")
 MACHINES = {
     "x86_64": Machine(
-        _small("x86_64-unknown-linux-gnu", "x86-64-v2"),
+        _64_BITS,
         ("-target", "x86_64-linux-musl", "-fPIC"),
         True,
         "Linux on x86-64, any processor of the last fifteen years",
         "x86_64",
     ),
     "aarch64": Machine(
-        _small("aarch64-unknown-linux-gnu", "cortex-a53"),
+        _small("aarch64-unknown-linux-gnu", "cortex-a53", optimizer=_64_BITS),
         ("-target", "aarch64-linux-musl", "-fPIC"),
         True,
         "Linux on ARM with 64 bits: Raspberry Pi 3 to 5, Jetson",
         "aarch64",
     ),
     "armv7": Machine(
-        _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon"),
+        _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon", optimizer=_32_BITS),
         (*_ARM, "-mcpu=cortex_a7", "-fPIC"),
         True,
         "Linux on ARM with 32 bits and hard floats: BlueOS on a Raspberry Pi",
@@ -76,7 +85,7 @@ MACHINES = {
         rounds=False,
     ),
     "thumbv7em": Machine(
-        _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static"),
+        _32_BITS,
         ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16"),
         False,
         "Cortex-M7 with a double-precision unit, bare metal: STM32F7 and H7, i.MX RT",
@@ -84,6 +93,7 @@ MACHINES = {
     ),
 }
 _FREESTANDING = Path(__file__).with_name("freestanding")
+_LIBC = _FREESTANDING / "libc.c"
 HELPERS = {"memcpy", "memmove", "memset"} | {
     f"__aeabi_{n}" for n in ("d2lz", "d2ulz", "l2d", "ul2d", "ldivmod", "uldivmod")
 }
@@ -227,8 +237,9 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
 
 def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
     """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
-    beside it, of its folder ``freestanding`` and of ziglang. The headers of a user's file are not known."""
-    read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.h"))]
+    beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include
+    any others."""
+    read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.[ch]"))]
     made_of = [importlib.metadata.version("ziglang"), *machine.zig, *_C, *options, *(each.name for each in read)]
 
     def make() -> bytes:
@@ -287,33 +298,56 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
             yield section, code[names + name : end].decode()
 
 
-def _beside(machine: Machine) -> list[Path]:
-    """The sources of a program besides its own."""
-    return [_FREESTANDING / "libc.c", *([_FREESTANDING / "arm.c"] if machine.emulator == "arm" else [])]
-
-
-def _of_program(machine: Machine, source: Path, folder: Path) -> str:
-    """Compile a source of a program; the name of its object."""
-    common = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
-    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
-    return own_c(alone, source, folder, common)
-
-
-def prepare(machine: Machine, folder: Path, source: Path | None = None) -> None:
+def prepare(machine: Machine, folder: Path, source: Path = _LIBC) -> str:
     """Compile a source of a program, by default what is in the program of each library, so that it is kept when the
-    program is linked."""
-    for each in _beside(machine) if source is None else [source]:
-        _of_program(machine, each, folder)
+    program is linked; the name of its object."""
+    options = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
+    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
+    return own_c(alone, source, folder, options)
 
 
-def program(machine: Machine, archive: Path, source: Path, folder: Path) -> Path:
+def program(machine: Machine, archive: Path, source: Path, folder: Path, data: str = "") -> Path:
     """A static program of a file of C, test.c or loop.c, for an emulator or for this processor, with a C library of
-    some functions: one that ziglang builds takes minutes the first time."""
-    files = [source, *_beside(machine)]
-    objects = [*(_of_program(machine, each, folder) for each in files), str(archive.resolve())]
+    some functions: one that ziglang builds takes minutes the first time. ``data``: a file of the folder whose bytes are
+    in it."""
+    objects = [*(prepare(machine, folder, each) for each in (source, _LIBC)), str(archive.resolve())]
+    objects += ["-b", "binary", data] if data else []
     places = ("-e", "_start") if machine.shared else ("-T", str(_FREESTANDING / "cortex_m7.ld"))
     run([*zig(), "ld.lld", "--gc-sections", *places, *objects, "-o", source.stem], folder)
     return folder / source.stem
+
+
+class Work:
+    """What the libraries of targets are made with: a folder for each, LLVM in a process of its own, and threads that
+    wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads."""
+
+    def __init__(self, targets: Sequence[str], test: bool = True) -> None:
+        """``test``: whether programs run here, where they can."""
+        zig()
+        self.test = test
+        with ExitStack() as stack:
+            self.apart = stack.enter_context(Apart())
+            self.folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            self.pool = ThreadPoolExecutor(1 + (os.cpu_count() or 1))  # one waits for LLVM
+            stack.callback(self.pool.shutdown, cancel_futures=True)
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(2e-4)  # the threads read many small files, and ask for Python after each
+            self._stack = stack.pop_all()
+        for target in targets:
+            (self.folder / target).mkdir()
+        self.pool.submit(self.prepare, targets)
+
+    def prepare(self, targets: Sequence[str], *source: Path) -> None:
+        """Compile what is in the program of a test, one after the other: a core is left to the caller."""
+        for target in targets:
+            if self.test and emulator(MACHINES[target]) is not None:
+                prepare(MACHINES[target], self.folder / target, *source)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
 
 
 def emulator(machine: Machine) -> list[str] | None:

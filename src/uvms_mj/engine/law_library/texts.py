@@ -323,8 +323,14 @@ def loop(border: Border, name: str, asked: bool) -> str:
     return named(text.replace("libLAW", f"lib{name}"), name)
 
 
-def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
-    """The recorded steps, for the test."""
+def rows_of(vectors: Vectors) -> np.ndarray:
+    """(n, words) rows of all segments."""
+    return np.concatenate([each.rows for each in vectors.segments])
+
+
+def vectors_text(border: Border, vectors: Vectors, name: str, apart: str = "") -> str:
+    """The recorded steps, for the test. ``apart``: the file that a program is linked with, which has :func:`rows_of`:
+    a compiler takes longer to read them than to compile the test."""
     changes = [change for each in vectors.segments for change in each.changes]
     segments, first, before = [], 0, 0
     for each in vectors.segments:
@@ -336,7 +342,7 @@ def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
     places = ", ".join(str(place) for place, _ in changes) or "0"
     values = _words(np.array([value for _, value in changes] or [0], np.uint64))
     names = [f"{e.name}[{i}]" if e.shape else e.name for e in border.command for i in range(e.n)] + ["saturated"]
-    rows = np.concatenate([each.rows for each in vectors.segments])
+    rows = rows_of(vectors)
     text = f"""/* Recorded steps of {vectors.about}. */
 #define SEGMENTS {len(segments)}
 #define STEPS {len(rows)}
@@ -350,9 +356,11 @@ static const int change_at[CHANGES] = {{{places}}};
 static const uint64_t change_to[CHANGES] = {{{values}}};
 static const char *const command_names[] = {{{", ".join(f'"{each}"' for each in names)}}};
 /* time and measurements, {"reference, " if border.reference else ""}command */
-static const uint64_t rows[STEPS][{rows.shape[1]}] = {{
 """
-    return named(text, name) + ",".join([f"{{{_words(row)}}}" for row in rows]) + "};\n"
+    kind = f"const uint64_t rows[STEPS][{rows.shape[1]}]"
+    if apart:
+        return f'{named(text, name)}extern {kind} __asm__("_binary_{apart}_start");\n'
+    return f"{named(text, name)}static {kind} = {{\n{','.join([f'{{{_words(row)}}}' for row in rows])}}};\n"
 
 
 def left_behind(border: Border) -> Iterable[str]:

@@ -1,6 +1,2 @@
 """Machine code for MuJoCo's callback. Only this package uses pointers, symbols and the registry; it calls the pure
 functions of the modules above it."""
-
-from .attachment import Attachment, attach
-
-__all__ = ["Attachment", "attach"]

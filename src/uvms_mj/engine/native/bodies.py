@@ -23,6 +23,7 @@ from ...stages.signals import (
     WAVES,
     Signal,
     contact_signals,
+    coupling_signal,
     deflection_signal,
     joint_saturation_signal,
     joint_signals,
@@ -100,6 +101,11 @@ def swell_room(k: int) -> str:
     return f"swell of wall {k}"
 
 
+def tilt_room(k: int) -> str:
+    """The room for the turn of a wall with the sea."""
+    return f"tilt of wall {k}"
+
+
 def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
@@ -108,7 +114,10 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
         if wall.motion:
             record["table"], record["rows"] = image.put(motion_room(k), np.array(wall.motion, float))
         if wall.follows_sea:
-            record["swell"], record["swell_rows"] = image.put(swell_room(k), setup.swells[k])
+            moved, turned = setup.swells[k]
+            record["swell"], record["swell_rows"] = image.put(swell_room(k), moved)
+            if wall.turns:
+                record["tilt"], record["tilt_rows"] = image.put(tilt_room(k), turned)
     run["surfaces"][0][: len(surfaces)] = surfaces
     own = run["pairs"][0][: len(pairs)]
     for name in _OF_PAIR:
@@ -130,7 +139,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         first = int(contacts.paper)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
         yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
-    yield thruster_signal(u.size), u
+    if u.size:
+        yield thruster_signal(u.size), u
     effects = run["plant"]["effects"]
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]
@@ -141,6 +151,8 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
     if effects["cable"].size:
         cable = effects[state_of("cable")][0, :1]
         yield from zip(tether_signals(cable["p"].size // 3), (cable["p"], cable["tension"]), strict=True)
+    if pulled := effects["couplings"].size:
+        yield coupling_signal(pulled), effects[state_of("pulls")][0]["f_W"]
     if n := len(setup.vehicle.arm.links):
         yield from zip(joint_signals(n), (run["encoder"]["q"], run["encoder"]["q_dot"]), strict=True)
         yield joint_torque_signal(n), run["tau_q"]

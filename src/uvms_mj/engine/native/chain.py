@@ -25,9 +25,10 @@ from ...guidance import Guidance
 from ...navigation.ekf import ALONE, KEPT, Ekf, estimate_alone, estimate_with_force
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
 from .compilation import link as linked
-from .compilation import object_name, recall, remember, target_machine
+from .compilation import target_machine
 from .intrinsics import kernel_module, linked_stage_module
 from .loop import take_period
+from .objects import object_name, recall, remember
 from .pipeline import CompiledStage
 from .record import STAGE, STOP_NONE, with_numbers
 from .run_memory import RunMemory

@@ -6,51 +6,34 @@ that a warm start loads it in milliseconds: of a function of the package by a fi
 so that a warm start translates nothing; of a user's stage by its translation.
 """
 
-import atexit
 import contextlib
 import ctypes
 import functools
 import gc
-import hashlib
-import importlib.metadata
-import json
 import os
-import shutil
-import sys
-import tempfile
 import threading
-import time
 import types
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import llvmlite.binding as llvm
 import numpy as np
-import platformdirs
 
 from ...compiler.refusals import Untranslatable
 from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
 from .memory import at_address
+from .objects import keep, object_name, read, recall, remember
 
 _PACKAGE = Path(__file__).parents[2]
 
-_ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "plant", "engine/native")
-"""The folders whose sources affect machine code. A test checks that kernels import nothing else of the package."""
-_KEPT_OBJECTS = 400  # of a user's stage two: its machine code, and the name of its translation
-_MIN_AGE_S = 7 * 24 * 3600.0
-_VARIABLE = "UVMS_MJ_CACHE_DIR"
 _MOST_GAPS = 8
 """So many reasons why a function is not compiled are said."""
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
-
-
-class CacheWarning(UserWarning):
-    """Machine code can't be kept on disk."""
 
 
 @functools.cache
@@ -64,49 +47,10 @@ def target_machine() -> llvm.TargetMachine:
     return target.create_target_machine(llvm.get_host_cpu_name(), features, 3, reloc, codemodel="jitdefault", jit=True)
 
 
-def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
-    """The name of an object from what its function is made of, besides the package's sources if ``sources``."""
-    return fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
-
-
-def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str]) -> None:
-    """Keep an object on disk if that is possible; otherwise the next process compiles it again."""
-    about: dict[str, Any] = {"symbols": [*symbols], "externals": sorted(externals)}
-    about["sha256"] = _digest(name, code, about)
-    with contextlib.suppress(OSError):  # e.g. on a full disk
-        _write(name, code, about)
-
-
 def load(name: str) -> tuple[int, ...] | None:
     """The addresses of the functions of an object on disk; None if it is missing, damaged or can't be linked."""
-    folder = cache_folder()
-    try:
-        about = json.loads((folder / f"{name}.json").read_bytes())
-        code = (folder / f"{name}.o").read_bytes()
-        if about["sha256"] != _digest(name, code, about):
-            return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-    return link(code, about["symbols"], about["externals"])
-
-
-def remember(name: str, code: bytes, facts: dict[str, Any]) -> None:
-    """Keep the code of a fleet on disk, with facts about it, if that is possible."""
-    about: dict[str, Any] = {"symbols": [], "externals": [], "facts": facts}
-    about["sha256"] = _digest(name, code, about)
-    with contextlib.suppress(OSError):
-        _write(name, code, about)
-
-
-def recall(name: str) -> tuple[bytes, dict[str, Any]] | None:
-    """The code of :func:`remember` and its facts; None if it is missing or damaged."""
-    folder = cache_folder()
-    try:
-        about = json.loads((folder / f"{name}.json").read_bytes())
-        code = (folder / f"{name}.o").read_bytes()
-        return (code, about["facts"]) if about["sha256"] == _digest(name, code, about) else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
+    found = read(name)
+    return None if found is None else link(found[0], found[1]["symbols"], found[1]["externals"])
 
 
 def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple[int, ...] | None:
@@ -123,104 +67,13 @@ def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple
     return tuple(engine.get_function_address(symbol) for symbol in symbols)
 
 
-def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
-    folder = cache_folder()
-    _prune_once(folder)
-    with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
-        for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
-            part = Path(new, f"{name}{suffix}")
-            part.write_bytes(content)
-            os.replace(part, folder / part.name)
-
-
-def _digest(name: str, code: bytes, about: dict[str, Any]) -> str:
-    """Digest of an object file with its name and metadata. A damaged file, or the file of another function, could crash
-    the process."""
-    parts = [name, about["symbols"], about["externals"], *([about["facts"]] if "facts" in about else [])]
-    return fingerprint([code, json.dumps(parts).encode()])
-
-
-def fingerprint(parts: Iterable[bytes]) -> str:
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(len(part).to_bytes(8, "little"))
-        digest.update(part)
-    return digest.hexdigest()[:32]
-
-
-@functools.cache
-def _environment() -> tuple[bytes, ...]:
-    """Dependencies of all machine code: versions and processor."""
-    features = llvm.get_host_cpu_features()
-    return (
-        *(importlib.metadata.version(name).encode() for name in ("llvmlite", "numpy")),
-        sys.version.encode(),
-        llvm.get_host_cpu_name().encode(),
-        features.flatten().encode(),
-    )
-
-
-@functools.cache
-def _sources() -> tuple[bytes, ...]:
-    """The package's sources."""
-    return tuple(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).rglob("*.py")))
-
-
-@functools.cache
-def cache_folder() -> Path:
-    """The folder of the objects. If it can't be written, a temporary one replaces it, also for child processes."""
-    folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj")).absolute()
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        folder.mkdir(mode=0o700, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-        wrong, remedy = _of_others(folder)
-    except OSError as error:
-        wrong, remedy = str(error.strerror), f"set {_VARIABLE} to a writable folder"
-    if wrong:
-        note = f"machine code can't be kept in {folder} ({wrong}), so every run compiles it again: {remedy}"
-        warnings.warn(note, CacheWarning, stacklevel=2)
-        folder = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        os.environ[_VARIABLE] = str(folder)
-    return folder
-
-
-def _of_others(folder: Path) -> tuple[str, str]:
-    """Why others could put code into a folder, which this process would run, and what to do; empty texts if they can't.
-    Windows has other rights, and no numbers of users."""
-    about = folder.stat()
-    if hasattr(os, "getuid") and about.st_uid != os.getuid():
-        return "it belongs to another user", f"set {_VARIABLE} to a folder of yours"
-    if about.st_mode & 0o022:
-        return "other users may write there", f"chmod go-w {folder}"
-    return "", ""
-
-
-@functools.cache
-def _prune_once(folder: Path) -> None:
-    _prune(folder)
-
-
-def _prune(folder: Path) -> None:
-    """Delete the oldest objects. An object that is needed again is compiled again."""
-    entries = []
-    for path in folder.iterdir():
-        with contextlib.suppress(FileNotFoundError):  # another process has moved or deleted it
-            entries.append((path.stat().st_mtime, path))
-    for modified, path in sorted(entries)[: -2 * _KEPT_OBJECTS]:
-        if time.time() - modified > _MIN_AGE_S:
-            if path.is_dir():  # left by a process that was killed in _write
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
-
-
 PLAIN = "UVMS_MJ_PLAIN"
 """Environment variable for debugging: if it is set, every stage and kernel runs as plain Python."""
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
+short_run: ContextVar[bool] = ContextVar("short_run", default=False)
+"""Whether machine code is for one short run: what is not kept is optimized less. It has the same numbers, since no
+optimization changes a rounding. Fused code is always optimized: it decides which sums are rounded once."""
 
 
 @dataclass(frozen=True)
@@ -289,7 +142,7 @@ def native_functions(
     with _compiling():
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
-        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused)
+        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused, short_run.get() and not fused)
 
 
 def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> NativeFunction:
@@ -383,7 +236,9 @@ def _gaps(translate: Callable[..., Any], lacking: Untranslatable) -> list[str]:
 
 
 @functools.cache
-def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused: bool) -> tuple[NativeFunction, ...]:
+def _native_functions(
+    parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused: bool, short: bool
+) -> tuple[NativeFunction, ...]:
     made_of = [b"fused" if fused else b""]
     for function, dtypes in parts:
         layout = [repr(each) for each in dtypes]
@@ -391,12 +246,15 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused
         made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
     name = object_name(made_of)
     addresses = load(name)
+    if addresses is None and short:
+        name = object_name([*made_of, b"short"])
+        addresses = load(name)
     if addresses is not None:
         return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
     from .intrinsics import kernel_module
 
     symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols))
+    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols), 0 if short else 1)
     return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
 
 
@@ -445,11 +303,11 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
     return NativeFunction(len(dtypes), lambda: ctypes.cast(code, ctypes.c_void_p).value or 0)
 
 
-def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:
+def _compiled(text: str, name: str, entries: list[str], level: int = 1) -> tuple[int, ...]:
     """Compile a module, keep its object on disk and return the addresses of its functions."""
     machine = target_machine()
     module = llvm.parse_assembly(text)
-    optimize(module, machine, llvm.get_process_triple())
+    optimize(module, machine, llvm.get_process_triple(), level)
     code = machine.emit_object(module)
     symbols = (*module.functions, *module.global_variables)
     externals = [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]

@@ -28,7 +28,7 @@ from ...navigation import Perfect
 from ...navigation.observer import MotionOnly
 from ...navigation.wrist import WristCompensation, WristLoad
 from ...physics.frames import BODY
-from ...physics.random import key_of
+from ...physics.random import key_of, owned
 from ...plant.effect import Surroundings, numbers_of
 from ...scenario import Scenario
 from ...setup.base import Setup
@@ -623,9 +623,12 @@ class Pipeline:
         steps = [round(stage.period_in(scenario) / h) for stage in stages]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
-    def write_keys(self, seed_of: Callable[[str], int]) -> None:
-        """Set the keys of the random numbers of the stages that a scenario chooses, from the seed of each table."""
-        self.rows["key"] = [key_of(seed_of(table), table) if table in self._named else 0 for table in self.stages]
+    def write_keys(self, seed_of: Callable[[str], int], vehicle: str) -> None:
+        """Set the keys of the random numbers of the stages that a scenario chooses, from the seed of each table and the
+        name of the vehicle."""
+        self.rows["key"] = [
+            key_of(seed_of(table), owned(table, vehicle)) if table in self._named else 0 for table in self.stages
+        ]
 
     def take_back(self, index: int) -> None:
         """Let a stage that was interrupted begin its instant again, without advancing its states twice."""

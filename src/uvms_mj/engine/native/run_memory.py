@@ -44,6 +44,7 @@ from ...stages.signals import (
     Signal,
     band_signals,
     contact_signals,
+    coupling_signal,
     deflection_signal,
     effect_given,
     tether_signals,
@@ -57,11 +58,12 @@ from .bodies import (
     place_carriers,
     recorded_of_plant,
     swell_room,
+    tilt_room,
     write_contacts,
     write_wrist,
 )
 from .callback import advance, finish
-from .compilation import native_functions
+from .compilation import native_functions, short_run
 from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
@@ -106,6 +108,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
+    own = (*own, coupling_signal(0))
     recorded = (
         *RECORDED,
         *MEASURED_MOTION,
@@ -182,18 +185,19 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     walls = [(motion_room(k), f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)]
     of_walls = {room: (key, np.array(table, float)) for room, key, table in walls if table}
     swells = {
-        swell_room(k): (f"{key}.heave", setup.swells[k])
+        room(k): (f"{key}.{name}", setup.swells[k][i])
         for k, (key, wall) in enumerate(setup.contacts.walls)
-        if wall.follows_sea
+        for i, (room, name) in enumerate([(swell_room, "heave"), (tilt_room, "roll")])
+        if (wall.turns if i else wall.follows_sea)
     }
     return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls | swells
 
 
 @functools.cache
-def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
+def entry_points(shape: Shape, step: Any, short: bool) -> dict[str, Any]:
     """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
     :func:`.callback.evaluate` in MuJoCo's callback or :func:`.loop.free_steps`, and what Python calls between
-    chunks. They share most of their code, and are one module."""
+    chunks. They share most of their code, and are one module. ``short`` is :data:`.compilation.short_run`."""
     run = with_numbers(shape.layout)
     parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
     return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}
@@ -216,14 +220,15 @@ class RunMemory:
         """``meanwhile`` is called before the machine code is waited for, which LLVM makes in other threads, and, with
         an engine that has not asked for it, before the entry points are translated."""
         self.engine, self.shape = engine, shape_of(setup)
-        self._entry_points = functools.partial(entry_points, self.shape, engine.code)
+        self._entry_points = functools.partial(entry_points, self.shape, engine.code, short_run.get())
         if meanwhile is None:
             _ = self.code  # LLVM has the largest module while the stages are translated
         self.stages = Pipeline(setup, self.shape)
         self._setup = setup
         self._tables, self._has_other_tables = tables_of(setup), False
         rooms = water_rooms() | {motion_room(k): MOST_ROWS * 4 for k in range(len(setup.contacts.walls))}
-        rooms |= {swell_room(k): MOST_WAVES * WIDTH for k in range(len(setup.contacts.walls))}
+        of_waves = [room(k) for k in range(len(setup.contacts.walls)) for room in (swell_room, tilt_room)]
+        rooms |= dict.fromkeys(of_waves, MOST_WAVES * WIDTH)
         rooms |= {room: max(rooms[room], table.size) for room, (_, table) in self._tables.items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
         self.image = Image({"run": self.shape.layout, "stages": self.stages.layout}, rooms)
@@ -466,7 +471,7 @@ def write_effects(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_keys(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario.simulation.seed_of)
+    memory.stages.write_keys(setup.scenario.simulation.seed_of, setup.scenario.vehicle.name)
 
 
 def write_periods(memory: RunMemory, setup: Setup) -> None:

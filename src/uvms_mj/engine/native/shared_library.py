@@ -23,10 +23,10 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...stages.base import Stage
 from ...stages.foreign import C_FILE, HEADER, SHARED, Records, header
-from .compilation import cache_folder, fingerprint
 from .elf import own_copies
 from .guard import no_exit
 from .memory import settle_modes
+from .objects import cache_folder, fingerprint
 
 _OPTIONS = (
     *("-std=gnu11", "-O3", "-fPIC", "-shared"),

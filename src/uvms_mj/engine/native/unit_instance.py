@@ -18,10 +18,10 @@ from ...errors import Fault, InputError, needs_extra
 from ...stages.fmu import Wiring, printable, unpack
 from ...stages.foreign import Records
 from .brought_modules import BroughtModules, modules_of
-from .compilation import cache_folder
 from .elf import own_copies
 from .guard import no_exit
 from .memory import settle_modes
+from .objects import cache_folder
 from .shared_library import begin_c
 
 STATUSES = ("ok", "warning", "discard", "error", "fatal", "pending")

@@ -7,7 +7,7 @@ differ in their numbers only.
 
 import functools
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -20,6 +20,7 @@ from .topics import Topic
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])
 _WHEN = np.dtype([("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 _WHEN_AT = _HEAD.itemsize - 20
+_MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("bytes", "<u4")]
 _NS = 1e9
 CHUNK_BYTES = 8 * 2**20
@@ -134,6 +135,16 @@ def _when(sequence: np.ndarray, log_ns: np.ndarray) -> np.ndarray:
     when = np.empty(len(log_ns), _WHEN)
     when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
     return when.view(np.uint8).reshape(-1, 20)
+
+
+def messages_in(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """The messages in the bytes of a block: channel, log time [ns] and content of each."""
+    at = 0
+    while at < len(data):
+        _, length, channel, _, log_ns, _ = _MESSAGE.unpack_from(data, at)
+        end = at + 9 + length
+        yield channel, log_ns, data[at + _MESSAGE.size : end]
+        at = end
 
 
 class Format:

@@ -29,6 +29,7 @@ from ..header import Header, Outcome, Status
 from .attachments import MOST_BYTES, header_of, outcome_of, refuse_large
 from .layout import CHUNK_BYTES, Format
 from .sink import MAGIC, sealed
+from .topics import below
 
 _BLOCK = 512
 """Smallest unit that a disk writes [bytes]."""
@@ -261,7 +262,7 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
             kinds[schema.id] = schema.name
         else:
             channel = Channel.read(stream)
-            found[channel.topic] = channel.id, kinds.get(channel.schema_id)
+            found[channel.topic.removeprefix(below(header))] = channel.id, kinds.get(channel.schema_id)
     with contextlib.suppress(KeyError):  # of a topic or a signal
         format = Format(header, list(found))
         if found == {name: (format.number[name], kind.replace("/", "/msg/")) for name, kind in format.types.items()}:

@@ -36,6 +36,7 @@ from ..header import Header, Outcome
 from . import ros2
 from .attachments import header_files, outcome_file
 from .layout import CHUNK_BYTES, Block, Format
+from .topics import below
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA, SEAL = "uvms_mj", "crc32"
@@ -189,7 +190,7 @@ def channel_records(format: Format) -> list[McapRecord]:
     channels = [
         Channel(
             id=format.number[topic.name],
-            topic=topic.name,
+            topic=below(format.header) + topic.name,
             message_encoding="cdr",
             schema_id=kinds.index(topic.type) + 1,
             metadata={

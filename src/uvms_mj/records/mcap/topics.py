@@ -1,6 +1,6 @@
 """Topics of a log: the ROS 2 type, the frame and the signals of each, the joints of an arm and the scene as markers.
 
-Every signal of a run is on a topic. :data:`_TYPES` and :data:`_TOGETHER` declare the signals with a ROS 2 message type
+Every signal of a run is on a topic. :data:`_TYPES` and :func:`_together` declare the signals with a ROS 2 message type
 of their own. All other signals have a topic of numbers, so a new signal needs no change here. A topic whose signals are
 not all recorded is left out.
 
@@ -9,7 +9,8 @@ the wall, with x out of it. Each row of a run gives one message on each topic of
 :func:`sampled`.
 
 The frame of a link is ``link/`` and the name of its body, so that no link has the name of another frame. Its parent is
-the frame of the parent link, or ``base_link``. The tool's frame is ``tool``.
+the frame of the parent link, or ``base_link``. The tool's frame is ``tool``. The topics and frames of a vehicle with a
+name are below it, ``/left/odom`` and ``left/base_link``, so that the logs of a world can be shown together.
 """
 
 import dataclasses
@@ -75,26 +76,40 @@ _SIZES = {_ACCEL: 6, _TWIST: 6, _WRENCH: 6, _VECTOR: 3}
 """Numbers in a message of a type. A signal with fewer numbers is followed by zeros."""
 
 
+def below(header: Header) -> str:
+    """The beginning of the names of all topics: ``/`` and the name of the vehicle, if it has one."""
+    return f"/{name}" if (name := header.scenario.vehicle.name) else ""
+
+
+def frame_below(header: Header, frame: str) -> str:
+    """The name of a frame of the vehicle."""
+    return f"{below(header)}/{frame}".lstrip("/")
+
+
 def _pose(position: str, quat: str) -> Message:
     return Message().header("map").hole(position, count=3).hole(quat, count=4)
 
 
-_CONTACT = ros2.stamped("base_link", "f_contact.wrench", 6)
-_TOGETHER = (
-    Topic(
-        "/odom",
-        "nav_msgs/Odometry",
-        "map, base_link",
-        "m, 1; m/s, rad/s",
-        "pose of base_link in map; velocity nu in base_link",
-        ros2.odometry("map", "base_link", ("p_WB", "quat_WB.xyzw"), "nu"),
-    ),
-    Topic("/reference/pose", _POSE, "map", "m, 1", "desired pose", _pose("p_d", "quat_d.xyzw")),
-    Topic("/measured/pose", _POSE, "map", "m, 1", "measured pose", _pose("p_WB_m", "quat_WB_m.xyzw")),
-    Topic("/tool/pose", _POSE, "map", "m, 1", "pose of the tool", _pose("p_WT", "quat_WT.xyzw")),
-    Topic("/contact/base_link", _WRENCH, "base_link", "N, N m", "contact force as a wrench at B's origin", _CONTACT),
-)
-"""Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
+def _together(header: Header) -> tuple[Topic, ...]:
+    """Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
+    base = frame_below(header, "base_link")
+    contact = ros2.stamped(base, "f_contact.wrench", 6)
+    return (
+        Topic(
+            "/odom",
+            "nav_msgs/Odometry",
+            f"map, {base}",
+            "m, 1; m/s, rad/s",
+            "pose of base_link in map; velocity nu in base_link",
+            ros2.odometry("map", base, ("p_WB", "quat_WB.xyzw"), "nu"),
+        ),
+        Topic("/reference/pose", _POSE, "map", "m, 1", "desired pose", _pose("p_d", "quat_d.xyzw")),
+        Topic("/measured/pose", _POSE, "map", "m, 1", "measured pose", _pose("p_WB_m", "quat_WB_m.xyzw")),
+        Topic("/tool/pose", _POSE, "map", "m, 1", "pose of the tool", _pose("p_WT", "quat_WT.xyzw")),
+        Topic("/contact/base_link", _WRENCH, base, "N, N m", "contact force as a wrench at B's origin", contact),
+    )
+
+
 _RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0))}
 _COMPUTED = {"quat_d", "f_contact.wrench"}
 """Values that need not be signals."""
@@ -109,7 +124,10 @@ def sampled(header: Header) -> tuple[Topic, ...]:
     """The topics with one message per row, in their order in the log."""
     names = {*header.by_name} - {*header.law.states}
     known = names | _COMPUTED
-    together = [_transforms(header, names), *(t for t in (*_TOGETHER, *_joints(header)) if _signals_of(t) <= known)]
+    together = [
+        _transforms(header, names),
+        *(t for t in (*_together(header), *_joints(header)) if _signals_of(t) <= known),
+    ]
     there = {"t"}.union(*map(_signals_of, together))
     return *together, *(_alone(header, signal) for signal in header.signals if signal.name not in there)
 
@@ -121,9 +139,10 @@ def _signals_of(topic: Topic) -> set[str]:
 
 def _transforms(header: Header, names: set[str]) -> Topic:
     """The topic of the frames that move; tool and links are among them if their signals are recorded."""
-    items, said = [("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")], ""
+    vehicle, wanted = frame_below(header, "base_link"), frame_below(header, "reference")
+    items, said = [("map", vehicle, "p_WB", "quat_WB.xyzw"), ("map", wanted, "p_d", "quat_d.xyzw")], ""
     if {"p_WT", "quat_WT"} <= names:
-        items.append(("map", "tool", "p_WT", "quat_WT.xyzw"))
+        items.append(("map", frame_below(header, "tool"), "p_WT", "quat_WT.xyzw"))
         said = ", of the tool in map"
     if "q" in names:
         items += transforms(header)
@@ -147,6 +166,7 @@ def _alone(header: Header, signal: Signal) -> Topic:
         room = "running" if signal.name in _RUNNING else "law" if own else "signals"
         name, kind = f"/{room}/{signal.name}", _ARRAY if signal.shape else _NUMBER
     frame = _FRAMES.get(signal.frame, "-")
+    frame = frame if frame in ("map", "-") else frame_below(header, frame)
     if kind == _ARRAY:
         message = ros2.multi_array(", ".join(header.components(signal)), signal.name, signal.size)
     elif kind == _NUMBER:
@@ -208,11 +228,11 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
     current = ros2.stamped("map", "v_c_W", 3)
     meaning = "velocity of the current" if header.scenario.constant_flow else "constant part of the current"
-    shapes, around = vehicles(scene), surroundings(scene)
+    shapes, around = vehicles(header, scene), surroundings(scene)
     topics = [
         ("/tf_static", "map", "m, 1", "pose of the wall's face in map", wall),
         ("/current", "map", "m/s", meaning, current),
-        ("/markers/vehicle", "base_link", "m", "geoms of the vehicle", shapes),
+        ("/markers/vehicle", frame_below(header, "base_link"), "m", "geoms of the vehicle", shapes),
         ("/markers/surroundings", "map", "m", "the wall, and the current as an arrow", around),
     ]
     values = {
@@ -244,8 +264,8 @@ def transforms(header: Header) -> Iterator[tuple[str, str, str, str]]:
     """The items of ``/tf`` for the links; :func:`columns_of_joints` gives the values for their holes."""
     links = header.geometry.links
     for link in links:
-        parent = frame_of(links[link.parent]) if link.parent >= 0 else "base_link"
-        yield parent, frame_of(link), f"{frame_of(link)}.p", f"{frame_of(link)}.quat.xyzw"
+        parent = frame_below(header, frame_of(links[link.parent]) if link.parent >= 0 else "base_link")
+        yield parent, frame_below(header, frame_of(link)), f"{frame_of(link)}.p", f"{frame_of(link)}.quat.xyzw"
 
 
 def columns_of_joints(header: Header, q: np.ndarray) -> dict[str, np.ndarray]:
@@ -290,10 +310,10 @@ def force_columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
-def vehicles(scene: Scene) -> Message:
+def vehicles(header: Header, scene: Scene) -> Message:
     """The geoms of the vehicles, each in the frame of the body or link that carries it."""
     parts = [
-        (vehicle, frame, part)
+        (vehicle, frame_below(header, frame), part)
         for vehicle in scene.vehicles
         for frame, shapes in (("base_link", vehicle.shapes), *((frame_of(link), link.shapes) for link in vehicle.links))
         for shape in shapes

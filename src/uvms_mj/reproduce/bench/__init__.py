@@ -11,6 +11,7 @@ from ...files import locked
 from ...studies.pool.executors import executor_of
 from .. import Progress, running
 from .draws import DEVELOPMENT, Draws
+from .results import refuse_other_tasks
 from .sequential import MOST as MOST
 from .task import LATEX as LATEX
 from .task import PAGE as PAGE
@@ -26,6 +27,7 @@ def bench(
     draws: str = DEVELOPMENT,
     at_most: int = MOST,
     tune: int = 0,
+    beside: str = "",
     progress: Progress | bool | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -41,6 +43,8 @@ def bench(
         draws: ``"development"``, the known draws; ``"secret:FILE"`` or ``"seed:NUMBER"``, blind ones.
         at_most: draws of each level after which the test is cut; with fewer than 60, for a look, its errors are larger.
         tune: trials of a search for gains, for each law; the law is then judged with its own gains and with the best.
+        beside: another result, whose laws table.tex and report.html have below these: ``"shipped"``, a file or a
+            folder, ``"FILE:LAW"``. It must have the same tasks.
         progress: True for a progress bar, or a function of the levels done and their total.
         workers: processes on this machine; default: one per core.
         executor: in place of them, as in :meth:`uvms_mj.studies.study.Study.run`.
@@ -57,10 +61,11 @@ def bench(
     if not 1 <= at_most <= MOST:
         raise InputError(f"at_most: {at_most} must be from 1 to {MOST}")
     planned = jobs(entries, some, folder, drawn, at_most)
+    refuse_other_tasks(beside, some)
     warn_of_slow_laws(planned)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder), running(progress) as told, executor_of(executor, workers) as pool:
         if tune:
             entries = tuned_laws(entries, some, folder, tune, pool, told)
             planned = jobs(entries, some, folder, drawn, at_most)
-        return execute(planned, folder, told, pool)
+        return execute(planned, folder, told, pool, beside)

@@ -59,8 +59,9 @@ def warn_of_slow_laws(planned: Sequence[Job]) -> None:
                 warnings.warn(note, PlainPythonWarning, stacklevel=2)
 
 
-def execute(planned: Sequence[Job], folder: Path, told: Progress, pool: Executor) -> dict[str, Any]:
-    """Run what the folder lacks, and write the result, the page and the LaTeX table. Returns the result. ``told`` is
+def execute(planned: Sequence[Job], folder: Path, told: Progress, pool: Executor, beside: str = "") -> dict[str, Any]:
+    """Run what the folder lacks, and write the result, the page and the LaTeX table, both with the laws of the result
+    ``beside``, if it is given. Returns the result. ``told`` is
     called with the levels that are done, and their number; a ladder that ends has done all of its levels."""
     entries = list({job.entry.label: job.entry for job in planned}.values())
     tasks = list({job.task.name: job.task for job in planned}.values())
@@ -75,8 +76,9 @@ def execute(planned: Sequence[Job], folder: Path, told: Progress, pool: Executor
     laws = [_law([job for job in planned if job.entry is entry], found) for entry in entries]
     document = results.document(tasks, laws, code(), planned[0].draws, planned[0].most)
     write(folder / RESULT, results.text(document))
-    write(folder / LATEX, latex_table(document))
-    write(folder / PAGE, page(document, planned))
+    shown = results.beside(document, beside) if beside else document
+    write(folder / LATEX, latex_table(shown))
+    write(folder / PAGE, page(shown, planned))
     return document
 
 

@@ -35,7 +35,7 @@ from ...studies.results import frame
 from ...views import colours
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .draws import DEVELOPMENT
-from .results import broken, levels_of
+from .results import broken, levels_of, sentences
 from .sequential import HELD, NOT_HELD, chance
 from .task import LEVELS, Job, Task
 
@@ -74,7 +74,12 @@ def latex_table(found: Mapping[str, Any]) -> str:
     lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{f'{space}r' * len(tasks)}}}", "\\toprule"]
     lines += [" & ".join(["law", *(str(task["number"]) for task in tasks.values())]) + " \\\\", "\\midrule"]
     notes = []
+    also = found.get("beside", {"labels": []})
+    if also["labels"]:
+        notes += [f"% from {also['labels'][0]} on: result {also['result']}; {drawn(also)}", f"% {_may_compare(also)}"]
     for law in found["laws"]:
+        if law["label"] in also["labels"][:1]:
+            lines.append("\\midrule")
         cells = [_texts(law["tasks"][name]) for name in tasks]
         lines.append(" & ".join([_label(law["label"]), *(level for level, _ in cells)]) + " \\\\")
         lines.append(" & ".join(["", *(counts for _, counts in cells)]) + " \\\\")
@@ -84,6 +89,25 @@ def latex_table(found: Mapping[str, Any]) -> str:
             if not ladder["runs"]
         ]
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
+
+
+def latex_comparison(found: Mapping[str, Any]) -> str:
+    """The pairs of :func:`.results.compared` as a table in LaTeX, for the package booktabs."""
+    lines = [f"% results {' and '.join(found['results'])}", f"% {_may_compare(found)}", "% \\usepackage{booktabs}"]
+    for pair in found["pairs"]:
+        labels = (pair["first"], pair["second"])
+        heads = ("task", *labels, "only first", "only second", "better", "by points", "95 % interval")
+        rows = [heads, *(sentences(name, task, labels) for name, task in pair["tasks"].items())]
+        texts = [" & ".join(map(latex, row)) + " \\\\" for row in rows]
+        lines += ["\\begin{tabular}{lrrrrlrr}", "\\toprule", texts[0], "\\midrule", *texts[1:]]
+        lines += ["\\bottomrule", "\\end{tabular}"]
+    return "\n".join(lines) + "\n"
+
+
+def _may_compare(also: Mapping[str, Any]) -> str:
+    """Whether the rows of two results may be compared, in a sentence."""
+    how = {True: "may be compared", False: "may not be compared", None: "are not known to be comparable"}
+    return f"Their numbers {how[also['valid']]}: {also['why']}."
 
 
 SPACE_PT = 6
@@ -241,6 +265,7 @@ def page(found: Mapping[str, Any], jobs: Sequence[Job]) -> str:
             "Laws and tasks",
             given(
                 overview(found, tasks),
+                _beside(found),
                 Text(_KNOWN, "warning") if known else None,
                 Picture("order", _ORDER, order(found, shown)),
             ),
@@ -274,6 +299,16 @@ def page(found: Mapping[str, Any], jobs: Sequence[Job]) -> str:
     title += f"{_counted(len(tasks), 'task')}, {_counted(len(found['laws']), 'law')}"
     lead = [Text(_LEAD, "lead"), Text(f"{_explained(found)} Result {found['digest']}.", "soft")]
     return rendered(Page(title, lead, sections, [_STYLE]))
+
+
+def _beside(found: Mapping[str, Any]) -> Text | None:
+    """Which rows are another result's, in a paragraph."""
+    if "beside" not in found:
+        return None
+    also = found["beside"]
+    laws = ", ".join(also["labels"])
+    said = f"Rows of another result, {also['result']}: {laws}. They are of {drawn(also)}, and have no push over time."
+    return Text(f"{said} {_may_compare(also)}", "soft")
 
 
 def _courses(found: Mapping[str, Any], task: Task, own: Mapping[str, Job], shown: Mapping[str, str]) -> Picture:

@@ -262,6 +262,42 @@ def compared(first: str, second: str) -> dict[str, Any]:
     return {"results": [a["digest"], b["digest"]], "pairs": found, **_validity(a, b, tasks), "notes": notes}
 
 
+def refuse_other_tasks(given: str, tasks: Sequence[Task]) -> None:
+    """Raise InputError unless a result to stand beside another one, if it is given, has its tasks."""
+    if not given:
+        return
+    other = _read(given)[0]
+    if version(other) != VERSION:
+        raise InputError(f"--with {given}: is of version {version(other)} of {NAME}, not of version {VERSION}")
+    theirs = {name: (task["version"], task["digest"]) for name, task in other["tasks"].items()}
+    if wrong := [task.name for task in tasks if theirs.get(task.name) != (task.version, task.digest)]:
+        raise InputError(f"--with {given}: lacks these tasks, or has other versions of them: {', '.join(wrong)}")
+
+
+def beside(found: Mapping[str, Any], given: str) -> dict[str, Any]:
+    """A result with the rows of another one below its own, for a table, a page and a figure: ``given`` is its file or
+    folder, on request with one law, ``FILE:LABEL``, or ``shipped``. A law that both have is there once.
+
+    The entry ``beside`` has the labels of the other's laws, its digest, its draws, and as :func:`compared` whether
+    their numbers may be compared. The tasks must be the same (:func:`refuse_other_tasks`). Raises InputError if the
+    other has no other law.
+    """
+    other, label = _read(given)
+    mine, labels = {law["digest"] for law in found["laws"]}, {law["label"] for law in found["laws"]}
+    laws = [
+        {**law, "tasks": {name: law["tasks"][name] for name in found["tasks"]}}
+        for law in other["laws"]
+        if law["digest"] not in mine and label in ("", law["label"])
+    ]
+    if not laws:
+        raise InputError(f"--with {given}: has no other law than this result")
+    of = Path(given.rpartition(":")[0] or given).stem
+    laws = [{**law, "label": f"{law['label']} ({of})"} if law["label"] in labels else law for law in laws]
+    about = {"labels": [law["label"] for law in laws], "result": other["digest"], "draws": other["draws"]}
+    about |= _validity(found, other, list(found["tasks"]))
+    return {**found, "laws": [*found["laws"], *laws], "beside": about}
+
+
 def _validity(a: Mapping[str, Any], b: Mapping[str, Any], tasks: Sequence[str]) -> dict[str, Any]:
     """Whether a difference between two results is one of the laws: ``valid`` is True, False, or None where nothing
     shows it; ``why`` is a sentence. Other code computes the same where a law that both have has the same numbers."""

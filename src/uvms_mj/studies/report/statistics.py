@@ -87,7 +87,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
 
 def sobol_indices(y: np.ndarray, factors: int, seed: int) -> tuple[list[Estimate], list[Estimate], int] | None:
     """Total Sobol indices of numbers y (n,), one a draw of a design ``sobol_indices``, by SALib; the indices of first
-    order; and the number of incomplete blocks.
+    order; and the number of incomplete blocks. An index is a share of the variance, and its interval stays from 0 to 1.
 
     The design has blocks of ``factors`` + 2 draws. A block with a value that is not finite is left out as a whole.
     None for fewer than eight complete blocks, or if all values are equal.
@@ -108,9 +108,14 @@ def sobol_indices(y: np.ndarray, factors: int, seed: int) -> tuple[list[Estimate
 
     def estimates(name: str) -> list[Estimate]:
         pairs = zip(found[name].tolist(), found[f"{name}_conf"].tolist(), strict=True)
-        return [Estimate(value, value - half, value + half) for value, half in pairs]
+        return [Estimate(*map(_share, (value, value - half, value + half))) for value, half in pairs]
 
     return estimates("ST"), estimates("S1"), len(blocks) - len(complete)
+
+
+def _share(value: float) -> float:
+    """The nearest share to a number, from 0 to 1: an index is a share of the variance, its estimate need not be."""
+    return min(max(value, 0.0), 1.0)
 
 
 _MOST_RESAMPLED = 1_000_000

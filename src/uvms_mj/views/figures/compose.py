@@ -2,12 +2,15 @@
 
 import contextlib
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Never
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.gridspec import GridSpec
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from ...errors import InputError
@@ -18,7 +21,20 @@ from . import panels
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, place, prefix_of
-from .style import COLUMN_IN, PAGE_IN, Figure, band_handles, size_in, styled, ticks, typeset, width_of
+from .style import (
+    BLACK,
+    COLUMN_IN,
+    GREY,
+    PAGE_IN,
+    SMALL,
+    Figure,
+    band_handles,
+    size_in,
+    styled,
+    ticks,
+    typeset,
+    width_of,
+)
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw, besides each signal by its name."""
@@ -72,8 +88,8 @@ def plot(
     Args:
         traces: a run, or several runs by name.
         what: one or several of :data:`WHATS`, of the names of recorded signals, or of their components, ``tau.x``.
-        width: of the figure: "column", "page" or a number [in]; default: a column for one run, a page
-            for several runs, components side by side and the summary.
+        width: of the figure: a name of :data:`WIDTHS`, "column", "ieee-page", or a number [in]; default: a column for
+            one run, a page for several runs, components side by side and the summary.
         fonts: "sans", "serif", "cm", or "latex", whose texts LaTeX sets when a .pdf or .pgf is written; default: sans.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
@@ -357,19 +373,77 @@ def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[
         each.set_gid(f"{each.get_gid()}-{i}")
 
 
-def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist]) -> None:
-    """Add one legend above all axes, ordered by rows, in as few rows as the width allows."""
+def _legend(figure: Figure, axes: Sequence[Axes], more: Sequence[Artist]) -> None:
+    """Add one legend above all axes, ordered by rows; where a colour has another meaning in another panel, one above
+    each panel, for which the figure grows."""
+    of_panels = [_labelled(ax) for ax in axes]
+    others = {str(handle.get_label()): handle for handle in more}
+    if _one_meaning(of_panels):
+        found: dict[str, Artist] = {}
+        for each in of_panels:
+            found |= {label: handle for label, handle in each.items() if label not in found}
+        found |= others
+    else:
+        _above_each(figure, dict(zip(axes, of_panels, strict=True)))
+        found = others
+    _in_rows(found, 0.97 * figure.bbox.width, lambda **how: figure.legend(loc="outside upper center", **how))
+
+
+def _labelled(ax: Axes) -> dict[str, Artist]:
+    """The first handle of each label of a panel."""
     found: dict[str, Artist] = {}
-    for ax in axes:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    found |= {str(handle.get_label()): handle for handle in more}
+    for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+        found.setdefault(label, handle)
+    return found
+
+
+def _one_meaning(of_panels: Sequence[Mapping[str, Artist]]) -> bool:
+    """Whether each colour stands for the same in all panels that have it. Black and grey are of references and levels,
+    which their dashes tell apart."""
+    meanings: dict[str, set[frozenset[str]]] = {}
+    for found in of_panels:
+        coloured: dict[str, set[str]] = {}
+        for label, handle in found.items():
+            if isinstance(handle, Line2D):
+                coloured.setdefault(to_hex(handle.get_color()).upper(), set()).add(label)
+        for shade, labels in coloured.items():
+            meanings.setdefault(shade, set()).add(frozenset(labels))
+    return all(len(each) == 1 for shade, each in meanings.items() if shade not in (BLACK, GREY))
+
+
+_GAP_PT = 2.0
+"""Space between a panel and its own legend [pt]."""
+
+
+def _above_each(figure: Figure, of_panels: Mapping[Axes, Mapping[str, Artist]]) -> None:
+    """Add a legend above each panel, and below its title, and make the figure higher by the legends of each row."""
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)  # for the widths of the panels
+    rows: dict[int, float] = {}
+    for ax, found in of_panels.items():
+        look = functools.partial(ax.legend, loc="lower left", borderaxespad=0.0, fontsize=SMALL)
+        legend = _in_rows(found, 0.97 * size_in(ax)[0] * figure.dpi, look)
+        if legend is None:
+            continue
+        high = legend.get_window_extent().height / figure.dpi + _GAP_PT / 72.0
+        legend.set_bbox_to_anchor((0.0, 1.0 + _GAP_PT / 72.0 / size_in(ax)[1]), transform=ax.transAxes)
+        for where in ("left", "right"):
+            if text := ax.get_title(loc=where):
+                ax.set_title(text, loc=where, pad=72.0 * high + 3.0, parse_math=False)
+        spec = ax.get_subplotspec()
+        row = spec.rowspan.start if spec is not None else 0
+        rows[row] = max(rows.get(row, 0.0), high)
+    figure.set_figheight(figure.get_figheight() + sum(rows.values()))
+
+
+def _in_rows(found: Mapping[str, Artist], room: float, make: Callable[..., Legend]) -> Legend | None:
+    """A legend, ordered by rows, in as few rows as a width [pixels] allows; None without an entry."""
     for rows in range(1, len(found) + 1):
         columns = -(-len(found) // rows)
         labels = [label for i in range(columns) for label in list(found)[i::columns]]
-        legend = figure.legend(
-            handles=[found[label] for label in labels], labels=labels, loc="outside upper center", ncols=columns
-        )
-        if columns == 1 or legend.get_window_extent().width < 0.97 * figure.bbox.width:
-            break
+        legend = make(handles=[found[label] for label in labels], labels=labels, ncols=columns)
+        if columns == 1 or legend.get_window_extent().width < room:
+            return legend
         legend.remove()
+    return None

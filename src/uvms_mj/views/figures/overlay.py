@@ -27,7 +27,7 @@ from .panels import (
     wall,
 )
 from .scales import Inset, fills, largest, linear_within
-from .style import line, stripe
+from .style import line, stripe, symbol
 
 MOST_NAMES = 30
 """Most runs named in the legend; more runs are named by their laws only."""
@@ -129,9 +129,8 @@ class Overlay:
                 look = self.looks[label] | ({"zorder": _BELOW} if full else {})
                 samples(ax, trace, name, i, slice(None), f"{name}.{component}".rstrip("."), **look)
 
-        symbol = {"tau": "τ", "tau_q": "τ"}.get(name, name)
         return _panel(
-            f"{symbol}.{component}" if component else symbol,
+            symbol(name, component),
             header.units(signals[label])[i] if name in OF_JOINTS else unit_of(signals[label], slice(i, i + 1)),
             draw,
             values,
@@ -149,7 +148,7 @@ class Overlay:
 
         signal = next(iter(owners.values())).header.by_name[name]
         wholes = [largest(each) for each in flat.values()]
-        return _panel(f"range of {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
+        return _panel(f"range of {symbol(name)}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
 
     @property
     def velocities(self) -> list[str]:

@@ -19,7 +19,7 @@ from ...physics.frames import rotation_matrix
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal
 from .scales import Inset, early, largest, linear_within, number, rebounds
-from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe
+from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe, symbol, unit_text
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
 """Components of a signal of six numbers."""
@@ -171,7 +171,7 @@ def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
         return "sliding variable s"
     if name == "z" and trace.header.law.source in ("gsta", "sta"):
         return "integral term z"
-    return f"state {name}" if name in (state.name for state in states_of(trace)) else name
+    return f"state {symbol(name)}" if name in (state.name for state in states_of(trace)) else symbol(name)
 
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
@@ -233,13 +233,13 @@ def some(trace: Trace, signal: Signal, part: slice) -> Panel:
 
 def _one(trace: Trace, signal: Signal, i: int) -> str:
     component = trace.header.components(signal)[i]
-    return f"{signal.name}.{component}" if component else quantity(trace, signal.name)
+    return symbol(signal.name, component) if component else quantity(trace, signal.name)
 
 
 def unit_of(signal: Signal, part: slice) -> str:
     """Unit of some components in the format of a label; empty if a law does not declare the unit of its state."""
     unit = signal.units[part.start or 0]
-    return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
+    return "" if unit == OWN_UNIT else unit_text(unit)
 
 
 def samples(ax: Axes, trace: Trace, name: str, i: int, rows: slice, gid: str, **look: Any) -> None:
@@ -252,10 +252,11 @@ def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float
     """Draw some components of a signal, until a time [s]."""
     n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
     names = trace.header.components(signal)[part]
+    labels = trace.header.mjcf.vehicle.thrusters[part] if signal.name in OF_THRUSTERS else names
     for i, component in enumerate(names):
         look = {
             "color": colour(signal, component, part.start + i),
-            "label": component or signal.name,
+            "label": labels[i].replace("_", " ") or component or symbol(signal.name),
             **stripe(i, len(names)),
         }
         gid = f"{signal.name}.{component}".rstrip(".")

@@ -5,6 +5,7 @@ import io
 import itertools
 import logging
 import os
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
@@ -32,8 +33,16 @@ STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
 """Style file with fonts, widths and colours."""
 COLUMN_IN, PAGE_IN = 3.5, 7.16
 """Width of one column and of two columns of a paper [in]."""
-WIDTHS = {"column": COLUMN_IN, "page": PAGE_IN}
-"""Widths by name [in]."""
+WIDTHS = {
+    "column": COLUMN_IN,
+    "page": PAGE_IN,
+    "ieee-column": 88.9 / 25.4,
+    "ieee-page": 181.0 / 25.4,
+    "elsevier-column": 90.0 / 25.4,
+    "elsevier-middle": 140.0 / 25.4,
+    "elsevier-page": 190.0 / 25.4,
+}
+"""Widths by name [in]: of any paper with two columns, of IEEE's, and of Elsevier's, which has one of 1.5 columns."""
 FONTS: dict[str, Any] = {
     "sans": {},
     "serif": {"font.family": ["STIXGeneral", "DejaVu Sans"], "mathtext.fontset": "stix"},
@@ -290,6 +299,39 @@ def width_of(given: str | float | None, default: float) -> float:
     if not 1.0 <= given <= 40.0:
         raise InputError(f"width {given:g}: must be from 1 to 40 inches")
     return float(given)
+
+
+_POWER = re.compile(r"\^(?:\(([-\d/]+)\)|(-?\d+))")
+"""A power in a unit, s^2 or m^(1/2)."""
+_GREEK = (
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "rho"),
+    *("sigma", "tau", "phi", "chi", "psi", "omega"),
+)
+_SYMBOL = re.compile(rf"({'|'.join(_GREEK)}|[A-Za-z])((?:_[A-Za-z0-9]+)*)")
+"""The name of a signal that is a symbol with subscripts: nu, p_WB, tau_q_cmd."""
+_ABOVE = {"dot": r"\dot{%s}", "hat": r"\hat{%s}"}
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it is typeset: powers are raised, and us are µs."""
+    raised = {"2": "²", "3": "³"}
+    unit = _POWER.sub(lambda found: raised.get(found[2], f"$^{{{found[1] or found[2]}}}$"), unit)
+    return re.sub(r"\bus\b", "µs", unit)
+
+
+def symbol(name: str, component: str = "") -> str:
+    """The name of a signal as it is typeset: a symbol with its subscripts, of which the component is the last. Other
+    names are words, and stay as they are."""
+    found = _SYMBOL.fullmatch(name)
+    if found is None or not (component.isalnum() or not component):
+        return f"{name}.{component}" if component else name
+    letter, below = found[1] if len(found[1]) == 1 else f"\\{found[1]}", found[2].split("_")[1:]
+    for word, form in _ABOVE.items():
+        if word in below:
+            below.remove(word)
+            letter = form % letter
+    below += [component] if component else []
+    return f"${letter}_{{\\mathrm{{{','.join(below)}}}}}$" if below else f"${letter}$"
 
 
 _MATHS = {

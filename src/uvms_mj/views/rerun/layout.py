@@ -4,6 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -58,8 +59,10 @@ def layout(runs: Sequence[Run]) -> rrb.Blueprint:
 
 def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
     header, scale = runs[0].header, runs[0].place.force_scale
-    start, face = header.scenario.initial.position, wall_face(header)
-    lanes = abs(runs[0].place.y - runs[-1].place.y)
+    starts, face = np.array([run.header.scenario.initial.position for run in runs]), wall_face(header)
+    together = runs[0].place.y == runs[-1].place.y  # one run, or one world
+    start = starts.mean(axis=0).tolist() if together else header.scenario.initial.position
+    lanes = float(np.ptp(starts[:, 1])) if together else abs(runs[0].place.y - runs[-1].place.y)
     room = span(header) if header.geometry.links else abs(face - start[0])  # an arm reaches to the wall from afar
     distance = 1.15 * room + header.geometry.reach + lanes
     centre = (start[0] + 0.65 * (face - start[0]), start[1], start[2])

@@ -18,6 +18,7 @@ from ...plant.geometry import solids
 from ...records.header import Header, Outcome
 from ...records.scene import force_scale
 from ...records.trace import Trace
+from ...setup.world import one_world
 from ..colours import of_runs
 from .layout import application, layout
 from .process import Sender, ViewerClosed, free_port, start, web_viewer
@@ -156,7 +157,8 @@ def _viewer() -> Sender:
 
 
 def _runs(traces: Mapping[str, Trace]) -> list[Run]:
-    """Traces as runs with a common scale of forces. Several runs each have a name, a colour of their law and a lane."""
+    """Traces as runs with a common scale of forces. Several runs each have a name, a colour of their law and a lane;
+    the vehicles of one world are where they were."""
     extents = [Extents.of(trace) for trace in traces.values()]
     headers = [trace.header for trace in traces.values()]
     scale = min(force_scale(header, seen.force) for header, seen in zip(headers, extents, strict=True))
@@ -165,7 +167,10 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     colours = of_runs([header.law.source for header in headers])
     corners = [bounds(list(solids(header.geometry)), header.geometry.reach) for header in headers]
     width = _LANE * max(float(high[1] - low[1]) for low, high in corners)
-    lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]
+    if one_world([header.scenario for header in headers]):
+        lanes = [Place(force_scale=scale)] * len(traces)
+    else:
+        lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]
     return [
         Run(header, label, colour, place=lane, extents=seen)
         for header, label, colour, lane, seen in zip(headers, traces, colours, lanes, extents, strict=True)

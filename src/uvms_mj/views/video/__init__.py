@@ -3,7 +3,7 @@ that grow beside it."""
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from ...errors import InputError, needs_extra
 from ...records.header import Header, Outcome, Status
 from ...records.scene import FORCES, SKY, YELLOW
 from ...records.trace import Trace
+from ...setup.world import one_world
 from ..progress import following
 from .encoding import CODERS, encoded
 from .underwater import VIEWS, Camera, View, view_of
@@ -41,7 +42,7 @@ _STREAMS = np.array([[0.14, 0.30, 0.36], [0.66, 0.10, 0.43], [0.60, 0.45, 0.24]]
 
 
 def video(
-    trace: Trace,
+    trace: Trace | Mapping[str, Trace],
     path: str | os.PathLike,
     *,
     speed: float = 1.0,
@@ -54,7 +55,8 @@ def video(
     """Write a video of a run, by the ending of the file .mp4 or .gif. An existing file is replaced.
 
     Args:
-        trace: the run; ``trace.between(4.0, 8.0)`` for a part of it.
+        trace: the run; ``trace.between(4.0, 8.0)`` for a part of it. Of a world, the traces by the names of the
+            vehicles, which are drawn together, without plots.
         path: the file.
         speed: simulated seconds per second of the video.
         view: overview, side, top, behind, close, follow or surface, in which the sea's surface is;
@@ -79,7 +81,7 @@ def video(
     frames = _Frames(trace, view, plots, size, samples=4)
     with needs_extra("video"):
         import imageio_ffmpeg  # noqa: F401  before the first picture is drawn
-    times = _times(trace, speed / fps)
+    times = _times(frames.trace, speed / fps)
     with (
         frames,
         following(progress, path.name, "{done} of {total} pictures", lambda i, n: {"done": i, "total": n}) as told,
@@ -91,7 +93,7 @@ def video(
 
 
 def still(
-    trace: Trace,
+    trace: Trace | Mapping[str, Trace],
     t: float | None = None,
     *,
     view: str | View = "overview",
@@ -103,8 +105,8 @@ def still(
     from PIL import Image
 
     with _Frames(trace, view, plots, size, samples=8) as frames:
-        last = len(trace) - 1
-        now = last if t is None else int(np.clip(np.searchsorted(trace.t, t - 1e-9), 0, last))
+        last = len(frames.trace) - 1
+        now = last if t is None else int(np.clip(np.searchsorted(frames.trace.t, t - 1e-9), 0, last))
         return Image.fromarray(frames.at(now, now))
 
 
@@ -121,23 +123,30 @@ class _Frames:
 
     def __init__(
         self,
-        trace: Trace,
+        given: Trace | Mapping[str, Trace],
         view: str | View,
         plots: Sequence[str] | None,
         size: tuple[int, int],
         samples: int,
         largest: float | None = None,
     ) -> None:
-        missing = [name for name in _NEEDED if name not in trace.arrays]
-        if missing or len(trace) < 2:
-            why = f"no {', '.join(missing)}" if missing else "fewer than two samples"
-            raise InputError(f"the run has {why}, and can't be drawn")
+        trace, *others = given.values() if isinstance(given, Mapping) else (given,)
+        for each in (trace, *others):
+            missing = [name for name in _NEEDED if name not in each.arrays]
+            if missing or len(each) < 2:
+                why = f"no {', '.join(missing)}" if missing else "fewer than two samples"
+                raise InputError(f"the run has {why}, and can't be drawn")
+        if others and not one_world([each.scenario for each in (trace, *others)]):
+            raise InputError("several runs are drawn in one scene if they are of the vehicles of one world")
+        if others and plots:
+            raise InputError("plots stand beside the scene of one vehicle; uvms-mj plot draws all vehicles of a world")
+        plots = () if others else plots
         width, height = size
         if not (160 <= width <= 7680 and 90 <= height <= 4320) or width % 2 or height % 2:
             raise InputError(f"size {width}x{height}: give even numbers of pixels, from 160x90 to 7680x4320")
         from . import underwater
 
-        self.trace, header = trace, trace.header
+        self.trace, self._others, header = trace, others, trace.header
         chosen = [each for each in PLOTS if each != "sliding" or "s" in trace.arrays] if plots is None else [*plots]
         beside = width >= height
         scene_w = width if not (chosen and beside) else 2 * round(0.5 * _SHARE * width)
@@ -150,15 +159,18 @@ class _Frames:
 
             rest = (width - scene_w, height) if beside else (width, height - scene_h)
             self._plots = Plots(trace, chosen, *rest, dpi=max(60.0, 110.0 * min(rest[0] / 330.0, rest[1] / 330.0)))
-        self._camera = Camera(trace, view_of(view), scene_w / scene_h)
+        self._camera = Camera(trace, view_of(view), scene_w / scene_h, others)
         extent = max(1.0, 0.8 * float(self._camera.view.distance or 1.0))
         floor = self._camera.lowest + underwater.FLOOR
         self._surface = underwater.SeaSurface(header) if header.scenario.sea.moves else None
-        model = underwater.model_of(header, self._camera.point, extent, floor, samples, self._surface)
-        self._put = underwater.pose_setter(model, header.mjcf)
+        headers = [each.header for each in others]
+        model = underwater.model_of(header, self._camera.point, extent, floor, samples, self._surface, headers)
+        self._put = [underwater.pose_setter(model, header.mjcf)]
+        self._put += [underwater.pose_setter(model, each.mjcf, underwater.prefix_of(each)) for each in headers]
         self._renderer = underwater.Offscreen(model, scene_w, scene_h)
         self._data = _data(model)
-        peak = float(np.linalg.norm(trace.f_contact_W, axis=1).max()) if largest is None else largest
+        peaks = [float(np.linalg.norm(each.f_contact_W, axis=1).max()) for each in (trace, *others)]
+        peak = max(peaks) if largest is None else largest
         self._force_scale = _ARROW_N / peak if peak > 0.0 else 0.0
 
     def __enter__(self) -> "_Frames":
@@ -173,38 +185,35 @@ class _Frames:
     def at(self, since: int, now: int) -> np.ndarray:
         """The picture (height, width, 3) of a row. Its force is the largest since another row."""
         trace = self.trace
-        q = trace.q[now] if "q" in trace.arrays else ()
-        self._put(self._data, trace.p_WB[now], trace.quat_WB[now], q)
+        for put, each in zip(self._put, (trace, *self._others), strict=True):
+            at = min(now, len(each) - 1)
+            put(self._data, each.p_WB[at], each.quat_WB[at], each.q[at] if "q" in each.arrays else ())
         if self._surface is not None:
             self._surface.put(self._renderer.model, float(trace.t[now]))
             self._renderer.upload_surface()
         scene = self._renderer.draw(self._data, self._camera.at(trace.p_WB[now]))
-        forces = np.linalg.norm(trace.f_contact_W[since : now + 1], axis=1)
-        drawn = self._annotated(scene, since + int(forces.argmax()), now)
+        drawn = self._annotated(scene, since, now)
         if self._plots is None:
             return drawn
         plots = self._plots.at(float(trace.t[now]))
         return np.concatenate([drawn, plots], axis=1 if self._beside else 0)
 
-    def _annotated(self, scene: np.ndarray, at_force: int, now: int) -> np.ndarray:
+    def _annotated(self, scene: np.ndarray, since: int, now: int) -> np.ndarray:
         from PIL import Image, ImageDraw
 
         trace, s = self.trace, self._scale
         big = (_FINER * self._scene[0], _FINER * self._scene[1])
         layer = Image.new("RGBA", big, (255, 255, 255, 0))
         pen = ImageDraw.Draw(layer)
+        together = (trace, *self._others)
+        names = [each.scenario.vehicle.name for each in together]
+        whose = ", ".join(names) if self._others else trace.scenario.controller.label()
         lines: list[tuple[str, tuple[int, int, int] | None]] = [
-            (f"{trace.scenario.name} · {trace.scenario.controller.label()}", None),
+            (f"{trace.scenario.name} · {whose}", None),
             (f"t = {trace.t[now]:.2f} s", None),
         ]
-        force = FORCES[0]
-        newtons = float(np.linalg.norm(trace.f_contact_W[at_force]))
-        if trace.touches[-1] > 0 if "touches" in trace.arrays else newtons > 0.0:
-            lines.append((f"contact force {newtons:.1f} N", force.colour))
-        if newtons > 0.0:
-            row = {name: trace[name][at_force : at_force + 1] for name in trace}
-            start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
-            _arrow(pen, self._renderer.place(start), self._renderer.place(tip), 9.0 * s, force.colour, _LEAST_PX * s)
+        for name, each in zip(names, together, strict=True):
+            self._draw_force(pen, each, f"{name}: " if self._others else "", lines, since, now)
         if "tether_nodes" in trace.arrays:
             way = _FINER * self._renderer.place(trace.tether_nodes[now].reshape(-1, 3)[::-1])
             seen = np.cumprod(np.abs(way).max(axis=1) < 4.0 * max(big)).sum()  # up to the first one behind the camera
@@ -221,6 +230,22 @@ class _Frames:
         _write(pen, lines, s)
         layer = layer.resize(self._scene, Image.Resampling.BOX)
         return np.asarray(Image.alpha_composite(Image.fromarray(scene).convert("RGBA"), layer).convert("RGB"))
+
+    def _draw_force(self, pen: Any, trace: Trace, whose: str, lines: list, since: int, now: int) -> None:
+        """Draw the largest contact force of a vehicle since a row, and say it in a line if it has touched."""
+        now = min(now, len(trace) - 1)
+        forces = np.linalg.norm(trace.f_contact_W[since : now + 1], axis=1)
+        if not len(forces):  # of a vehicle that has stopped
+            return
+        force, at_force = FORCES[0], since + int(forces.argmax())
+        newtons = float(forces.max())
+        if trace.touches[-1] > 0 if "touches" in trace.arrays else newtons > 0.0:
+            lines.append((f"{whose}contact force {newtons:.1f} N", force.colour))
+        if newtons > 0.0:
+            row = {name: trace[name][at_force : at_force + 1] for name in trace}
+            start, tip = (each[0] for each in force.ends(trace.header, row, self._force_scale))
+            width, least = 9.0 * self._scale, _LEAST_PX * self._scale
+            _arrow(pen, self._renderer.place(start), self._renderer.place(tip), width, force.colour, least)
 
 
 class LivePictures:

@@ -83,10 +83,10 @@ def view_of(chosen: "str | View") -> View:
 class Camera:
     """The camera of a run."""
 
-    def __init__(self, trace: Trace, view: View, aspect: float) -> None:
-        """``aspect`` is the picture's width over its height."""
+    def __init__(self, trace: Trace, view: View, aspect: float, others: Sequence[Trace] = ()) -> None:
+        """``aspect`` is the picture's width over its height, and ``others`` are the other vehicles of a world."""
         name = trace.header.task_frame[0]
-        way = np.concatenate([trace.p_WB, trace[name]])
+        way = np.concatenate([trace.p_WB, trace[name], *(each.p_WB for each in others)])
         low, high = way.min(axis=0), way.max(axis=0)
         face = np.array([wall_face(trace.header), *trace[name][-1, 1:]])
         if np.linalg.norm(np.clip(face, low, high) - face) < _NEAR:
@@ -185,6 +185,7 @@ def model_of(
     floor: float = FLOOR,
     samples: int = 8,
     surface: SeaSurface | None = None,
+    others: Sequence[Header] = (),
 ) -> mujoco.MjModel:
     """A model of the run's vehicle and walls for drawing only.
 
@@ -195,8 +196,18 @@ def model_of(
         floor: height of the floor in W [m].
         samples: samples of a pixel; they also decide how finely shadows are drawn, which takes most of the time.
         surface: the surface of the sea, if there is one.
+        others: of the other vehicles of a world; their names in the model begin with :func:`prefix_of`.
     """
     scenario, spec = header.scenario, header.mjcf.spec()
+    for body, each in _contact_bodies(header):
+        _add_solid(spec, body, each)
+    for other in others:
+        child = other.mjcf.spec()
+        for body, each in _contact_bodies(other):
+            _add_solid(child, body, each)
+        for light in list(child.lights):
+            child.delete(light)
+        spec.attach(child, prefix=prefix_of(other), frame=spec.worldbody.add_frame())
     add_water(spec, "water", 512)
     for name, pixels in (("concrete", concrete()), ("sand", sand())):
         height, width, _ = pixels.shape
@@ -215,9 +226,6 @@ def model_of(
             sizes, given = np.roll(sizes, -1), quat.copy()
             mujoco.mju_mulQuat(quat, given, np.array([0.5, 0.5, -0.5, -0.5]))
         spec.worldbody.add_geom(type=_kind(shape), size=sizes, pos=shape.position, quat=quat, material="concrete")
-    for body, each in _contact_bodies(header):
-        place = {"size": each.size, "pos": each.position, "quat": each.quat}
-        spec.body(body).add_geom(type=_kind(each), rgba=each.rgba, mass=0.0, **place)
     if surface is not None:
         surface.add_to(spec, centre)
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -236,6 +244,16 @@ def _kind(shape: Shape) -> Any:
     return getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
 
 
+def prefix_of(other: Header) -> str:
+    """The beginning of the names of another vehicle of a world in the model for drawing."""
+    return f"{other.scenario.vehicle.name}/"
+
+
+def _add_solid(spec: mujoco.MjSpec, body: str, shape: Shape) -> None:
+    place = {"size": shape.size, "pos": shape.position, "quat": shape.quat}
+    spec.body(body).add_geom(type=_kind(shape), rgba=shape.rgba, mass=0.0, **place)
+
+
 def _contact_bodies(header: Header) -> Iterator[tuple[str, Shape]]:
     """The contact bodies of a scenario as shapes, with the bodies that carry them."""
     geometry: Geometry = header.geometry
@@ -247,10 +265,10 @@ def _contact_bodies(header: Header) -> Iterator[tuple[str, Shape]]:
             yield link.name, shape
 
 
-def pose_setter(model: mujoco.MjModel, mjcf: Mjcf) -> Any:
+def pose_setter(model: mujoco.MjModel, mjcf: Mjcf, prefix: str = "") -> Any:
     """A function that puts the vehicle of mjData to a position (3,), an attitude (4,) and joint positions (n,)."""
-    first, _ = free_joint_addresses(model, free_body_id(model, mjcf.vehicle.body))
-    joints = [int(model.joint(link.joint).qposadr[0]) for link in mjcf.geometry.links]
+    first, _ = free_joint_addresses(model, free_body_id(model, prefix + mjcf.vehicle.body))
+    joints = [int(model.joint(prefix + link.joint).qposadr[0]) for link in mjcf.geometry.links]
 
     def put(data: mujoco.MjData, p: np.ndarray, quat: np.ndarray, q: Sequence[float]) -> None:
         data.qpos[first : first + 7] = *p, *quat

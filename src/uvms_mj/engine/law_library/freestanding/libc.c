@@ -1,6 +1,9 @@
 /* A C library of some functions, for programs that qemu-user runs, and for a Cortex-M7 without an operating system in
    qemu-system-arm, which hears calls at a breakpoint (semihosting): ziglang needs minutes to build a whole one. */
 #include <stdarg.h>
+#ifdef __arm__
+#include "arm.c"
+#endif
 typedef __SIZE_TYPE__ size_t;
 
 int main(int count, char **arguments);

@@ -1,0 +1,106 @@
+"""``uvms-mj archive``, and what commands do with an archive that ``--from`` names."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import bad_input, printable, refuse_existing, warn
+from .folders import folder_for
+from .options import command, force_option, json_option, path_argument, path_option
+
+if TYPE_CHECKING:
+    from ..reproduce.archive.container import Manifest
+
+EXIT_DIFFERS = 1
+
+
+@command("archive")
+@path_argument("source", metavar="RUN|STUDY|BENCH|PAPER")
+@path_option("-o", "--out", required=True, metavar="FILE.zip", help="The archive.")
+@path_option("--secret", metavar="FILE", help="Of a bench with draws of a secret: its file, which becomes a member.")
+@force_option
+@json_option
+def archive(source: str, out: str, secret: str | None, force: bool, as_json: bool) -> None:
+    """Write one zip with all that a reviewer needs to repeat a run, a study, a bench or the paper.
+
+    RUN is a log, or the folder of a run; the others are folders. The zip has logs or rows; laws with the files that
+    they import and read; vehicles with meshes, FMUs, libraries; the scenario or study with every key; versions, a
+    digest of each file, and a README with the command that repeats it. All paths in it are relative.
+
+    Nothing is executed. The archive has each file as it was in the run. A file that has changed since, and whose old
+    contents no record has, is refused.
+
+    \b
+    uvms-mj archive results --out run.zip
+    uvms-mj archive runs/monte_carlo --out study.zip
+    uvms-mj info study.zip                            its contents; every digest is checked
+    uvms-mj study --from study.zip --out repeated     runs it, and compares each row
+    """
+    with bad_input():
+        from ..errors import InputError
+        from ..reproduce.archive import archive as write
+
+        path = Path(out)
+        if path.suffix.lower() != ".zip":
+            raise InputError(f"--out {out}: the name must end in .zip")
+        refuse_existing("--out", path, force)
+        manifest, notes = write(Path(source), path, None if secret is None else Path(secret))
+    for note in notes:
+        warn(note)
+    if as_json:
+        click.echo(json.dumps({"archive": out, **about(manifest)}))
+        return
+    size = path.stat().st_size
+    click.echo(printable(f"{out}: {len(manifest.members)} files, {size / 1e6:.2g} MB, sha256 of {manifest.digest}"))
+    click.echo(manifest.command)
+
+
+def about(manifest: "Manifest") -> dict[str, Any]:
+    """What ``--json`` prints of an archive."""
+    members = {name: {"sha256": each.sha256, "size": each.size} for name, each in manifest.members.items()}
+    whole = {name: getattr(manifest, name) for name in ("kind", "name", "command", "digest")}
+    return whole | {"versions": dict(manifest.versions), "members": members}
+
+
+def unpacked(source: str, kind: str, out: str | None) -> "tuple[Path, Path, Manifest]":
+    """Check an archive of a kind and unpack it into the output folder, by default runs/<name of the zip>. Returns the
+    output folder, the folder of the members, and the manifest. Warns of other versions. Raises InputError if it is
+    none, or of another kind."""
+    from ..errors import InputError
+    from ..reproduce.archive.container import extract, read
+    from ..reproduce.archive.contents import refuse_unfit
+    from ..reproduce.archive.repeated import UNPACKED
+    from ..studies.bundle import code
+
+    path = Path(source)
+    found = read(path)
+    if found.kind != kind:
+        raise InputError(f"{path}: is the archive of a {found.kind}: {found.command}")
+    refuse_unfit(path, found)
+    folder = Path(out or Path("runs", path.stem))
+    folder_for(str(folder))
+    place = folder / UNPACKED
+    manifest = extract(path, place)
+    ours: Mapping[str, str] = code()
+    changed = [f"{k} {v} then, {ours[k]} now" for k, v in manifest.versions.items() if ours.get(k, v) != v]
+    if changed:
+        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
+    return folder, place, manifest
+
+
+def compared(kind: str, folder: Path, quiet: bool = False) -> int:
+    """Compare the results of a folder with its unpacked archive, say what differs, and return the exit status."""
+    from ..reproduce.archive.repeated import differences
+
+    found = differences(kind, folder)
+    if not found:
+        if not quiet:
+            click.echo("equal to the archive", err=True)
+        return 0
+    more = f"\nand {len(found) - 10} more" if len(found) > 10 else ""
+    lines = "\n".join(f"- {each}" for each in found[:10])
+    click.echo(printable(f"differs from the archive:\n{lines}{more}"), err=True)
+    return EXIT_DIFFERS

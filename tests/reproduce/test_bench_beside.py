@@ -1,0 +1,98 @@
+"""A result of the benchmark with the rows of another one below its own: in the table, on the page, in the figure."""
+
+import copy
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from uvms_mj import InputError
+from uvms_mj.reproduce.bench import results
+from uvms_mj.reproduce.bench.page import drawn, latex_table, order
+from uvms_mj.reproduce.bench.task import tasks
+
+
+def own(label: str = "mine", law: str = "gsta", some: int = 3) -> dict:
+    """A result of a law of one's own, with a shipped law's numbers on some tasks."""
+    whole = copy.deepcopy(results.shipped())
+    names = list(whole["tasks"])[:some]
+    mine = next(each for each in whole["laws"] if each["label"] == law)
+    mine |= {"label": label, "digest": "0" * 16, "tasks": {name: mine["tasks"][name] for name in names}}
+    whole |= {"laws": [mine], "tasks": {name: whole["tasks"][name] for name in names}}
+    return whole | {"digest": results.digest(whole)}
+
+
+def test_the_table_has_own_and_shipped_rows_of_the_own_tasks():
+    both = results.beside(own(), "shipped")
+    table = latex_table(both)
+    heads, mine, *others = re.findall(r"^([\w\\. ()]+) & .*\\\\$", table, re.M)[:3]
+    assert (heads, mine) == ("law", "mine")
+    shipped = [law["label"] for law in results.shipped()["laws"]]
+    assert [law["label"] for law in both["laws"]] == ["mine", *shipped]
+    assert table.index("mine &") < table.rindex("\\midrule") < table.index("impedance &")
+    assert table.count("\\midrule") == 2
+    for line in table.splitlines():
+        if line.endswith("\\\\") and not line.startswith("\\"):
+            assert line.count("&") == 3, line
+    assert f"result {results.shipped()['digest']}; {drawn(results.shipped())}" in table
+    assert others
+
+
+def test_the_figure_has_a_bar_for_each_law_that_runs():
+    both = results.beside(own(some=2), "shipped")
+    figure = order(both, {law["label"]: "#336699" for law in both["laws"]})
+    for ax, name in zip(figure.axes, both["tasks"], strict=True):
+        assert len(ax.patches) == sum(law["tasks"][name]["runs"] for law in both["laws"])
+        assert "mine" in [text.get_text() for text in ax.texts]
+
+
+def test_a_label_of_both_is_told_apart_and_a_law_of_both_is_there_once():
+    labels = [law["label"] for law in results.beside(own("gsta"), "shipped")["laws"]]
+    assert labels[0] == "gsta"
+    assert "gsta (shipped)" in labels
+    assert len(set(labels)) == len(labels)
+    same = results.shipped()
+    one = same | {"laws": [law for law in same["laws"] if law["label"] == "fosm"]}
+    labels = [law["label"] for law in results.beside(one, "shipped")["laws"]]
+    assert labels.count("fosm") == 1
+    assert [law["label"] for law in results.beside(one, "shipped:gsta")["laws"]] == ["fosm", "gsta"]
+    with pytest.raises(InputError, match="no other law"):
+        results.beside(same, "shipped")
+
+
+def test_another_result_without_the_tasks_is_refused_before_a_run(here, tmp_path):
+    few = own(some=2)
+    Path("few.json").write_text(results.text(few))
+    missing = [name for name in tasks() if name not in few["tasks"]]
+    done = here("bench", "gsta", "--with", "few.json", "--out", "out", "--at-most", "1")
+    assert done.exit_code == 2
+    assert all(name in done.stderr for name in missing)
+    assert not (tmp_path / "out").exists()
+    done = here("bench", "gsta", "--with", "shipped-version-1", "--out", "out")
+    assert "is of version 1" in done.stderr
+    assert "no such file" in here("bench", "gsta", "--with", "nowhere.json", "--out", "out").stderr
+
+
+def test_the_command_writes_both_and_the_result_has_the_own_laws_alone(here):
+    task = next(iter(tasks()))
+    how = ("--tasks", task, "--at-most", "1", "--json")
+    done = here("bench", "gsta", "controller.k_1=7", *how, "--out", "out", "--with", "shipped:fosm")
+    assert done.exit_code == 0, done.stderr
+    assert list(json.loads(done.stdout)["levels"]) == ["gsta"]
+    assert [law["label"] for law in json.loads(Path("out/bench.json").read_text())["laws"]] == ["gsta"]
+    assert "fosm & " in Path("out/table.tex").read_text()
+    assert "Rows of another result" in Path("out/report.html").read_text()
+
+
+def test_a_comparison_is_a_table_for_a_paper(here):
+    done = here("bench", "compare", "shipped:gsta", "shipped:dob_impedance", "--out", "pairs.tex")
+    assert done.exit_code == 0, done.stderr
+    text = Path("pairs.tex").read_text()
+    rows = [line for line in text.splitlines() if line.endswith("\\\\")]
+    assert len(rows) == 1 + len(tasks())
+    assert all(row.count("&") - row.count("\\&") == 7 for row in rows)
+    assert "dob\\_impedance" in rows[0]
+    assert "95 \\% interval" in rows[0]
+    assert here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "pairs.tex").exit_code == 2
+    assert "must end in .tex" in here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "p.csv").stderr

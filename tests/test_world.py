@@ -1,0 +1,552 @@
+"""Worlds: several vehicles in one scenario, alone or coupled."""
+
+import itertools
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import uvms_mj
+from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate, still
+from uvms_mj.cli import main
+from uvms_mj.engine.run import EncounterWarning
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant import encounter
+from uvms_mj.plant.geometry import Geometry, Shape
+from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.records.header import Status
+from uvms_mj.setup.world import World, vehicles_of
+
+ENGINES = ("free_body", "mujoco")
+BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
+PUSH = """from dataclasses import dataclass
+
+from uvms_mj import Controller
+
+
+@dataclass(frozen=True)
+class Push(Controller):
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+        tau_cmd[0] = 10.0
+"""
+"""A law that pushes with 10 N."""
+DRY = {"added_mass": 0.0, "linear_damping": 0.0, "quadratic_damping": 0.0}
+"""A vehicle that feels no water."""
+
+
+def row(n, **more):
+    """A world of n vehicles in a row."""
+    laws = itertools.cycle([{"name": "gsta"}, {"name": "fosm"}, {"name": "pid"}])
+    vehicles = [
+        {
+            "name": f"v{i}",
+            "initial": {"position": [0.98, 0.6 * i, 0.0], "velocity": [0.4, 0.0, 0.0, 0.0, 0.0, 0.0]},
+            "reference": {"target": [1.1, 0.6 * i, 0.0]},
+            "controller": next(laws),
+        }
+        for i in range(n)
+    ]
+    return World.from_dict(
+        {"name": "row", "simulation": {"duration": 0.3}, "wall": {"position": 0.985}, "vehicles": vehicles} | more
+    )
+
+
+def bodies(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
+    """A world of two bars without law at two positions, and one coupling of them."""
+    vehicles = [
+        {"name": name, "initial": {"position": list(p)}, "vehicle": {"model": BAR, **DRY}}
+        for name, p in zip(("a", "b"), positions, strict=True)
+    ]
+    given = {
+        "simulation": {"duration": duration, "timestep": timestep},
+        "wall": {"present": False},
+        "current": {"speed": 0.0},
+        "controller": {"name": "none"},
+        "couplings": [{"vehicles": ["a", "b"], **coupling}],
+        "vehicles": vehicles,
+    }
+    return World.from_dict(given | tables)
+
+
+# vehicles that do not touch
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("n", [2, 3, 8])
+def test_each_vehicle_has_the_bits_of_its_run_alone(n, engine):
+    world = row(n).updated({"simulation.duration": 0.3 if n < 8 else 0.1})
+    together = simulate(world, engine=engine)
+    assert [*together] == [f"v{i}" for i in range(n)]
+    for name, scenario in world.scenarios.items():
+        alone = simulate(scenario, engine=engine)
+        assert together[name].rows().tobytes() == alone.rows().tobytes()
+        assert together[name].scenario == scenario
+    assert all(trace.touches[-1] > 0 for trace in together.values())
+
+
+def test_the_water_is_the_same_and_the_noise_is_not():
+    water = {
+        "current": {"speed": 0.3, "deviation": [0.1, 0.1, 0.0]},
+        "navigation": {"name": "sensors", "position_noise": [1e-3] * 3},
+    }
+    traces = simulate(row(2, **water).updated({"controller.name": "gsta"}), engine="free_body")
+    one, two = traces.values()
+    assert np.array_equal(one.v_c_W, two.v_c_W)
+    assert np.ptp(one.v_c_W[:, 0]) > 0.0
+    noise = [trace.p_WB_m - trace.p_WB for trace in (one, two)]
+    assert np.ptp(noise[0][:, 2]) > 0.0
+    assert not np.any(noise[0][1:, 2] == noise[1][1:, 2])
+
+
+def test_a_name_alone_changes_no_number_but_the_noise():
+    plain = Scenario.load("push_wall", {"simulation.duration": 0.3})
+    named = plain.updated({"vehicle.name": "left"})
+    assert simulate(plain, engine="free_body").rows().tobytes() == simulate(named, engine="free_body").rows().tobytes()
+
+
+def test_tables_and_toml_give_the_world_again(tmp_path):
+    for name in ("press_together", "press_bar"):
+        world = World.load(name)
+        path = tmp_path / f"{name}.toml"
+        path.write_text(world.to_toml())
+        assert World.load(path) == World.from_dict(world.to_dict()) == world
+        assert vehicles_of(path) == [*world.scenarios]
+
+
+def test_keys_of_all_of_one_by_number_and_of_one_by_name():
+    world = row(2).updated(
+        {"current.speed": 0.2, "vehicles[0].controller.k_1": 7.5, "vehicles[v1].initial.position": [0.5, 2.0, 0.0]}
+    )
+    one, two = world.scenarios.values()
+    assert one.current.speed == two.current.speed == 0.2
+    assert one.controller.k_1 == 7.5
+    assert two.initial.position == (0.5, 2.0, 0.0)
+    assert one.initial.position == (0.98, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"vehicles": []}, "vehicles: [] is not a list of tables, one a vehicle"),
+        ({"vehicles": [{"name": "a"}, {"name": "A"}]}, "vehicles[1].name: 'A' is the name of another vehicle"),
+        ({"vehicles": [{"name": "a"}, {}]}, "vehicles[1].name: lacks this key"),
+        ({"vehicles": [{"name": "a b"}]}, "vehicles[0].name: 'a b' is no name"),
+        ({"vehicles": [{"name": "a", "wall": {}}]}, "vehicles[0].wall: is the world's"),
+        ({"vehicles": [{"name": "a", "initial": {"positon": 1}}]}, "vehicles[0].initial.positon: no such key"),
+        ({"couplings": [{"vehicles": ["v0", "v7"]}]}, "couplings[0].vehicles: no vehicle 'v7'"),
+        ({"couplings": [{"vehicles": ["v0", "v1"], "length": 1.0}]}, "couplings[0]: a joint has no length"),
+        ({"couplings": [{"vehicles": ["v0", "v1"], "kind": "cable"}]}, "couplings[0]: a cable needs a length"),
+        ({"couplings": [{"vehicles": ["v0", "v0"]}]}, "couplings[0].vehicles: 'v0' can't be coupled to itself"),
+    ],
+)
+def test_a_wrong_world_is_refused_by_name(change, said):
+    with pytest.raises(InputError) as raised:
+        row(2, **change)
+    assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("vehicles[9].controller.k_1", "no such vehicle; the world has 2 vehicles"),
+        ("vehicles[v8].controller.k_1", "no such vehicle"),
+        ("vehicles.controller.k_1", "name one vehicle and its key"),
+        ("vehicles[0].current.speed", "is the world's"),
+        ("vehicles[0].vehicle.name", "is given by the file"),
+        ("vehicle.name", "each vehicle has its own"),
+    ],
+)
+def test_a_wrong_key_is_refused_by_name(key, said):
+    with pytest.raises(InputError) as raised:
+        row(2).updated({key: 1.0})
+    assert said in str(raised.value)
+
+
+def test_one_vehicle_is_no_world_and_a_world_no_vehicle():
+    with pytest.raises(InputError, match=r"several vehicles, which World\.load and uvms-mj run take"):
+        Scenario.load("press_together")
+    with pytest.raises(InputError, match="mapping from the names of its vehicles, left, right"):
+        simulate(World.load("press_together"), sinks=[McapLog("never")])
+    with pytest.raises(InputError, match="expected a Scenario"):
+        Simulation(World.load("press_together"))
+
+
+def test_a_vehicle_inside_another_is_refused_and_a_meeting_is_told():
+    with pytest.raises(InputError, match=r"vehicles\[v1\].initial: is inside 'v0': the boxes around both overlap by"):
+        simulate(row(2).updated({"vehicles[1].initial.position": [0.98, 0.1, 0.0]}))
+    towards = {"vehicles[1].initial.velocity": [0.0, -1.0, 0.0, 0.0, 0.0, 0.0], "controller.name": "none"}
+    with pytest.warns(
+        EncounterWarning, match=r"v0 and v1 meet at t = 0\.4\d+ s: contact between vehicles is not computed"
+    ):
+        simulate(row(2).updated({"simulation.duration": 0.5, "wall.position": 9.0} | towards), engine="free_body")
+
+
+@pytest.mark.parametrize("turn", [0.0, 30.0, 90.0])
+def test_boxes_are_apart_as_far_as_their_nearest_faces(turn):
+    """A box turns beside another one, 0.4 m away: its half width is then that of a rectangle."""
+    a, b, half = 0.23, 0.17, math.radians(turn) / 2
+    box = Shape("box", (a, b, 0.14), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 1.0), None)
+    geometry, no_joints = Geometry((box,), {}), np.zeros((1, 0))
+    still = encounter.boxes(geometry, np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), no_joints)
+    quat = np.array([[math.cos(half), 0.0, 0.0, math.sin(half)]])
+    turned = encounter.boxes(geometry, np.array([[0.0, 0.4, 0.0]]), quat, no_joints)
+    wide = a * math.sin(2 * half) + b * math.cos(2 * half)
+    assert encounter.gap(still, turned)[0] == pytest.approx(0.4 - b - wide, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_boxes_overlap_where_some_place_is_in_both(seed):
+    """Against a search for a place in both boxes by quadratic programming, at random poses."""
+    from scipy.optimize import lsq_linear
+
+    rng = np.random.default_rng(seed)
+    halves = rng.uniform(0.1, 0.5, (2, 3))
+    poses = rng.uniform(-0.6, 0.6, (2, 3)), rng.normal(size=(2, 4))
+    found = []
+    for half, p, quat in zip(halves, *poses, strict=True):
+        shape = Shape("box", tuple(half), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 1.0), None)
+        quat = quat / np.linalg.norm(quat)
+        found.append(encounter.boxes(Geometry((shape,), {}), p[None], quat[None], np.zeros((1, 0))))
+    one, two = found
+    A, B = one.axes[0, 0], two.axes[0, 0]
+    bound = np.concatenate(halves)  # one.p + A u = two.p + B v within both boxes
+    nearest = lsq_linear(np.hstack([A, -B]), (two.centres - one.centres)[0, 0], (-bound, bound), tol=1e-14)
+    distance = math.sqrt(2.0 * nearest.cost)
+    gap = float(encounter.gap(one, two)[0])
+    assert gap <= distance + 1e-6
+    assert (gap > 0.0) == (distance > 1e-6) or abs(gap) < 1e-3
+
+
+# how a run ends
+
+
+def test_an_interrupt_ends_all_vehicles():
+    def stop(done, total):
+        if done >= 1000:
+            raise KeyboardInterrupt
+
+    traces = simulate(row(3).updated({"simulation.duration": 5.0}), engine="mujoco", progress=stop)
+    assert {trace.status for trace in traces.values()} == {Status.interrupted}
+    assert all(0 < trace.steps < 50_000 for trace in traces.values())
+
+
+def test_a_vehicle_that_diverges_stops_those_that_it_is_coupled_to_and_no_other():
+    world = row(3, couplings=[{"vehicles": ["v0", "v1"], "kind": "spring", "stiffness": 10.0, "length": 0.6}])
+    wild = world.updated({"vehicles[0].disturbance.bias": [1e5, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    traces = simulate(wild, engine="free_body")
+    assert traces["v0"].status is Status.unstable
+    assert traces["v1"].status is Status.failed
+    assert "v0 has stopped, to which it is coupled" in traces["v1"].message
+    assert traces["v2"].status is Status.completed
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_vehicle_has_a_log_with_its_topics_below_its_name(tmp_path, engine):
+    from mcap.reader import make_reader
+
+    world = World.load("press_bar", {"simulation.duration": 0.1})
+    logs = {name: tmp_path / f"{name}.mcap" for name in world.scenarios}
+    traces = simulate(world, sinks={name: [McapLog(path)] for name, path in logs.items()}, engine=engine)
+    for name, path in logs.items():
+        loaded = Trace.load(path)
+        assert loaded.rows().tobytes() == traces[name].rows().tobytes()
+        with path.open("rb") as file:
+            channels = make_reader(file).get_summary().channels.values()
+        assert {channel.topic.split("/")[1] for channel in channels} == {name}
+        assert f"/{name}/odom" in {channel.topic for channel in channels}
+
+
+# couplings
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_spring_is_the_closed_form_and_its_error_falls_with_the_time_step(engine):
+    """Two equal bodies on a damped spring: x'' = -(k x + b x') / mu, with the reduced mass mu = m / 2."""
+    k, b, length, stretch, duration = 400.0, 6.0, 1.0, 0.1, 1.0
+    mu = 0.5 * float(Mjcf.find(BAR).vehicle.M_RB[0, 0])
+    decay = b / (2.0 * mu)
+    omega = math.sqrt(k / mu - decay**2)
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        spring = {"kind": "spring", "stiffness": k, "damping": b, "length": length}
+        start = (0.0, 0.0, 0.0), (length + stretch, 0.0, 0.0)
+        world = bodies(spring, *start, duration=duration, timestep=h)
+        one, two = simulate(world, engine=engine, log_rate="full").values()
+        t, found = one.t, two.p_WB[:, 0] - one.p_WB[:, 0] - length
+        wave = np.cos(omega * t) + decay / omega * np.sin(omega * t)
+        errors.append(np.abs(found - stretch * np.exp(-decay * t) * wave).max())
+        force = k * found + b * (two.nu[:, 0] - one.nu[:, 0])
+        assert one.f_couplings_W[:-1, 0, 0] == pytest.approx(force[:-1], rel=1e-9, abs=1e-9)
+    assert errors[0] < 0.2 * stretch
+    assert [a / b for a, b in itertools.pairwise(errors)] == pytest.approx([2.0, 2.0], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "coupling",
+    [
+        {"kind": "spring", "stiffness": 300.0, "damping": 5.0, "length": 0.5},
+        {"stiffness": 300.0, "damping": 5.0, "length": 0.59, "kind": "cable"},
+        {"stiffness": 3000.0, "damping": 20.0},
+    ],
+    ids=["spring", "cable", "joint"],
+)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_momentum_is_kept_without_water(coupling, engine):
+    """Linear momentum to rounding at every step; angular momentum about W's origin as exactly as the step turns a body,
+    which is to its order."""
+    turning = {"vehicles[0].initial.velocity": [0.1, -0.2, 0.3, 0.2, 0.1, 0.5]}
+    points = [[0.1, 0.5, 0.0], [0.0, -0.5, 0.1]]
+    gap = 0.0 if "length" not in coupling else 0.6
+    start = (0.0, 0.0, 0.0), (0.1, 1.0 + gap, -0.1)
+    M, losses = Mjcf.find(BAR).vehicle.M_RB, []
+    for h in (4e-4, 2e-4):
+        world = bodies(coupling | {"points": points}, *start, timestep=h).updated(turning)
+        traces = simulate(world, engine=engine).values()
+        spun, moved = 0.0, 0.0
+        for trace in traces:
+            R = rotation_matrix(trace.quat_WB)
+            p = M[0, 0] * np.einsum("nij,nj->ni", R, trace.nu[:, :3])
+            spin = np.einsum("nij,jk,nk->ni", R, M[3:, 3:], trace.nu[:, 3:])
+            moved, spun = moved + p, spun + np.cross(trace.p_WB, p) + spin
+        assert np.abs(moved - moved[0]).max() < 1e-12 * np.abs(moved[0]).max() * len(moved)
+        losses.append(np.abs(spun - spun[0]).max())
+        one, two = traces
+        assert np.array_equal(one.f_couplings_W, -two.f_couplings_W)
+        assert np.abs(one.f_couplings_W).max() > 1.0
+    assert losses[1] < 0.6 * losses[0] < 0.01 * np.abs(spun[0]).max()
+
+
+def test_a_cable_never_pushes():
+    world = bodies({"stiffness": 300.0, "length": 1.0, "kind": "cable"}, (0.0, 0.0, 0.0), (0.9, 0.0, 0.0), duration=3.0)
+    towards = world.updated({"vehicles[1].initial.velocity": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    one, two = simulate(towards, engine="free_body").values()
+    distance = np.linalg.norm(two.p_WB - one.p_WB, axis=1)
+    pull = one.f_couplings_W[:, 0, 0]
+    assert pull.min() == 0.0 < pull.max()
+    assert np.all((pull > 0.0) <= (distance > 1.0 - 1e-3))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_two_spheres_bounce_with_their_energy_and_momentum(engine):
+    """Two equal spheres without a damper: a head-on impact exchanges their velocities (Newton's cradle), and a glancing
+    one keeps energy and momentum, with an error of the order of the step."""
+    k, speed, losses = 5e3, 0.4, []
+    for h in (2e-4, 1e-4):
+        contact = {"kind": "contact", "stiffness": k, "length": 0.2}
+        world = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.08), timestep=h, duration=1.0)
+        going = world.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
+        one, two = simulate(going, engine=engine).values()
+        m = float(Mjcf.find(BAR).vehicle.M_RB[0, 0])
+        energies = [0.5 * m * np.sum(trace.nu[:, :3] ** 2, axis=1) for trace in (one, two)]
+        assert one.nu[-1, :3] + two.nu[-1, :3] == pytest.approx([speed, 0.0, 0.0], abs=1e-12)
+        assert np.abs(one.f_couplings_W).max() > 10.0
+        assert one.f_couplings_W[:, 0, 0].max() <= 0.0  # pushed back, never pulled
+        assert one.f_couplings_W[-1].tolist() == [[0.0] * 3]
+        losses.append(abs((energies[0] + energies[1])[-1] / energies[0][0] - 1.0))
+    assert losses[0] < 1e-3
+    head_on = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.0), duration=1.0, timestep=1e-4)
+    going = head_on.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    one, two = simulate(going, engine=engine).values()
+    assert [one.nu[-1, 0], two.nu[-1, 0]] == pytest.approx([0.0, speed], abs=1e-3 * speed)
+    touching = np.ptp(one.t[one.f_couplings_W[:, 0, 0] < 0.0])
+    assert touching == pytest.approx(math.pi * math.sqrt(0.5 * m / k), abs=3e-3)  # half a period on the spring
+
+
+def test_both_engines_agree_on_coupled_vehicles():
+    found = {}
+    for engine in ENGINES:
+        found[engine] = simulate(World.load("press_bar", {"simulation.duration": 3.0}), engine=engine)
+    for name, trace in found["mujoco"].items():
+        assert trace.p_WB == pytest.approx(found["free_body"][name].p_WB, abs=1e-9)
+    assert found["mujoco"]["bar"].touches[-1] == 1
+
+
+def test_the_bar_hangs_by_statics():
+    """A bar heavier than its water, held at two points beside its middle: the loads are those of a lever, and the force
+    along the bar is that of the springs, k (x_1 - x_2), which hold it against each other."""
+    world = World.load(
+        "press_bar",
+        {
+            "simulation.duration": 20.0,
+            "simulation.timestep": 2e-4,
+            "walls": [],
+            "impedance.F_d": [0.0] * 6,
+            "observer.name": "none",
+            "vehicles[bar].vehicle.mass": 1.3,
+            "couplings[1].points": [[0.3, 0.0, 0.0], [0.0, -0.2, 0.0]],
+            "vehicles[right].initial.position": [0.4, -0.2, 0.0],
+            "vehicles[right].reference.target": [0.4, -0.19, 0.0],
+            "vehicles[left].reference.target": [0.4, 0.39, 0.0],
+        },
+    )
+    traces = simulate(world, engine="free_body", keep_s=1.0)
+    bar = traces["bar"]
+    weight = 0.3 * 9.4248 * 9.81
+    p, R = bar.p_WB[-1], rotation_matrix(bar.quat_WB[-1:])[0]
+    forces, points = bar.f_couplings_W[-1], []
+    for (own, name), f in zip([([0, 0.4, 0], "left"), ([0, -0.2, 0], "right")], forces, strict=True):
+        held = traces[name]
+        at = held.p_WB[-1] + rotation_matrix(held.quat_WB[-1:])[0] @ [0.3, 0.0, 0.0]
+        x = p + R @ own
+        assert f == pytest.approx(2e3 * (at - x), abs=1e-7)  # and no damper at rest
+        points.append(0.5 * (x + at))
+    assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, weight], abs=1e-9 * weight)
+    arms = np.array(points) - p
+    assert sum(np.cross(arms, forces)) == pytest.approx(np.zeros(3), abs=1e-9 * weight)
+    assert forces[0, 1] < -1.0  # the two vehicles push the bar together
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_vehicle_presses_with_the_demanded_force(engine):
+    world = World.load("press_bar", {"simulation.timestep": 5e-4} if engine == "mujoco" else {})
+    traces = simulate(world, engine=engine, keep_s=1.0)
+    assert traces["bar"].push[-1] == pytest.approx(40.0, rel=1e-6)
+    for name in ("left", "right"):
+        assert traces[name].f_couplings_W[-1, 0] == pytest.approx([-20.0, 0.0, 0.0], abs=1e-4)
+
+
+def test_with_a_stiff_bar_two_vehicles_are_one_body(tmp_path):
+    """Two equal vehicles with the same thrust and a bar between them: after the joints have settled, they accelerate as
+    one body of the summed mass and added mass, and its place differs by what the joints yield."""
+    law = tmp_path / "push.py"
+    law.write_text(PUSH)
+    still = {"linear_damping": 0.0, "quadratic_damping": 0.0}
+    base = World.load("press_bar", {"walls": [], "simulation.duration": 1.0, "simulation.timestep": 2e-5})
+    tables = base.to_dict()
+    for each in tables["vehicles"]:
+        each["vehicle"] |= still
+        if each["name"] != "bar":
+            each["controller"], each["observer"] = {"name": f"{law}:Push"}, {"name": "none"}
+    rov, bar = (Mjcf.find(name).vehicle for name in ("bluerov1", BAR))
+    mass = sum(float((each.M_RB + each.M_A)[0, 0]) for each in (rov, rov, bar))
+    errors = []
+    for stiffness in (1e4, 1e5, 1e6):
+        for each in tables["couplings"]:
+            each |= {"stiffness": stiffness, "damping": math.sqrt(5.0 * stiffness)}
+        traces = simulate(World.from_dict(tables), engine="free_body")
+        rate = {name: trace.nu_dot[-1, 0] for name, trace in traces.items()}
+        assert [*rate.values()] == pytest.approx([20.0 / mass] * 3, rel=1e-6)
+        moved = traces["left"].p_WB[-1, 0] - traces["left"].p_WB[0, 0]
+        errors.append(abs(moved - 0.5 * 20.0 / mass) / moved)
+    assert errors[2] < 1e-4 < 1e-3 > errors[0] > 5.0 * errors[1]
+
+
+@pytest.mark.parametrize(
+    ("coupling", "said"),
+    [
+        (
+            {"kind": "spring", "stiffness": 1e9, "length": 1.0},
+            "couplings[0].stiffness: with damping, it moves 4.71 kg faster than",
+        ),
+        ({}, "couplings[0].points: are 1 m apart at the start; a joint begins with at most 0.05 m"),
+        ({"length": 0.5, "kind": "cable"}, "couplings[0].length: 0.5 m is shorter than the distance of 1 m"),
+    ],
+)
+def test_a_wrong_coupling_is_refused_by_name(coupling, said):
+    with pytest.raises(InputError) as raised:
+        simulate(bodies(coupling, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), engine="free_body")
+    assert said in str(raised.value)
+
+
+def test_a_bar_that_is_shorter_than_the_gap_is_refused():
+    with pytest.raises(InputError, match=r"couplings\[1\].points: are 0.3 m apart at the start"):
+        simulate(World.load("press_bar", {"couplings[1].points": [[0.3, 0.0, 0.0], [0.0, -0.1, 0.0]]}))
+
+
+def test_a_coupled_vehicle_is_not_run_alone_and_has_no_closed_form():
+    world = World.load("press_bar", {"simulation.duration": 0.01})
+    for make in (simulate, Simulation):
+        with pytest.raises(InputError, match="a coupling needs the other vehicle; run the world"):
+            make(world.scenarios["left"])
+    assert simulate(world, engine="free_body")["left"].analytic.reason == (
+        "closed forms do not know where couplings[0] moves"
+    )
+    arm = World.load("press_bar", {"vehicles[0].vehicle.model": "planar_arm", "vehicles[0].observer.name": "none"})
+    with pytest.raises(InputError, match="left has joints; a coupling is computed for a rigid vehicle"):
+        simulate(arm)
+
+
+# the command
+
+
+def command(*words):
+    result = CliRunner().invoke(main, [*words])
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_path):
+    out = tmp_path / "out"
+    short = ("simulation.duration=0.05", "--engine", "free_body", "--json", "-o", str(out))
+    said = json.loads(command("run", "press_bar", *short).stdout)
+    assert said["scenario"] == "press_bar"
+    assert [*said["vehicles"]] == ["left", "right", "bar"]
+    assert {report["status"] for report in said["vehicles"].values()} == {"completed"}
+    written = {"left.mcap", "right.mcap", "bar.mcap", "scenario.toml"}
+    assert {path.name for path in out.iterdir()} == written
+    assert World.load(out / "scenario.toml") == World.load("press_bar", {"simulation.duration": 0.05})
+    command("run", str(out / "scenario.toml"), *short)
+    assert {path.name for path in (out / "earlier-1").iterdir()} == written
+    command("plot", str(out), "--what", "position")
+    assert (out / "position.png").exists()
+    command("replay", str(out), "--save", str(tmp_path / "world.rrd"))
+    command("compare", str(out), "-o", str(tmp_path / "world.html"))
+    page = (tmp_path / "world.html").read_text()
+    assert all(name in page for name in ("left", "right", "bar"))
+    refused = CliRunner().invoke(main, ["run", "press_bar", "--viewer"])
+    assert refused.exit_code == 2
+    assert "uvms-mj replay DIR shows a world" in refused.output
+
+
+@pytest.mark.parametrize("name", ["study", "converge", "certify"])
+def test_commands_of_one_vehicle_refuse_a_world(name, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text("base = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
+    words = [name, str(study), "-o", str(tmp_path / "out")] if name == "study" else [name, "press_together"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert "World.load" in result.output
+
+
+def test_the_logs_of_a_world_outlive_kill_9(tmp_path):
+    out = tmp_path / "out"
+    words = ["run", "press_bar", "simulation.duration=1000", "--engine", "free_body", "-o", str(out), "-q"]
+    process = subprocess.Popen([sys.executable, "-m", "uvms_mj", *words], stderr=subprocess.DEVNULL)
+    logs = [out / f"{name}.mcap" for name in ("left", "right", "bar")]
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 500_000 for log in logs):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    for log in logs:
+        trace = Trace.load(log)
+        assert trace.status is Status.truncated
+        assert len(trace) > 1000
+
+
+def test_all_vehicles_are_in_one_picture():
+    pytest.importorskip("imageio_ffmpeg")
+    traces = simulate(World.load("press_together", {"simulation.duration": 0.05}), engine="free_body")
+    try:
+        both = np.asarray(still(traces, size=(320, 180)), float)
+    except InputError as error:
+        pytest.skip(str(error))
+    one = np.asarray(still(traces["left"], size=(320, 180), plots=()), float)
+    assert both.shape == one.shape
+    assert np.abs(both - one).mean() > 1.0
+    with pytest.raises(InputError, match="plots stand beside the scene of one vehicle"):
+        still(traces, plots=["force"])
+    other = simulate(traces["left"].scenario.updated({"vehicle.name": "other", "wall.position": 1.2}))
+    with pytest.raises(InputError, match="of the vehicles of one world"):
+        still({"left": traces["left"], "other": other})
