@@ -74,7 +74,7 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
     )
     late = [level("ideal", task) for task in ("gusts_and_delay", "everything_real")]
     yield "is 18 ms late, it ends at level {}, and on task 10 at level {}.", *late
-    yield "wide layer and holds level {} of task 2;", level("fosm, tuned", "gust_band")
+    yield "tuned gains the first holds level {} of task 2,", level("fosm, tuned", "gust_band")
     sta = level("sta, tuned", "gust_band"), level("sta", "gusts_and_delay")
     yield "STA gains level {} of task 2 and loses level {} of task 1.", *sta
 
