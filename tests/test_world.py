@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import uvms_mj
-from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate, still
+from uvms_mj import Diverged, InputError, McapLog, Scenario, Simulation, Trace, WorldSimulation, simulate, still
 from uvms_mj.cli import main
 from uvms_mj.engine.run import EncounterWarning
 from uvms_mj.physics.frames import rotation_matrix
@@ -475,6 +475,41 @@ def test_a_coupled_vehicle_is_not_run_alone_and_has_no_closed_form():
     arm = World.load("press_bar", {"vehicles[0].vehicle.model": "planar_arm", "vehicles[0].observer.name": "none"})
     with pytest.raises(InputError, match="left has joints; a coupling is computed for a rigid vehicle"):
         simulate(arm)
+
+
+# stepped by its caller
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_world_that_is_stepped_and_reset_has_the_bits_of_its_run(engine):
+    world = World.load("press_bar", {"vehicles[bar].initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    world = world.updated({"simulation.duration": 0.1})
+    traces = simulate(world, engine=engine, log_rate="full")
+    faster = {"vehicles[bar].initial.velocity": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    other = simulate(world.updated(faster), engine=engine, log_rate="full")
+    with WorldSimulation(world, engine=engine) as sim:
+        for expected, then in ((traces, faster), (other, None), (traces, {"wall.present": True})):
+            for n in (1, 99, 900):
+                sim.step(n)
+                for name, trace in expected.items():
+                    signals = sim.vehicles[name].signals
+                    assert np.array_equal(signals.p_WB, trace.p_WB[sim.steps])
+                    assert np.array_equal(signals.nu, trace.nu[sim.steps])
+            if then is not None and "wall.present" in then:
+                with pytest.raises(InputError, match="wall"):
+                    sim.reset(then)
+            else:
+                sim.reset(then)
+        sim.step(1000)  # a reset that was refused has returned to the start
+        assert np.array_equal(sim.vehicles["bar"].signals.p_WB, traces["bar"].p_WB[1000])
+        with pytest.raises(InputError, match="couplings: reset can't change it; make a new WorldSimulation"):
+            sim.reset({"couplings": []})
+
+
+def test_a_world_that_is_stepped_names_the_vehicle_that_diverges():
+    world = row(2).updated({"vehicles[1].disturbance.bias": [1e5, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    with WorldSimulation(world, engine="free_body") as sim, pytest.raises(Diverged, match=r"v1: t = .*velocity"):
+        sim.step(3000)
 
 
 # the command

@@ -210,7 +210,8 @@ def _couple(runs: "Mapping[str, _Run]", couplings: Sequence[Coupling]) -> None:
     """Let runs take their steps together."""
     if not runs:
         return
-    together = Lockstep({name: run.sim for name, run in runs.items()}, couplings)
+    sims = {name: run.sim for name, run in runs.items() if isinstance(run.sim, CoupledSimulation)}
+    together = Lockstep(sims, couplings)
     most = min(run.most for run in runs.values())
     for name, run in runs.items():
         run.most, run.advance = most, together.of(name)
