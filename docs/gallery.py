@@ -12,7 +12,19 @@ from sphinx_gallery.scrapers import figure_rst
 
 from uvms_mj import InputError, Scenario, simulate, still
 
-ORDER = ("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "pile", "path", "gusts", "waves")
+ORDER = (
+    "three_laws",
+    "stiffness_and_peak",
+    "added_mass",
+    "tool",
+    "slide",
+    "wipe",
+    "pile",
+    "together",
+    "path",
+    "gusts",
+    "waves",
+)
 """Programs that come first; the others follow by name."""
 NOT_RUN = {
     "ardusub_sender.py": "needs an autopilot",

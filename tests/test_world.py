@@ -547,7 +547,7 @@ def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_pa
 @pytest.mark.parametrize("name", ["study", "converge", "certify"])
 def test_commands_of_one_vehicle_refuse_a_world(name, tmp_path):
     study = tmp_path / "study.toml"
-    study.write_text("base = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
+    study.write_text("[base]\nscenario = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
     words = [name, str(study), "-o", str(tmp_path / "out")] if name == "study" else [name, "press_together"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
@@ -560,14 +560,14 @@ def test_the_logs_of_a_world_outlive_kill_9(tmp_path):
     process = subprocess.Popen([sys.executable, "-m", "uvms_mj", *words], stderr=subprocess.DEVNULL)
     logs = [out / f"{name}.mcap" for name in ("left", "right", "bar")]
     until = time.monotonic() + 60.0
-    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 500_000 for log in logs):
+    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 3_000_000 for log in logs):
         time.sleep(0.1)
     process.send_signal(signal.SIGKILL)
     process.wait()
     for log in logs:
         trace = Trace.load(log)
         assert trace.status is Status.truncated
-        assert len(trace) > 1000
+        assert len(trace) > 500
 
 
 def test_all_vehicles_are_in_one_picture():
