@@ -13,7 +13,19 @@ from sphinx_gallery.scrapers import figure_rst
 from uvms_mj import InputError, Scenario, simulate, still
 
 ORDER = (
-    *("three_laws", "stiffness_and_peak", "added_mass", "tool", "slide", "wipe", "hull", "pile", "path", "gusts"),
+    *(
+        "three_laws",
+        "stiffness_and_peak",
+        "added_mass",
+        "tool",
+        "slide",
+        "wipe",
+        "hull",
+        "pile",
+        "together",
+        "path",
+        "gusts",
+    ),
     "waves",
 )
 """Programs that come first; the others follow by name."""

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import uvms_mj
-from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate, still
+from uvms_mj import Diverged, InputError, McapLog, Scenario, Simulation, Trace, WorldSimulation, simulate, still
 from uvms_mj.cli import main
 from uvms_mj.engine.run import EncounterWarning
 from uvms_mj.physics.frames import rotation_matrix
@@ -477,6 +477,41 @@ def test_a_coupled_vehicle_is_not_run_alone_and_has_no_closed_form():
         simulate(arm)
 
 
+# stepped by its caller
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_world_that_is_stepped_and_reset_has_the_bits_of_its_run(engine):
+    world = World.load("press_bar", {"vehicles[bar].initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    world = world.updated({"simulation.duration": 0.1})
+    traces = simulate(world, engine=engine, log_rate="full")
+    faster = {"vehicles[bar].initial.velocity": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    other = simulate(world.updated(faster), engine=engine, log_rate="full")
+    with WorldSimulation(world, engine=engine) as sim:
+        for expected, then in ((traces, faster), (other, None), (traces, {"wall.present": True})):
+            for n in (1, 99, 900):
+                sim.step(n)
+                for name, trace in expected.items():
+                    signals = sim.vehicles[name].signals
+                    assert np.array_equal(signals.p_WB, trace.p_WB[sim.steps])
+                    assert np.array_equal(signals.nu, trace.nu[sim.steps])
+            if then is not None and "wall.present" in then:
+                with pytest.raises(InputError, match="wall"):
+                    sim.reset(then)
+            else:
+                sim.reset(then)
+        sim.step(1000)  # a reset that was refused has returned to the start
+        assert np.array_equal(sim.vehicles["bar"].signals.p_WB, traces["bar"].p_WB[1000])
+        with pytest.raises(InputError, match="couplings: reset can't change it; make a new WorldSimulation"):
+            sim.reset({"couplings": []})
+
+
+def test_a_world_that_is_stepped_names_the_vehicle_that_diverges():
+    world = row(2).updated({"vehicles[1].disturbance.bias": [1e5, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    with WorldSimulation(world, engine="free_body") as sim, pytest.raises(Diverged, match=r"v1: t = .*velocity"):
+        sim.step(3000)
+
+
 # the command
 
 
@@ -512,7 +547,7 @@ def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_pa
 @pytest.mark.parametrize("name", ["study", "converge", "certify"])
 def test_commands_of_one_vehicle_refuse_a_world(name, tmp_path):
     study = tmp_path / "study.toml"
-    study.write_text("base = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
+    study.write_text("[base]\nscenario = 'press_together'\n[[vary]]\nkey = 'wall.stiffness'\nvalues = [1e4]\n")
     words = [name, str(study), "-o", str(tmp_path / "out")] if name == "study" else [name, "press_together"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
@@ -525,14 +560,14 @@ def test_the_logs_of_a_world_outlive_kill_9(tmp_path):
     process = subprocess.Popen([sys.executable, "-m", "uvms_mj", *words], stderr=subprocess.DEVNULL)
     logs = [out / f"{name}.mcap" for name in ("left", "right", "bar")]
     until = time.monotonic() + 60.0
-    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 500_000 for log in logs):
+    while time.monotonic() < until and not all(log.exists() and log.stat().st_size > 3_000_000 for log in logs):
         time.sleep(0.1)
     process.send_signal(signal.SIGKILL)
     process.wait()
     for log in logs:
         trace = Trace.load(log)
         assert trace.status is Status.truncated
-        assert len(trace) > 1000
+        assert len(trace) > 500
 
 
 def test_all_vehicles_are_in_one_picture():

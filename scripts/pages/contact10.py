@@ -4,19 +4,38 @@ The numbers are from the result that the package has. With the folder of `uvms-m
 result becomes the package's first, and the pictures are drawn.
 """
 
+import copy
+import dataclasses
 import gzip
-from collections.abc import Iterator
+import statistics
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from page_look import written
 from uvms_mj.reproduce.bench import RESULT
-from uvms_mj.reproduce.bench.page import colours_of, courses, order
+from uvms_mj.reproduce.bench.page import colours_of, courses, ended, order
 from uvms_mj.reproduce.bench.results import SHIPPED, parsed, shipped
-from uvms_mj.reproduce.bench.task import Entry, tasks
+from uvms_mj.reproduce.bench.task import Entry, Task, tasks
 from uvms_mj.studies.results import frame
+from uvms_mj.studies.rows import one_row
 
 DRAWN = "gusts_and_delay"
+BESIDE = "vehicle.contact_bodies.0.position"
+EFFECTS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
+    ("the current goes around the wall", "stiff_and_slow", {"obstacle": {}}),
+    ("the current goes around the wall", "landing", {"obstacle": {}}),
+    ("the current goes around the wall", "everything_real", {"obstacle": {}}),
+    ("thrusters lose thrust in inflow", "waves", {"thrusters.inflow_loss": 0.0}),
+    ("thrusters lose thrust in inflow", "everything_real", {"thrusters.inflow_loss": 0.0}),
+    ("a frame whose drag goes with the speed", "other_vehicle", {"drag": []}),
+    ("a contact body beside the middle", "stiff_and_slow", {BESIDE: [0.25, 0.0, 0.0]}),
+    ("a contact body beside the middle", "everything_real", {BESIDE: [0.25, 0.0, 0.0]}),
+    ("a restitution of 0.8 in place of 0.1", "stiff_and_slow", {"walls.0.restitution": 0.1}),
+    ("a pad before the wall", "landing", {"pads": []}),
+)
+"""What the plant has, the task that has it, and the keys of the task's base without it."""
+LEVEL, DRAWS = 3, 6
 
 
 def of(found: dict[str, Any], law: str, task: str) -> dict[str, Any]:
@@ -24,26 +43,65 @@ def of(found: dict[str, Any], law: str, task: str) -> dict[str, Any]:
     return next(each for each in found["laws"] if each["label"] == law)["tasks"][task]
 
 
+def rows(found: dict[str, Any]) -> Iterator[tuple]:
+    """The row of each law: on each task the level that it holds, and the draws passed of the draws at the next."""
+    for law in found["laws"]:
+        words, values = [f"| {law['label']} |"], []
+        for name in found["tasks"]:
+            ladder = law["tasks"][name]
+            last = ended(ladder)
+            words.append("{} |" if last is None else "{}, {}/{} |")
+            values += [ladder["level"]] if last is None else [ladder["level"], last[1]["passed"], last[1]["draws"]]
+        yield " ".join(words), *values
+
+
 def numbers(folder: str | None = None) -> Iterator[tuple]:
     found = shipped()
-    names = list(found["tasks"])
-    for law in found["laws"]:
-        levels = [law["tasks"][name]["level"] for name in names]
-        yield f"| {law['label']} |" + " {} |" * len(levels), *levels
+    yield from rows(found)
 
     def level(law: str, task: str) -> int:
         return int(of(found, law, task)["level"])
 
     band, real = ([level(law, task) for law in ("gsta", "dob_impedance")] for task in ("gust_band", "everything_real"))
-    yield "In gusts at 1 kHz GSTA holds level {} and the observer level {};", *band
+    yield "With default gains, in gusts at 1 kHz GSTA holds level {} and the observer level {};", *band
     yield "with everything real at 50 Hz GSTA holds level {} and the observer level {}.", *real
     slow = [level(law, "stiff_and_slow") for law in ("parallel", "gsta")]
     yield "`parallel` holds level {} of task 3, GSTA level {}.", *slow
     yield "In gusts it holds level {} of task 2.", level("parallel", "gust_band")
     yield (
-        "ends at levels {}, {} and {}.",
-        *(level("ideal", task) for task in ("landing", "two_bumpers", "heaving_hull")),
+        "observer ends at levels {}, {} and {};",
+        *(level("dob_impedance", task) for task in ("landing", "two_bumpers", "heaving_hull")),
     )
+    late = [level("ideal", task) for task in ("gusts_and_delay", "everything_real")]
+    yield "is 18 ms late, it ends at level {}, and on task 10 at level {}.", *late
+    yield "tuned gains the first holds level {} of task 2,", level("fosm, tuned", "gust_band")
+    sta = level("sta, tuned", "gust_band"), level("sta", "gusts_and_delay")
+    yield "STA gains level {} of task 2 and loses level {} of task 1.", *sta
+
+
+def without(task: Task, keys: Mapping[str, Any]) -> Task:
+    """A task with other values of its base."""
+    tables = copy.deepcopy(dict(task.tables))
+    for key, value in keys.items():
+        *path, last = key.split(".")
+        at: Any = tables["base"]
+        for name in path:
+            at = at[int(name) if isinstance(at, list) else name]
+        at[last] = value
+    return dataclasses.replace(task, tables=tables)
+
+
+def long_numbers() -> Iterator[tuple]:
+    """The effects in newtons: the same draws with and without, under impedance control, which rejects nothing."""
+    for what, name, keys in EFFECTS:
+        task = tasks()[name]
+        plans = [Entry("impedance", "impedance").plan(each, LEVEL, most=DRAWS) for each in (task, without(task, keys))]
+        pairs = [[one_row(plan, i) for plan in plans] for i in range(DRAWS)]
+        push, peak = (
+            statistics.median(abs(one[metric] - other[metric]) for one, other in pairs)
+            for metric in ("hold.bias_N", "contact.peak_N")
+        )
+        yield f"| {what} | {task.number} | {{}} | {{}} |", push, peak
 
 
 def main(folder: Path) -> None:
@@ -54,6 +112,8 @@ def main(folder: Path) -> None:
     task, rows, hues = tasks()[DRAWN], {}, {}
     for law in found["laws"]:
         label, ladder = law["label"], law["tasks"][DRAWN]
+        if label.endswith(", tuned"):
+            continue
         level = max(ladder["levels"])
         title = f"{label}, level {level}"
         rows[title] = frame(folder / label / DRAWN / f"level-{level}").iloc[: ladder["levels"][level]["draws"]]

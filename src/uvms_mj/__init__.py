@@ -13,6 +13,7 @@ from . import display
 _NAMES = {
     "actuation": "Actuation Joints Thrusters",
     "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
+    "engine.coupling": "WorldSimulation",
     "engine.fleet": "Fleet",
     "engine.native.attachment": "Attachment attach",
     "engine.native.plain_stage": "StageFault",
@@ -62,6 +63,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .control import Impedance as Impedance
     from .control import Sta as Sta
     from .control import gain as gain
+    from .engine.coupling import WorldSimulation as WorldSimulation
     from .engine.fleet import Fleet as Fleet
     from .engine.native.attachment import Attachment as Attachment
     from .engine.native.attachment import attach as attach

@@ -57,8 +57,9 @@ def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):
     assert here("stages", "t200").stdout == here("stages", "actuation", "t200").stdout  # of another table of this room
     assert here("stages", own).stdout == here("stages", "actuation", own).stdout
     assert here("stages", "impedance_task").stdout == here("stages", "task").stdout
-    both = here("stages", "none", "ekf").stdout  # two tables have it, and every name is listed
-    assert HEADINGS.findall(both) == ["[wrist]", "none: ", "[observer]", "none: ", "[navigation]", "ekf: "]
+    both = here("stages", "none", "ekf").stdout  # three tables have it, and every name is listed
+    three = ("[wrist]", "none: ", "[observer]", "none: ", "[controller]", "none: ")
+    assert HEADINGS.findall(both) == [*three, "[navigation]", "ekf: "]
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,9 @@ def test_a_run_costs_at_most_one_where_it_is_passed_and_more_where_it_is_not(nam
 def test_the_gains_of_a_law_are_scaled_and_nothing_of_the_tasks():
     plan = Entry("gsta", "gsta").plan(TASKS["gusts_and_delay"], 1, most=1)
     keys = {gain.key for gain in gains_of(plan)}
-    assert keys >= {"controller.k_1", "controller.k_2", "controller.beta"}
+    assert keys >= {"controller.k_1", "controller.k_2", "controller.beta", "impedance.K_f"}
+    assert {key for key in keys if not key.startswith("controller.")} == {"impedance.K_f"}, "no task sets it"
+    assert not any("K_f" in str(task.tables["base"].get("impedance")) for task in TASKS.values())
     assert not keys & {"controller.period", "controller.delay"}
     (k_1,) = (gain for gain in gains_of(plan) if gain.key == "controller.k_1")
     assert dict(k_1.places(2.0)) == {"controller.k_1": 2.0 * k_1.value}

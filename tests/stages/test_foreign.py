@@ -516,9 +516,9 @@ def test_a_file_that_the_assembler_reads_is_compiled(tmp_path):
 
 
 def test_a_damaged_library_that_is_kept_is_compiled_again(tmp_path, monkeypatch):
-    from uvms_mj.engine.native import compilation, shared_library
+    from uvms_mj.engine.native import objects, shared_library
 
-    for module in (compilation, shared_library):
+    for module in (objects, shared_library):
         monkeypatch.setattr(module, "cache_folder", lambda: tmp_path)
     source = written(tmp_path, "pd", COUNTS.replace("COUNT", "7"), COUNTED)
     assert count_of(source) == [7.0, 7.0]

@@ -1,6 +1,9 @@
-"""Vehicles of a world that are stepped together, since something couples them."""
+"""Vehicles of a world that are stepped together, since something couples them; and a world that its caller steps."""
+
+from __future__ import annotations  # WorldSimulation is below
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -8,9 +11,10 @@ from ..errors import Fault, InputError
 from ..physics.coupling import PULLED, TIE, pull_together
 from ..physics.effects import state_of
 from ..plant.coupling import Coupling, coupling_faults
+from ..setup.world import World
 from .native.compilation import native_function
 from .native.loop import many_runs
-from .simulation import Simulation
+from .simulation import Diverged, Simulation
 
 _STEPS = 1000
 """Steps of all vehicles from one look at signals and rows to the next."""
@@ -26,6 +30,12 @@ class CoupledSimulation(Simulation):
 
     _in_world = True
 
+    def observe_again(self) -> None:
+        """Observe the instant in hand with the forces that were found since."""
+        self._memory.run["observed"] = 0
+        self._ready = False
+        self.prepare()
+
 
 class Lockstep:
     """Simulations that take each step together: at an instant the couplings are found from the states of all vehicles,
@@ -38,7 +48,7 @@ class Lockstep:
         stopped: name of the vehicle that has stopped; empty if none has.
     """
 
-    def __init__(self, sims: Mapping[str, Simulation], couplings: Sequence[Coupling]) -> None:
+    def __init__(self, sims: Mapping[str, CoupledSimulation], couplings: Sequence[Coupling]) -> None:
         """Raises InputError for a coupling that the time step does not resolve, or that begins far from its length."""
         self._sims, self.steps, self.stopped = sims, 0, ""
         timestep = next(iter(sims.values())).scenario.simulation.timestep
@@ -70,12 +80,13 @@ class Lockstep:
     def run(self, n: int) -> None:
         """Take n steps, or fewer if a vehicle stops."""
         sims = list(self._sims.values())
+        steps = [sim.one_step() for sim in sims]
         if all(sim.all_native and not sim.compares for sim in sims):
             self._runs[:] = [(sim.memory.code["free_steps"].address, sim.memory.address) for sim in sims]
             ties, runs = (self._ties.ctypes.data, len(self._ties)), (self._runs.ctypes.data, len(sims))
             self.steps += (done := many_runs()["step_together"].ctypes(*ties, *runs, n))
         else:
-            done, steps = 0, [sim.one_step() for sim in sims]
+            done = 0
             stops = [sim.memory.run["stop"] for sim in sims]
             while done < n and not any(stop[0] for stop in stops):
                 self.pull()
@@ -86,6 +97,13 @@ class Lockstep:
         if done < n:
             self.stopped = next(name for name, sim in self._sims.items() if sim.memory.run["stop"][0])
         self.pull()
+
+    def begin(self) -> None:
+        """Begin at the instant in hand, of vehicles that nobody has stepped otherwise."""
+        self.stopped = ""
+        self.pull()
+        for sim in self._sims.values():
+            sim.observe_again()
 
     def of(self, name: str) -> Callable[[int], int]:
         """What takes at most n steps of one vehicle, and returns how many it took. The first vehicle that asks for
@@ -102,3 +120,106 @@ class Lockstep:
             return taken - before
 
         return advance
+
+
+class WorldSimulation:
+    """A world that its caller steps, a :class:`Simulation` of each vehicle::
+
+        with WorldSimulation(World.load("press_bar"), engine="free_body") as sim:
+            sim.step(1000)
+            print(sim.t, sim.vehicles["bar"].signals.f_couplings_W)
+
+    Args:
+        world: the world.
+        engine: "mujoco" or "free_body".
+
+    Attributes:
+        vehicles: the Simulation of each vehicle by its name, to read signals and to set commands. Only :meth:`step` of
+            the world takes steps, and only its :meth:`reset` returns to the start.
+
+    Raises:
+        InputError: the input is invalid.
+    """
+
+    def __init__(self, world: World, *, engine: str = "mujoco") -> None:
+        self.world, self._base = world, world
+        self.vehicles: dict[str, Simulation] = {}
+        try:
+            for name, scenario in world.scenarios.items():
+                kind = CoupledSimulation if name in world.coupled else Simulation
+                self.vehicles[name] = kind(scenario, engine=engine, looks=False)
+            coupled = {name: sim for name, sim in self.vehicles.items() if isinstance(sim, CoupledSimulation)}
+            self._alone = [sim for name, sim in self.vehicles.items() if name not in coupled]
+            self._together = Lockstep(coupled, world.couplings) if coupled else None
+            self._begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self) -> None:
+        """Find the forces of the instant in hand before anybody reads a signal of it."""
+        if self._together is not None:
+            self._together.begin()
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps done."""
+        return next(iter(self.vehicles.values())).steps
+
+    @property
+    def t(self) -> float:
+        """Time of the instant in hand [s]."""
+        return next(iter(self.vehicles.values())).t
+
+    def step(self, n: int = 1) -> None:
+        """Take n time steps in all vehicles.
+
+        Raises:
+            Diverged: a vehicle left its bounds. The message names it. Only reset goes on.
+            StageFault: a user's stage raised or violated its contract.
+        """
+        for sim in self._alone:
+            sim.run(n, np.inf)
+        if self._together is not None:
+            self._together.run(n)
+        for name, sim in self.vehicles.items():
+            sim.check()
+            if (diverged := sim.diverged) is not None:
+                raise Diverged(f"{name}: {diverged}")
+            sim.prepare()
+
+    def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
+        """Return to the start, with overrides as of :meth:`World.load` until the next reset.
+
+        Raises:
+            InputError: a key or value is invalid, or needs a new WorldSimulation. All vehicles are then at the start of
+                the world that they were made with.
+        """
+        given = {**(overrides or {}), **({} if seed is None else {"simulation.seed": seed})}
+        fixed = [key for key in given if key.startswith(("couplings", "simulation.timestep"))]
+        if fixed:
+            wrong = "reset can't change it; make a new WorldSimulation"
+            raise InputError([Fault(key, wrong) for key in fixed], "reset")
+        self.world = self._base.updated(given, place="reset")
+        own = self._base.overrides_of_each(given)
+        try:
+            for name, sim in self.vehicles.items():
+                sim.reset(own[name])
+        except InputError:
+            self.world = self._base
+            for sim in self.vehicles.values():
+                sim.reset()
+            raise
+        finally:
+            self._begin()
+
+    def close(self) -> None:
+        """Close all Simulations. Calling it again has no effect."""
+        for sim in self.vehicles.values():
+            sim.close()
+
+    def __enter__(self) -> WorldSimulation:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -267,7 +267,8 @@ def _couple(runs: "Mapping[str, _Run]", couplings: Sequence[Coupling]) -> None:
     """Let runs take their steps together."""
     if not runs:
         return
-    together = Lockstep({name: run.sim for name, run in runs.items()}, couplings)
+    sims = {name: run.sim for name, run in runs.items() if isinstance(run.sim, CoupledSimulation)}
+    together = Lockstep(sims, couplings)
     most = min(run.most for run in runs.values())
     for name, run in runs.items():
         run.most, run.advance = most, together.of(name)
@@ -391,10 +392,17 @@ class _Run:
         self.most = self.sim.chunk_steps
         self.advance: Callable[[int], int] = lambda n: self.sim.run(n, CHUNK_S)
 
+    @functools.cached_property
+    def _of_motion(self) -> np.ndarray:
+        """The places in a row of the time, the position, the attitude and the positions of joints."""
+        ends = np.cumsum([signal.size for signal in self.sim.recorded])
+        places = {s.name: np.arange(end - s.size, end) for s, end in zip(self.sim.recorded, ends, strict=True)}
+        return np.concatenate([places[name] for name in ("t", "p_WB", "quat_WB", "q") if name in places])
+
     def taken_fresh(self) -> list[np.ndarray]:
-        """The blocks of rows since the last call, after none."""
+        """Time, position, attitude and joints of the rows since the last call, after no row."""
         fresh, self.fresh = self.fresh or [], []
-        return [np.zeros((0, sum(signal.size for signal in self.sim.recorded))), *fresh]
+        return [np.zeros((0, self._of_motion.size)), *(block[:, self._of_motion] for block in fresh)]
 
     def start(self) -> encounter.Boxes:
         """The boxes around the vehicle at its start."""
@@ -404,11 +412,8 @@ class _Run:
         return encounter.boxes(setup.plant.geometry, p, quat, np.array([setup.initial_joints]))
 
     def boxes(self, rows: np.ndarray) -> encounter.Boxes:
-        """The boxes around the vehicle at some rows (n, width)."""
-        ends = np.cumsum([signal.size for signal in self.sim.recorded])
-        given = {s.name: rows[:, end - s.size : end] for s, end in zip(self.sim.recorded, ends, strict=True)}
-        q = given.get("q", np.zeros((len(rows), 0)))
-        return encounter.boxes(self.sim.setup.plant.geometry, given["p_WB"], given["quat_WB"], q)
+        """The boxes around the vehicle at some rows of :meth:`taken_fresh`."""
+        return encounter.boxes(self.sim.setup.plant.geometry, rows[:, 1:4], rows[:, 4:8], rows[:, 8:])
 
     def going(self) -> Generator[int]:
         """Step until the run ends or is stopped. Yields the number of steps done after each chunk; a KeyboardInterrupt

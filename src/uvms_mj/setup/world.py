@@ -106,6 +106,10 @@ class World:
             raise InputError(list(dict.fromkeys(faults)), place)
         return _world(scenarios, place)
 
+    def overrides_of_each(self, overrides: Mapping[str, Any], place: str = "world") -> dict[str, dict[str, Any]]:
+        """The overrides of each vehicle by its name. Raises InputError for a key that is of no vehicle."""
+        return _of_each(overrides_of(overrides), list(self.scenarios), place)
+
     @property
     def simulation(self) -> Stepping:
         """Time step, duration and seed, which all vehicles share."""

@@ -501,7 +501,8 @@ def _over(spread: Mapping[str, Any], ideal: Mapping[str, Any] | None, level: str
 
 
 def fails(ladder: Mapping[str, Any], task: Task) -> str:
-    """What ended a ladder: each criterion that broke draws, in how many, and the median of its broken numbers."""
+    """What ended a ladder: the draws passed, the 95 % interval of their share, as of a number of draws that was fixed
+    before; each criterion that broke draws, in how many, and the median of its broken numbers."""
     last = ended(ladder)
     if last is None:
         return ""
@@ -519,7 +520,8 @@ def fails(ladder: Mapping[str, Any], task: Task) -> str:
         size = "missing" if math.isinf(middle) else f"{number(middle, 3)} {unit}".rstrip()
         limit = bounds(name, task.criteria[name])
         said.append(f"{without_unit(name).rpartition('.')[2]} {size} in {n} of {cell['draws']} ({limit})")
-    return f"level {level}: {', '.join(said)}"
+    low, high = (f"{100.0 * each:.0f}" for each in cell["interval"])
+    return f"level {level}, {cell['passed']}/{cell['draws']} passed ({low} to {high} %): {', '.join(said)}"
 
 
 def short(spread: Mapping[str, Any], which: str) -> str:
