@@ -153,7 +153,7 @@ def main() -> None:
         right.set_title("runs that hold the demanded force")
         right.legend(loc="center left")
         written(figure, "learning")
-        figure, ax = plt.subplots(figsize=(0.6 * PAGE_IN, 2.4), layout="constrained")
+        figure, ax = plt.subplots(figsize=(PAGE_IN, 2.4), layout="constrained")
         for seed, mine in bench_curves().groupby("seed"):
             smooth, looked = mine["mean_return"].rolling(5, min_periods=1).mean(), mine.dropna()
             names = ("policies of a generation", "other draws") if seed == 0 else (None, None)
