@@ -87,7 +87,7 @@ ROTOR = {
     "physics/effects.py": [
         ('    "drag": DRAG,\n', '    "drag": DRAG,\n    "rotor": ROTOR,\n'),
         ("PRODUCT = np.dtype(", 'ROTOR = np.dtype([("c", "f8"), ("lag", "f8")], align=True)\nPRODUCT = np.dtype('),
-        ('= {"fins": lambda nodes: "f8", ', '= {"rotor": lambda nodes: "f8", "fins": lambda nodes: "f8", '),
+        ('    "fins": lambda nodes: "f8",\n', '    "rotor": lambda nodes: "f8",\n    "fins": lambda nodes: "f8",\n'),
         (
             "    for k in range(effects.products.shape[0]):",
             "    for k in range(effects.rotor.shape[0]):\n"

@@ -67,6 +67,7 @@ CALLS = {
     "tune": ("Tuning.load", "Tuning.run", "Tuning.report"),
     "identify": ("Identification.load", "Identification.run"),
     "bench": ("reproduce.bench.bench",),
+    "archive": ("reproduce.archive.archive",),
     "paper": ("reproduce.paper.repeat",),
     "practicality": ("reproduce.practicality.repeat",),
     "validate": ("reproduce.validate.repeat",),
