@@ -79,6 +79,7 @@ class PushWall(gymnasium.Env):
         return self.push.reset(seed, options), self.push.info()
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Do a control step. A run that diverges terminates the episode, and its end truncates it."""
         push = self.push
         push.apply(action)
         try:
