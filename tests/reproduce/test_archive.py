@@ -225,6 +225,12 @@ def test_machine_code_that_changed_or_went_is_refused(here, there):
     assert not Path("run.zip").exists()
 
 
+def test_a_vehicle_that_is_coupled_to_others_is_refused(here):
+    ok(here("run", "press_bar", *SHORT, "--engine", "free_body", "--out", "out", "-q"))
+    assert "is coupled to other vehicles" in here("archive", "out/left.mcap", "--out", "run.zip").stderr
+    assert not Path("run.zip").exists()
+
+
 def study_of(there: Path, law: str) -> str:
     tables = {
         "base": {"scenario": "push_wall", "vehicle.model": "own.xml", "simulation.duration": 0.1},

@@ -146,6 +146,8 @@ def _of_run(log: Path) -> Contents:
         raise InputError(f"{log}: is the log of a real vehicle, which can't be repeated")
     if outcome.status not in _REPEATABLE:
         raise InputError(f"{log}: the run did not end: {outcome.status.value}; a repetition could not be compared")
+    if any(header.scenario.vehicle.name in each.vehicles for each in header.scenario.couplings):
+        raise InputError(f"{log}: is coupled to other vehicles of its world, which one log does not have")
     for name, stage in header.scenario.named_stages.items():
         if stage.by_caller or stage.name == "udp":
             raise InputError(f"{log}: {name} {stage.label()} got its numbers from another program, which is no file")
