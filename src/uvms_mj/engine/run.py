@@ -108,7 +108,7 @@ class Again:
     """A guide that makes the changes of another run again, each before the same step.
 
     Args:
-        changes: those of the other run's outcome.
+        changes: the changes that the other run's outcome names.
     """
 
     def __init__(self, changes: Changes) -> None:

@@ -68,7 +68,7 @@ class World:
         folder: Path | None = None,
         place: str = "world",
     ) -> "World":
-        """Make a world from nested tables, as TOML has them; the arguments are those of :meth:`Scenario.from_dict`.
+        """Make a world from nested tables, as TOML has them; the arguments are as of :meth:`Scenario.from_dict`.
 
         ``[[vehicles]]`` has the name and the tables of each vehicle. A table at the top is of the world, or else of
         every vehicle that has no such table of its own.

@@ -45,7 +45,7 @@ class Made:
         undefined: the symbols that it takes from the program.
         adapter: bytes of the object by which a run takes it as a law, which no program links: in none of the above.
         equal, stack: recorded steps that were equal where the test ran, and its stack [bytes]; None where it did not.
-        said: what the test said of the first step that differs.
+        said: the words of the test on the first step that differs.
     """
 
     target: str

@@ -119,7 +119,7 @@ def _put(file: zipfile.ZipFile, name: str, contents: bytes | Path) -> Member:
 
 
 def is_archive(path: str | None) -> bool:
-    """Whether a name is that of an archive, by its ending; its contents are checked when it is read."""
+    """Whether a name is an archive's, by its ending; its contents are checked when it is read."""
     return path is not None and path.lower().endswith(".zip")
 
 
