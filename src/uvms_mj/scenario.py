@@ -120,9 +120,9 @@ class Scenario:
         return [each for table in given for each in (table if isinstance(table, tuple) else (table,))]
 
     @property
-    def water_tables(self) -> Sequence[str]:
-        """The names of the tables of the effects of the water."""
-        return tuple(EFFECT_TABLES)
+    def balanced_tables(self) -> Sequence[str]:
+        """The names of the tables of those effects of the water whose records are in a balance at rest."""
+        return tuple(name for name, table in EFFECT_TABLES.items() if table.balanced)
 
     @property
     def unsteady_flow(self) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -59,6 +59,7 @@ class Volume:
 class Buoyancy(EffectTable):
     """The displaced volume of the vehicle, of which the part below the surface counts."""
 
+    balanced: ClassVar[bool] = False  # what is above the surface loses its added mass, drag and thrust, too
     shapes: tuple[Volume, ...] = doc(
         "shapes whose volumes the vehicle displaces: [{shape = 'box', edges = [0.5, 0.3, 0.2]}, ...]; empty: all of it "
         "is below the surface everywhere",

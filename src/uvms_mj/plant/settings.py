@@ -85,6 +85,8 @@ class EffectTable:
     """Keys on which a formula along x for the force at rest does not depend, or whose values are in it."""
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that set a number of the record each in proportion, with their ranges."""
+    balanced: ClassVar[bool] = True
+    """Whether the force of its records is all that it changes in the balance at rest."""
 
     @property
     def advances(self) -> bool | None:
