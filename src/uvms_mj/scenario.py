@@ -378,6 +378,8 @@ LISTS: dict[str, Any] = {
     "effects": Effect,
 }
 """The tables of each list of tables."""
+TABLES: dict[str, Any] = {f.name: _TABLES.get(f.name) or LISTS[f.name] for f in dataclasses.fields(Scenario)[2:]}
+"""The class of each table, or of the tables of each list, by name. Its ``of_world`` says whose it is."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS, "buoyancy.shapes": Volume}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""

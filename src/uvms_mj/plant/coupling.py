@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -11,7 +11,7 @@ from ..errors import Fault
 from ..physics.coupling import KINDS, TIE
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..quantities import STRICT, Lowercase, Number, Position, doc, within
-from .settings import EffectTable, World
+from .settings import EffectTable, Situation
 from .tether import apparent_mass
 
 _FINEST = 0.25
@@ -25,6 +25,7 @@ class Coupling(EffectTable):
     """A spring and a damper between a point of one vehicle and a point of another: a joint, which keeps the points
     together, a spring of a length, a cable, which never pushes, or the contact of two spheres about the points."""
 
+    of_world: ClassVar[bool] = True
     vehicles: tuple[str, str]
     """Names of the two vehicles."""
     points: tuple[Position, Position] = doc("its point in B of each vehicle [m]", ((0.0,) * 3, (0.0,) * 3))
@@ -41,20 +42,20 @@ class Coupling(EffectTable):
         if (self.kind == "joint") == (self.length > 0.0):
             raise ValueError(f"a {self.kind} {'has no' if self.kind == 'joint' else 'needs a'} length")
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.coupling.COUPLING`."""
-        return [(self.points[self.vehicles.index(world.vehicle)],)] if world.vehicle in self.vehicles else []
+        return [(self.points[self.vehicles.index(situation.vehicle)],)] if situation.vehicle in self.vehicles else []
 
-    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+    def kinds(self, name: str, situation: Situation) -> Mapping[str, list[tuple]]:
         """Its record, and the number of its pull."""
-        found = self.records(world)
+        found = self.records(situation)
         return {name: found, "pulls": [(0,)] * len(found)}
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        if not world.vehicle:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        if not situation.vehicle:
             yield Fault("vehicles", "a coupling acts between two vehicles of a world, which have names")
-        elif world.vehicle in self.vehicles and world.links:
-            yield Fault("vehicles", f"{world.vehicle} has joints; a coupling is computed for a rigid vehicle")
+        elif situation.vehicle in self.vehicles and situation.links:
+            yield Fault("vehicles", f"{situation.vehicle} has joints; a coupling is computed for a rigid vehicle")
 
     @property
     def joins(self) -> bool:
