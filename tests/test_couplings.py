@@ -1,11 +1,16 @@
 """The physics of couplings between vehicles: against equations that are written down anew, loads, arms and surfaces."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import World, simulate
+import uvms_mj
+from uvms_mj import InputError, Scenario, World, WorldSimulation, simulate
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant.mjcf import Mjcf
 
 ENGINES = ("free_body", "mujoco")
 
@@ -111,3 +116,185 @@ def test_two_coupled_vehicles_follow_equations_that_are_written_anew(kind, seed)
         assert np.abs(traces[0].f_couplings_W).max() > 5.0
         assert errors[1] < 3e-3
         assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
+
+
+# a contact body of one vehicle in front of a surface of another
+
+BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
+BODY = Mjcf.find(BAR).vehicle
+DRY = {"added_mass": 0.0, "linear_damping": 0.0, "quadratic_damping": 0.0}
+SHAPES = {
+    "plane": {},
+    "sphere": {"radius": 0.2},
+    "cylinder": {"radius": 0.2},
+    "capsule": {"radius": 0.2, "length": 0.4},
+    "box": {"edges": [0.4, 1.0, 0.6]},
+}
+
+
+def bars(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
+    """A world of two bars without law and without water at two positions, and one coupling of them."""
+    vehicles = [
+        {"name": name, "initial": {"position": list(p)}, "vehicle": {"model": BAR, **DRY}}
+        for name, p in zip("ab", positions, strict=True)
+    ]
+    given = {
+        "simulation": {"duration": duration, "timestep": timestep},
+        "wall": {"present": False},
+        "current": {"speed": 0.0},
+        "controller": {"name": "none"},
+        "couplings": [{"vehicles": ["a", "b"], **coupling}],
+        "vehicles": vehicles,
+    }
+    return World.from_dict(given | tables)
+
+
+def thrown(shape, timestep, **contact):
+    """A sphere before the middle of a turning bar is thrown at a surface that rides on another one."""
+    reach = {"plane": 0.0, "box": 0.2}.get(shape, 0.2)
+    position = [0.0, 0.1, 0.0] if shape == "box" else [0.0, 0.0, 0.0]
+    surface = {"shape": shape, "position": position, "stiffness": 5e3, **SHAPES[shape], **contact}
+    coupling = {"kind": "contact", "surface": surface, "body": {"position": [0.3, 0.1, 0.05], "radius": 0.1}}
+    world = bars(coupling, (0.0, 0.0, 0.0), (0.42 + reach, 0.05, 0.0), timestep=timestep, duration=0.6)
+    return world.updated(
+        {
+            "vehicles[a].initial.velocity": [0.5, 0.05, 0.02, 0.1, 0.0, 0.2],
+            "vehicles[b].initial.velocity": [0.0, 0.1, 0.0, 0.2, 0.3, -0.1],
+        }
+    )
+
+
+def momenta(traces):
+    """Linear and angular momentum (n, 3) about W's origin and kinetic energy (n,) of bars without water."""
+    M, moved, spun, energy = BODY.M_RB, 0.0, 0.0, 0.0
+    for trace in traces.values():
+        R = rotation_matrix(trace.quat_WB)
+        p = M[0, 0] * np.einsum("nij,nj->ni", R, trace.nu[:, :3])
+        spin = np.einsum("nij,jk,nk->ni", R, M[3:, 3:], trace.nu[:, 3:])
+        moved, spun = moved + p, spun + np.cross(trace.p_WB, p) + spin
+        energy = energy + 0.5 * np.einsum("ni,ij,nj->n", trace.nu, M, trace.nu)
+    return moved, spun, energy
+
+
+@pytest.mark.parametrize("shape", [*SHAPES])
+def test_a_contact_with_a_surface_that_rides_keeps_momentum_and_energy(shape):
+    """At each sample the reaction is the opposite force. Linear momentum is kept to rounding, angular momentum and the
+    energy of an elastic contact by the order of the step."""
+    lost = []
+    for h in (1e-4, 2.5e-5):
+        traces = simulate(thrown(shape, h), engine="free_body", log_rate=1e4)
+        one, two = traces.values()
+        moved, spun, energy = momenta(traces)
+        assert np.array_equal(one.f_couplings_W, -two.f_couplings_W)
+        assert np.abs(one.f_couplings_W).max() > 10.0
+        assert not one.f_couplings_W[0].any()
+        assert not one.f_couplings_W[-1].any()
+        assert np.abs(moved - moved[0]).max() < 1e-12
+        lost.append((np.abs(spun - spun[0]).max(), abs(energy[-1] / energy[0] - 1.0)))
+    for coarse, fine in zip(*lost, strict=True):
+        assert fine < 0.3 * coarse < 0.3 * 1e-3
+
+
+def test_friction_on_a_surface_that_rides_keeps_momentum_and_takes_energy():
+    contact = {"friction": 0.5, "damping": 20.0}
+    slid = simulate(thrown("box", 1e-4, **contact), engine="free_body", log_rate="full")
+    moved, spun, energy = momenta(slid)
+    force = slid["a"].f_couplings_W[:, 0]
+    assert np.abs(force[:, 1:]).max() > 0.1 * np.abs(force).max()
+    assert np.abs(moved - moved[0]).max() < 1e-12
+    assert np.abs(spun - spun[0]).max() < 1e-3 * np.abs(spun[0]).max()
+    assert energy[-1] < 0.99 * energy[0]
+    assert np.diff(energy[force[:, 0] == 0.0]).max() < 1e-6 * energy[0]
+
+
+def test_a_surface_on_a_body_that_hardly_moves_is_a_wall(tmp_path):
+    """The same contact with friction as of one of [[walls]], on a bar of 1e8 times the inertia."""
+    heavy = Path(BAR).read_text()
+    for light, n in (('mass="9.4248"', "mass="), ('data="9.4248"', "data=")):
+        assert heavy.count(light) == 1
+        heavy = heavy.replace(light, f'{n}"9.4248e8"')
+    heavy = heavy.replace('"1.1369 0.01178 1.1369"', '"1.1369e8 0.01178e8 1.1369e8"')
+    (tmp_path / "heavy.xml").write_text(heavy)
+    table = {"shape": "box", "edges": [0.4, 1.0, 0.6], "stiffness": 5e3, "damping": 10.0, "friction": 0.3}
+    table |= {"tangential_stiffness": 4e3, "tangential_damping": 10.0}
+    body = {"position": [0.3, 0.1, 0.05], "radius": 0.1}
+    coupling = {"kind": "contact", "surface": table | {"position": [0.0, 0.0, 0.0]}, "body": body}
+    changes = {"vehicles[a].initial.velocity": [0.5, 0.1, 0.0, 0.0, 0.0, 0.3]}
+    changes["vehicles[b].vehicle.model"] = str(tmp_path / "heavy.xml")
+    riding = bars(coupling, (0.0, 0.0, 0.0), (0.65, 0.1, 0.0)).updated(changes)
+    tables = {key: value for key, value in riding.scenarios["a"].to_dict().items() if key != "couplings"}
+    tables["vehicle"] |= {"name": "", "contact_bodies": [body]}
+    wall = Scenario.from_dict(tables | {"walls": [table | {"position": [0.65, 0.1, 0.0]}]})
+    on_wall, on_vehicle = simulate(wall, engine="free_body"), simulate(riding, engine="free_body")["a"]
+    assert np.abs(on_wall.f_contact_W).max() > 10.0
+    assert np.abs(on_wall.f_contact_W[:, 1:]).max() > 3.0
+    assert on_vehicle.p_WB == pytest.approx(on_wall.p_WB, abs=1e-7)
+    assert on_vehicle.nu == pytest.approx(on_wall.nu, abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_world_with_friction_between_vehicles_is_reset_and_stepped_with_the_same_bits(engine):
+    world = thrown("box", 1e-4, friction=0.4)
+    traces = simulate(world, engine=engine, log_rate="full")
+    with WorldSimulation(world, engine=engine) as sim:
+        for _ in range(2):
+            for n in (1, 400, 2000):
+                sim.step(n)
+                for name, trace in traces.items():
+                    signals = sim.vehicles[name].signals
+                    assert np.array_equal(signals.p_WB, trace.p_WB[sim.steps])
+                    assert np.array_equal(signals.nu, trace.nu[sim.steps])
+            sim.reset()
+
+
+def test_both_engines_agree_on_a_surface_that_rides():
+    found = [simulate(thrown("capsule", 1e-4, friction=0.4), engine=engine) for engine in ENGINES]
+    for name in "ab":
+        one, two = (traces[name] for traces in found)
+        assert one.p_WB == pytest.approx(two.p_WB, abs=1e-12)
+        assert one.nu == pytest.approx(two.nu, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("coupling", "said"),
+    [
+        (
+            {"body": {"position": [0.3, 0.0, 0.0], "radius": 0.1}},
+            "body and surface belong together; surface is missing",
+        ),
+        (
+            {"kind": "joint"},
+            "body and surface are of a contact, and this is a joint",
+        ),
+        ({"length": 0.1}, "a contact with a surface has no length; body and surface have its numbers"),
+        (
+            {"body": {"position": [0.3, 0.0, 0.0], "radius": 0.1, "body": "tool"}},
+            "body.body has no effect: at names the frame of each vehicle",
+        ),
+        (
+            {"body": {"position": [0.3, 0.0, 0.0], "end": [0.3, 0.2, 0.0], "radius": 0.1}},
+            "end: contact of a capsule with a box, surface, is not computed; give spheres along the capsule",
+        ),
+        (
+            {"surface": {"amplitude": [0.1, 0.0, 0.0], "frequency_hz": 1.0}},
+            "surface.amplitude, surface.frequency_hz: the vehicle moves its surface",
+        ),
+    ],
+)
+def test_a_wrong_surface_is_refused_by_name(coupling, said):
+    surface = {"shape": "box", "position": [0.0, 0.0, 0.0], "edges": [0.4, 1.0, 0.6]} | coupling.get("surface", {})
+    given = {"kind": "contact", "body": {"position": [0.3, 0.0, 0.0], "radius": 0.1}} | coupling
+    if "surface is missing" not in said:
+        given["surface"] = surface
+    with pytest.raises(InputError) as raised:
+        bars(given, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    assert said in str(raised.value)
+
+
+def test_a_surface_that_is_too_stiff_or_begins_inside_is_refused():
+    world = thrown("box", 1e-4, stiffness=1e9)
+    with pytest.raises(InputError, match=r"couplings\[0\]\.surface\.stiffness: with damping, it moves"):
+        simulate(world, engine="free_body")
+    inside = thrown("box", 1e-4).updated({"vehicles[b].initial.position": [0.4, 0.05, 0.0]})
+    with pytest.raises(InputError, match=r"couplings\[0\]\.body: is 0\.2\d* m inside the surface at the start"):
+        simulate(inside, engine="free_body")
