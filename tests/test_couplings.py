@@ -1,7 +1,9 @@
 """The physics of couplings between vehicles: against equations that are written down anew, loads, arms and surfaces."""
 
+import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -149,6 +151,17 @@ def bars(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
     return World.from_dict(given | tables)
 
 
+def heavy_bar(folder):
+    """The path of a file with a bar of 1e8 times the inertia."""
+    heavy = Path(BAR).read_text()
+    for light, n in (('mass="9.4248"', "mass="), ('data="9.4248"', "data=")):
+        assert heavy.count(light) == 1
+        heavy = heavy.replace(light, f'{n}"9.4248e8"')
+    heavy = heavy.replace('"1.1369 0.01178 1.1369"', '"1.1369e8 0.01178e8 1.1369e8"')
+    (folder / "heavy.xml").write_text(heavy)
+    return str(folder / "heavy.xml")
+
+
 def thrown(shape, timestep, **contact):
     """A sphere before the middle of a turning bar is thrown at a surface that rides on another one."""
     reach = {"plane": 0.0, "box": 0.2}.get(shape, 0.2)
@@ -209,18 +222,12 @@ def test_friction_on_a_surface_that_rides_keeps_momentum_and_takes_energy():
 
 def test_a_surface_on_a_body_that_hardly_moves_is_a_wall(tmp_path):
     """The same contact with friction as of one of [[walls]], on a bar of 1e8 times the inertia."""
-    heavy = Path(BAR).read_text()
-    for light, n in (('mass="9.4248"', "mass="), ('data="9.4248"', "data=")):
-        assert heavy.count(light) == 1
-        heavy = heavy.replace(light, f'{n}"9.4248e8"')
-    heavy = heavy.replace('"1.1369 0.01178 1.1369"', '"1.1369e8 0.01178e8 1.1369e8"')
-    (tmp_path / "heavy.xml").write_text(heavy)
     table = {"shape": "box", "edges": [0.4, 1.0, 0.6], "stiffness": 5e3, "damping": 10.0, "friction": 0.3}
     table |= {"tangential_stiffness": 4e3, "tangential_damping": 10.0}
     body = {"position": [0.3, 0.1, 0.05], "radius": 0.1}
     coupling = {"kind": "contact", "surface": table | {"position": [0.0, 0.0, 0.0]}, "body": body}
     changes = {"vehicles[a].initial.velocity": [0.5, 0.1, 0.0, 0.0, 0.0, 0.3]}
-    changes["vehicles[b].vehicle.model"] = str(tmp_path / "heavy.xml")
+    changes["vehicles[b].vehicle.model"] = heavy_bar(tmp_path)
     riding = bars(coupling, (0.0, 0.0, 0.0), (0.65, 0.1, 0.0)).updated(changes)
     tables = {key: value for key, value in riding.scenarios["a"].to_dict().items() if key != "couplings"}
     tables["vehicle"] |= {"name": "", "contact_bodies": [body]}
@@ -298,3 +305,151 @@ def test_a_surface_that_is_too_stiff_or_begins_inside_is_refused():
     inside = thrown("box", 1e-4).updated({"vehicles[b].initial.position": [0.4, 0.05, 0.0]})
     with pytest.raises(InputError, match=r"couplings\[0\]\.body: is 0\.2\d* m inside the surface at the start"):
         simulate(inside, engine="free_body")
+
+
+# at the tool of an arm
+
+SPRING_AT_TOOL = """
+from dataclasses import dataclass
+import numpy as np
+from uvms_mj import Effect
+
+
+@dataclass(frozen=True)
+class Spring(Effect):
+    @staticmethod
+    def wrench(settings, state, given, state_dot, tau):
+        d = np.array([0.75, 0.02, -0.09]) - given.p_WB
+        f = given.R_WB.T @ (200.0 * d) - 8.0 * given.nu[:3]
+        tau[:3], tau[3:] = f, np.cross(given.R_WB.T @ (0.5 * d), f)
+"""
+ARM = {"model": "planar_arm"}
+PLACE = [0.75, 0.02, -0.09]
+
+
+def held_by_tools(arm, bar, coupling, duration, timestep=1e-4, **tables):
+    """A vehicle with an arm whose tool is coupled to the middle of a bar, with all motors off."""
+    posture = {"order": [], "free_damping": 0.0}
+    return World.from_dict(
+        {
+            "simulation": {"duration": duration, "timestep": timestep},
+            "wall": {"present": False},
+            "current": {"speed": 0.0},
+            "controller": {"name": "none"},
+            "couplings": [{"vehicles": ["a", "b"], "at": ["tool", "body"], **coupling}],
+            "vehicles": [
+                {
+                    "name": "a",
+                    "vehicle": arm,
+                    "initial": {"joints": [-0.7, 1.3]},
+                    "joints": {"name": "torque"},
+                    "posture": posture,
+                },
+                {"name": "b", "vehicle": bar, "initial": {"position": PLACE}},
+            ],
+            **tables,
+        }
+    )
+
+
+def test_a_spring_at_a_tool_is_the_force_of_an_effect_at_the_tool(tmp_path):
+    """A spring between a tool and a bar of 1e8 times the inertia, against a user's effect at the tool of a vehicle
+    alone, by the path of effects: joints, base and drag in the water."""
+    (tmp_path / "spring.py").write_text(SPRING_AT_TOOL)
+    joint = {"stiffness": 200.0, "damping": 8.0}
+    world = held_by_tools(ARM, {"model": heavy_bar(tmp_path)}, joint, 1.0).updated(
+        {"vehicles[a].initial.velocity": [0.0, 0.1, 0.1, 0.0, 0.3, 0.2]}
+    )
+    tables = world.scenarios["a"].to_dict()
+    del tables["couplings"], tables["vehicle"]["name"]
+    effect = {"name": f"{tmp_path / 'spring.py'}:Spring", "at": "tool"}
+    alone = simulate(Scenario.from_dict(tables | {"effects": [effect]}))
+    coupled = simulate(world)["a"]
+    assert np.abs(alone.q - alone.q[0]).max() > 0.1
+    assert coupled.q == pytest.approx(alone.q, abs=1e-7)
+    assert coupled.p_WB == pytest.approx(alone.p_WB, abs=1e-7)
+    assert coupled.nu == pytest.approx(alone.nu, abs=1e-6)
+    own = tables["effects"] if tables.get("effects") else []
+    assert not own
+    assert np.abs(coupled.f_couplings_W).max() > 4.0
+
+
+def bar_at_two_tools(arm, bar, coupling, duration, timestep):
+    """Two vehicles side by side with arms, whose tools hold the ends of one bar."""
+    tables = held_by_tools(arm, bar, coupling | {"points": [[0.0] * 3, [0.0, -0.4, 0.0]]}, duration, timestep).to_dict()
+    a, b = tables["vehicles"]
+    c = {**a, "name": "c", "initial": {**a["initial"], "position": [0.0, 0.8, 0.0]}}
+    b["initial"] = {**b["initial"], "position": [PLACE[0], 0.4, PLACE[2]]}
+    second = {**tables["couplings"][0], "vehicles": ["c", "b"], "points": [[0.0] * 3, [0.0, 0.4, 0.0]]}
+    return World.from_dict(tables | {"vehicles": [a, b, c], "couplings": [*tables["couplings"], second]})
+
+
+@pytest.mark.parametrize("held", ["bar_at_two_tools", "tool_on_surface"])
+def test_tools_and_a_bar_keep_their_momentum_without_water(tmp_path, held):
+    """Vehicles with arms and a bar, without water and weight, coupled at the tools: momentum and angular momentum by
+    MuJoCo's own sums over the bodies, to the order of the step. The dampers of the joints are inside."""
+    arm = (Path(__file__).parents[1] / "models" / "planar_arm.xml").read_text()
+    for name, text in (("arm", re.sub(r'data="-[0-9.e-]+"', 'data="0"', arm)), ("bar", Path(BAR).read_text())):
+        (tmp_path / f"{name}.xml").write_text(text.replace('gravity="0 0 -9.81"', 'gravity="0 0 0"'))
+    models = {"model": str(tmp_path / "arm.xml")}, {"model": str(tmp_path / "bar.xml"), **DRY}
+    start, lost = {"vehicles[a].initial.velocity": [0.2, 0.1, -0.1, 0.2, 0.1, 0.3]}, []
+    for h in (2e-4, 1e-4):
+        if held == "bar_at_two_tools":
+            world = bar_at_two_tools(*models, {"stiffness": 300.0, "damping": 2.0}, 0.5, h)
+        else:
+            rod = {"shape": "cylinder", "radius": 0.05, "position": [0.0] * 3, "attitude_deg": [90.0, 0.0, 0.0]}
+            body = {"position": [0.0, 0.0, 0.0], "radius": 0.03}
+            coupling = {"kind": "contact", "surface": rod | {"stiffness": 2e3, "friction": 0.3}, "body": body}
+            world = held_by_tools(*models, coupling, 0.5, h)
+            start["vehicles[b].initial.position"] = [0.81, 0.02, -0.09]
+        found, forces = [], []
+        with WorldSimulation(world.updated(start)) as sim:
+            for _ in range(51):
+                found.append(sum(momentum_by_mujoco(each) for each in sim.vehicles.values()))
+                forces.append([sim.vehicles[name].signals.f_couplings_W[0].copy() for name in ("a", "b")])
+                sim.step(round(0.01 / h))
+        first, second = np.array(forces).transpose(1, 0, 2)
+        assert np.array_equal(first, -second)
+        assert np.abs(first).max() > 3.0
+        lost.append(np.abs(np.array(found) - found[0]).max(axis=0))
+    for part in (slice(0, 3), slice(3, 6)):
+        assert lost[1][part].max() < 0.6 * lost[0][part].max() < 0.6 * 4e-3
+
+
+def momentum_by_mujoco(sim):
+    """Linear and angular momentum (6,) about W's origin of all bodies of a Simulation."""
+    model, data = sim.model, sim.data
+    mujoco.mj_forward(model, data)
+    mujoco.mj_subtreeVel(model, data)
+    root = 1
+    p = model.body_subtreemass[root] * data.subtree_linvel[root]
+    return np.concatenate([p, data.subtree_angmom[root] + np.cross(data.subtree_com[root], p)])
+
+
+def test_the_engine_that_has_no_arms_names_the_one_that_has():
+    world = held_by_tools(ARM, {"model": BAR}, {"stiffness": 200.0}, 0.1)
+    with pytest.raises(InputError, match=r"'planar_arm' has joints, .*use the engine mujoco"):
+        simulate(world, engine="free_body")
+
+
+@pytest.mark.parametrize(
+    ("at", "more", "said"),
+    [
+        (
+            ["tol", "body"],
+            {},
+            "couplings[0].at: a: 'tol' is neither a link nor a site of the vehicle; did you mean 'tool'?",
+        ),
+        (["tool", "hook"], {}, "couplings[0].at: b: 'hook' is neither a link nor a site"),
+        (
+            ["tool", "body"],
+            {"wrist": {"name": "sensor"}},
+            "the wrist sensor knows no coupling there",
+        ),
+    ],
+)
+def test_a_frame_that_is_not_there_is_refused_by_name(at, more, said):
+    world = held_by_tools(ARM, {"model": BAR}, {"at": at}, 0.1, **more)
+    with pytest.raises(InputError) as raised:
+        simulate(world)
+    assert said in str(raised.value)

@@ -124,7 +124,8 @@ def refusals(setup: Setup) -> list[str]:
     """
     scenario, unknown = setup.scenario, list[str]()
     if setup.vehicle.arm.links:
-        return [f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"]
+        joints = f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"
+        return [f"{joints}; use the engine mujoco"]
     if scenario.task.frame != BODY:
         unknown.append(f"task.frame = {scenario.task.frame!r}")
     if scenario.vehicle.payloads:
