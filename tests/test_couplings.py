@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import uvms_mj
-from uvms_mj import InputError, Scenario, World, WorldSimulation, simulate
+from uvms_mj import InputError, Scenario, World, WorldSimulation, coupled_rest, internal_forces, simulate
+from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
 
@@ -453,3 +454,103 @@ def test_a_frame_that_is_not_there_is_refused_by_name(at, more, said):
     with pytest.raises(InputError) as raised:
         simulate(world)
     assert said in str(raised.value)
+
+
+# loads and internal forces
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_internal_forces_move_nothing_and_leave_nothing_out(n):
+    """They have no resultant and no moment; what is left is the least that has the same ones; and among two points they
+    are along their line."""
+    rng = np.random.default_rng(n)
+    points, forces = rng.normal(size=(2, 7, n, 3))
+    internal = internal_forces(points, forces)
+    assert internal.sum(axis=1) == pytest.approx(np.zeros((7, 3)), abs=1e-12)
+    assert np.cross(points, internal).sum(axis=1) == pytest.approx(np.zeros((7, 3)), abs=1e-12)
+    assert internal_forces(points + np.array([1e3, -2e3, 500.0]), forces) == pytest.approx(internal, abs=1e-9)
+    assert np.einsum("kni,kni->k", internal, forces - internal) == pytest.approx(np.zeros(7), abs=1e-12)
+    if n == 2:
+        line = points[:, 1] - points[:, 0]
+        line /= np.linalg.norm(line, axis=1, keepdims=True)
+        along = 0.5 * np.einsum("ki,ki->k", line, forces[:, 0] - forces[:, 1])
+        assert internal[:, 0] == pytest.approx(along[:, None] * line, abs=1e-12)
+    else:
+        rest = np.concatenate([np.broadcast_to(np.eye(3), (7, n, 3, 3)), skews(points)], axis=2)
+        rest = rest.transpose(0, 2, 1, 3).reshape(7, 6, 3 * n)
+        least = np.linalg.pinv(rest) @ (rest @ forces.reshape(7, 3 * n, 1))
+        assert (forces - internal).reshape(7, 3 * n) == pytest.approx(least[..., 0], abs=1e-9)
+
+
+def skews(points):
+    return np.array([[skew(p) for p in each] for each in points])
+
+
+def squeezed(F, **more):
+    """press_bar without a wall: each vehicle is demanded a force F at its nose towards the other one, as a wrench at B,
+    and its target is where the spring of its joint has given way."""
+    side = 0.4 - F / 2e3
+    demands = {
+        "vehicles[left].impedance.F_d": [0.0, F, 0.0, 0.0, 0.0, 0.3 * F],
+        "vehicles[right].impedance.F_d": [0.0, -F, 0.0, 0.0, 0.0, -0.3 * F],
+        "vehicles[left].reference.target": [0.4, side, 0.0],
+        "vehicles[right].reference.target": [0.4, -side, 0.0],
+    }
+    stepping = {"walls": [], "simulation.duration": 20.0, "simulation.timestep": 5e-4}
+    return World.load("press_bar", stepping | demands | more)
+
+
+@pytest.mark.parametrize("F", [20.0, 5.0])
+def test_a_demanded_internal_force_is_the_force_in_the_bar(F):
+    world = squeezed(F)
+    rest, traces = coupled_rest(world), simulate(world, engine="free_body", keep_s=1.0)
+    assert rest.internal("bar") == pytest.approx(np.array([[0.0, -F, 0.0], [0.0, F, 0.0]]), abs=1e-9 * F)
+    found = internal_forces(rest.points, traces["bar"].f_couplings_W[-1])
+    assert found == pytest.approx(rest.internal("bar"), abs=1e-9 * F)
+    assert traces["left"].f_couplings_W[-1, 0, 1] == pytest.approx(F, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("case", "tolerance"), [("pressed", 1e-8), ("hanging", 1e-9), ("yielding", 1e-9), ("in a current", 1e-9)]
+)
+def test_the_loads_of_a_run_are_those_of_the_closed_form(case, tolerance):
+    """Poses and loads of springs between two vehicles and a bar: at a wall; of a bar that is heavier than its water and
+    held beside its middle; with forces at B that turn the vehicles; and in a current that pushes on all of them."""
+    changes = {
+        "pressed": {},
+        "hanging": {
+            "vehicles[bar].vehicle.mass": 1.3,
+            "couplings[1].points": [[0.3, 0.0, 0.0], [0.0, -0.2, 0.0]],
+            "vehicles[right].initial.position": [0.4, -0.2, 0.0],
+            "vehicles[right].reference.target": [0.4, -0.19, 0.0],
+            "observer.name": "none",
+        },
+        "yielding": {"vehicles[left].impedance.F_d": [3.0, 20.0, 1.0, 0.0, 0.0, 0.0]},
+        "in a current": {"current.speed": 0.2, "current.direction_deg": 60.0, "observer.name": "none"},
+    }[case]
+    world = World.load("press_bar", {"simulation.duration": 25.0}) if case == "pressed" else squeezed(20.0, **changes)
+    rest, traces = coupled_rest(world), simulate(world, engine="free_body", keep_s=1.0)
+    load = np.abs(rest.forces).max()
+    for name, trace in traces.items():
+        assert trace.p_WB[-1] == pytest.approx(rest.positions[name], abs=1e-9)
+        assert trace.f_couplings_W[-1] == pytest.approx(rest.on(name), abs=tolerance * load)
+    if case == "hanging":
+        assert rest.on("bar").sum(axis=0) == pytest.approx([0.0, 0.0, 0.3 * 9.4248 * 9.81], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"couplings": []}, "nothing is coupled"),
+        ({"vehicles[left].controller.name": "none"}, "left: "),
+        ({"vehicles[left].disturbance.amplitude": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+          "vehicles[left].disturbance.frequency_hz": [1.0] * 6}, "left: "),
+        ({"vehicles[left].vehicle.model": "planar_arm", "vehicles[left].observer.name": "none"}, "left has joints"),
+        ({"walls[0].friction": 0.3}, "bar: with friction, the rest position depends on the path"),
+    ],
+)  # fmt: skip
+def test_what_the_closed_form_of_loads_does_not_know_is_said(changes, reason):
+    found = coupled_rest(World.load("press_bar", changes))
+    assert isinstance(found, NoClosedForm)
+    assert found.reason.startswith(reason)
+    assert len(found.reason) > len(reason) or reason[-2:] != ": "
