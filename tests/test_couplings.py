@@ -511,7 +511,8 @@ def test_a_demanded_internal_force_is_the_force_in_the_bar(F):
 
 
 @pytest.mark.parametrize(
-    ("case", "tolerance"), [("pressed", 1e-8), ("hanging", 1e-9), ("yielding", 1e-9), ("in a current", 1e-9)]
+    ("case", "tolerance"),
+    [("pressed", 1e-8), ("hanging", 1e-9), ("yielding", 1e-9), ("in a current", 1e-9)],
 )
 def test_the_loads_of_a_run_are_those_of_the_closed_form(case, tolerance):
     """Poses and loads of springs between two vehicles and a bar: at a wall; of a bar that is heavier than its water and
@@ -538,11 +539,48 @@ def test_the_loads_of_a_run_are_those_of_the_closed_form(case, tolerance):
         assert rest.on("bar").sum(axis=0) == pytest.approx([0.0, 0.0, 0.3 * 9.4248 * 9.81], abs=1e-9)
 
 
+def test_a_cable_pulls_a_vehicle_without_a_law_with_its_drag():
+    """A tug holds a barge in a current: the tension is the barge's drag, D_l v + D_q v^2, by hand, by the closed form
+    and by the run."""
+    v = 0.3
+    world = World.from_dict(
+        {
+            "simulation": {"duration": 60.0, "timestep": 1e-3},
+            "wall": {"present": False},
+            "current": {"speed": v, "direction_deg": 180.0},
+            "couplings": [
+                {
+                    "vehicles": ["tug", "barge"],
+                    "points": [[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]],
+                    "kind": "cable",
+                    "length": 0.7,
+                    "stiffness": 500.0,
+                    "damping": 20.0,
+                }
+            ],
+            "vehicles": [
+                {"name": "tug", "reference": {"target": [0.0, 0.0, 0.0]}, "controller": {"name": "gsta"}},
+                {
+                    "name": "barge",
+                    "initial": {"position": [-1.1, 0.0, 0.0]},
+                    "controller": {"name": "none"},
+                    "vehicle": {"added_mass": 0.0},  # whose Munk moment would turn it aside
+                },
+            ],
+        }
+    )
+    rest, tension = coupled_rest(world), D_LINEAR[0] * v + D_QUADRATIC[0] * v**2
+    assert rest.on("tug") == pytest.approx(np.array([[-tension, 0.0, 0.0]]), rel=1e-9, abs=1e-9)
+    traces = simulate(world, engine="free_body", keep_s=1.0)
+    assert traces["barge"].f_couplings_W[-1] == pytest.approx(rest.on("barge"), abs=1e-4)
+    assert traces["barge"].p_WB[-1] == pytest.approx(rest.positions["barge"], abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
         ({"couplings": []}, "nothing is coupled"),
-        ({"vehicles[left].controller.name": "none"}, "left: "),
+        ({"vehicles[left].controller.name": "external"}, "left: "),
         ({"vehicles[left].disturbance.amplitude": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
           "vehicles[left].disturbance.frequency_hz": [1.0] * 6}, "left: "),
         ({"vehicles[left].vehicle.model": "planar_arm", "vehicles[left].observer.name": "none"}, "left has joints"),

@@ -1,7 +1,7 @@
 r"""Coupled vehicles at rest: their poses, the loads of their couplings, and the internal forces in what they hold.
 
 The unknowns are the wrench of the couplings on each vehicle with a law, in B, and the pose of each load, which has no
-thrusters. Under a constant wrench a law rests where its closed form says, as under a constant disturbance
+thrusters or no law. Under a constant wrench a law rests where its closed form says, as under a constant disturbance
 (:mod:`uvms_mj.control.theory.balance`). At rest the couplings give these wrenches at the poses of both ends, and the
 forces on each load are in balance:
 
@@ -53,6 +53,7 @@ class CoupledRest:
         positions, quats: (3,) in W [m] and (4,) of each coupled vehicle by its name.
         forces: (n, 3) of each coupling on its first vehicle in W [N]. The force on the second one is the opposite.
         points: (n, 3) where they act in W [m].
+        loads: the names of the vehicles without thrusters or without a law.
     """
 
     couplings: tuple[Coupling, ...]
@@ -60,6 +61,7 @@ class CoupledRest:
     quats: Mapping[str, np.ndarray]
     forces: np.ndarray
     points: np.ndarray
+    loads: tuple[str, ...]
 
     def on(self, vehicle: str) -> np.ndarray:
         """The forces (m, 3) of its couplings on a vehicle in W [N], as its signal ``f_couplings_W`` has them."""
@@ -69,6 +71,21 @@ class CoupledRest:
     def internal(self, vehicle: str) -> np.ndarray:
         """The internal forces (m, 3) among :meth:`on` in W [N]."""
         return internal_forces(self.points[self._of(vehicle)], self.on(vehicle))
+
+    @property
+    def announced(self) -> list[str]:
+        """A sentence for each vehicle: the forces of its couplings, and of a load the internal force."""
+        found = []
+        for name in self.positions:
+            others = [each.vehicles[1 - each.vehicles.index(name)] for each in self.couplings if name in each.vehicles]
+            pulls = ", ".join(
+                f"{other} [{', '.join(f'{x:.4g}' for x in force)}] N"
+                for other, force in zip(others, self.on(name).round(6) + 0.0, strict=True)
+            )
+            internal = np.linalg.norm(self.internal(name), axis=1).max().round(6)
+            held = f", an internal force of {internal:.4g} N" if name in self.loads and len(others) > 1 else ""
+            found.append(f"{name} at rest feels in W: {pulls}{held}")
+        return found
 
     def _of(self, vehicle: str) -> list[int]:
         return [i for i, each in enumerate(self.couplings) if vehicle in each.vehicles]
@@ -111,7 +128,7 @@ class _Held:
 
 
 class _Load:
-    """A vehicle without thrusters, whose unknown is its pose (7,)."""
+    """A vehicle without thrusters or without a law, whose unknown is its pose (7,)."""
 
     step = _PLACE
 
@@ -204,7 +221,10 @@ def _solved(world: World) -> CoupledRest:
     for name, setup in setups.items():
         if setup.vehicle.arm.links:
             raise _NoRest(f"{name} has joints; the rest of coupled vehicles is known for rigid ones")
-    made = (_Held if setup.vehicle.thrusters else _Load for setup in setups.values())
+    steered = {
+        name: setup.vehicle.thrusters and setup.scenario.controller.name != "none" for name, setup in setups.items()
+    }
+    made = (_Held if steered[name] else _Load for name in names)
     bodies = [kind(name, setup) for kind, (name, setup) in zip(made, setups.items(), strict=True)]
     ties = [
         (_Tie(f"couplings[{i}]", each, [setups[name] for name in each.vehicles]), [*map(names.index, each.vehicles)])
@@ -255,4 +275,5 @@ def _solved(world: World) -> CoupledRest:
     poses = {body.name: body.placed(x) for body, x in zip(bodies, xs, strict=True)}
     forces, points = (np.array([getattr(tie, name) for tie, _ in ties]) for name in ("force", "point"))
     positions, quats = ({name: pose[part] for name, pose in poses.items()} for part in (slice(0, 3), slice(3, 7)))
-    return CoupledRest(world.couplings, positions, quats, forces, points)
+    loads = tuple(body.name for body in bodies if isinstance(body, _Load))
+    return CoupledRest(world.couplings, positions, quats, forces, points, loads)
