@@ -299,6 +299,23 @@ def test_a_wrong_surface_is_refused_by_name(coupling, said):
     assert said in str(raised.value)
 
 
+def test_a_key_of_a_surface_is_changed_by_its_name(tmp_path):
+    world = thrown("box", 1e-4).updated({"couplings[0].surface.stiffness": 1e3, "couplings[0].body.radius": 0.11})
+    (coupling,) = world.couplings
+    assert (coupling.surface.stiffness, coupling.body.radius) == (1e3, 0.11)
+    (tmp_path / "world.toml").write_text(world.to_toml())
+    assert World.load(tmp_path / "world.toml") == world
+    for key, said in (
+        ("couplings[0].surface.stifness", "no such key; did you mean 'stiffness'?"),
+        ("couplings[0].stiffness.k", "stiffness is no table; its key is couplings[0].stiffness"),
+    ):
+        with pytest.raises(InputError) as raised:
+            world.updated({key: 1e3})
+        assert said in str(raised.value)
+    with pytest.raises(InputError, match=r"couplings\[0\] has no surface"):
+        World.load("press_bar", {"couplings[0].surface.stiffness": 1e3})
+
+
 def test_a_surface_that_is_too_stiff_or_begins_inside_is_refused():
     world = thrown("box", 1e-4, stiffness=1e9)
     with pytest.raises(InputError, match=r"couplings\[0\]\.surface\.stiffness: with damping, it moves"):

@@ -164,6 +164,10 @@ class Coupling(EffectTable):
         )
 
 
+OF_COUPLINGS = {"couplings.body": ContactBody, "couplings.surface": Surface}
+"""The tables within the table, by their key."""
+
+
 def coupling_faults(coupling: Coupling, setups: Sequence[Any], timestep: float) -> Iterator[Fault]:
     """The errors of a coupling of two vehicles, each with its setup: a time step [s] that does not resolve it, and a
     start in which it is far from its length."""
