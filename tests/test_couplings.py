@@ -609,3 +609,13 @@ def test_what_the_closed_form_of_loads_does_not_know_is_said(changes, reason):
     assert isinstance(found, NoClosedForm)
     assert found.reason.startswith(reason)
     assert len(found.reason) > len(reason) or reason[-2:] != ": "
+
+
+def test_the_forces_of_two_couplings_are_no_twist():
+    """The bar's signal has two vectors of three: their numbers are not called roll, pitch and yaw."""
+    traces = simulate(World.load("press_bar", {"simulation.duration": 0.02}), engine="free_body")
+    bar = traces["bar"].header.by_name["f_couplings_W"]
+    assert bar.components == ("1", "2", "3", "4", "5", "6")
+    assert traces["left"].header.by_name["f_couplings_W"].components == ("x", "y", "z")
+    (axes,) = traces["bar"].plot("f_couplings_W").axes
+    assert len(axes.get_lines()) == 6
