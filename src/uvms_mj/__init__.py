@@ -23,6 +23,7 @@ _NAMES = {
     "errors": "InputError",
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
+    "physics.coupling": "internal_forces",
     "plant.buoyancy": "Buoyancy Volume",
     "plant.coupling": "Coupling",
     "plant.effect": "Effect",
@@ -36,6 +37,7 @@ _NAMES = {
     "records.trace": "Trace",
     "reproduce.paper.report": "compare",
     "scenario": "Scenario",
+    "setup.coupled_rest": "coupled_rest",
     "setup.world": "World",
     "stages.base": "setting",
     "studies.certified": "certify",
@@ -80,6 +82,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .navigation import Navigation as Navigation
     from .navigation import Observer as Observer
     from .navigation import Wrist as Wrist
+    from .physics.coupling import internal_forces as internal_forces
     from .plant.buoyancy import Buoyancy as Buoyancy
     from .plant.buoyancy import Volume as Volume
     from .plant.coupling import Coupling as Coupling
@@ -99,6 +102,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .records.trace import Trace as Trace
     from .reproduce.paper.report import compare as compare
     from .scenario import Scenario as Scenario
+    from .setup.coupled_rest import coupled_rest as coupled_rest
     from .setup.world import World as World
     from .stages.base import setting as setting
     from .studies.certified import certify as certify

@@ -156,7 +156,7 @@ def faults_of(
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             word = str(item["loc"][-1])  # may have a dot: wall.stiffness.x
             table = key.removesuffix(word).removesuffix(".")
-            known = list((choices or {}).get(table.partition("[")[0], ()))
+            known = list((choices or {}).get(re.sub(r"\[\d+\]", "", table), ()))
             idle = "has no effect with the other keys of its table; leave it out"
             message = idle if word in known else f"no such key; {suggestion(word, known)}"
         elif item["type"] == "missing" and isinstance(item["loc"][-1], str):

@@ -27,7 +27,7 @@ from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .physics.effects import FLOWS, INERTIAS, PUSHES
 from .plant.buoyancy import Buoyancy, Volume
-from .plant.coupling import Coupling
+from .plant.coupling import OF_COUPLINGS, Coupling
 from .plant.effect import Effect, numbers_of
 from .plant.obstacle import Obstacle
 from .plant.sea import Sea
@@ -380,7 +380,7 @@ LISTS: dict[str, Any] = {
 """The tables of each list of tables."""
 TABLES: dict[str, Any] = {f.name: _TABLES.get(f.name) or LISTS[f.name] for f in dataclasses.fields(Scenario)[2:]}
 """The class of each table, or of the tables of each list, by name. Its ``of_world`` says whose it is."""
-_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS, "buoyancy.shapes": Volume}
+_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS, **OF_COUPLINGS, "buoyancy.shapes": Volume}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 _UNITS = {
@@ -464,14 +464,14 @@ def _load_list(
         faults += wrong
 
 
-OF_LIST = re.compile(r"(\w+)(?:\[(\d{1,9})\]\.(\w+))?")
-"""The keys ``walls`` and ``walls[0].stiffness`` of an override."""
+OF_LIST = re.compile(r"(\w+)(?:\[(\d{1,9})\]\.(\w+)(?:\.(\w+))?)?")
+"""The keys ``walls``, ``walls[0].stiffness`` and ``couplings[0].surface.stiffness`` of an override."""
 
 
 def _override_list(tables: dict[str, Any], key: str, found: re.Match, value: Any) -> list[Fault]:
     """Replace a list of tables of a scenario, or a key of one of them; ``found`` is the match of :data:`OF_LIST` with
     the key."""
-    name, index, word = found.groups()
+    name, index, word, inner = found.groups()
     if index is None:
         tables[name] = value
         return []
@@ -481,7 +481,15 @@ def _override_list(tables: dict[str, Any], key: str, found: re.Match, value: Any
     each = [table_of(table) if isinstance(table, Stage) else table for table in each]
     tables[name] = [dict(table) if isinstance(table, Mapping) else table for table in each]
     if isinstance(tables[name][int(index)], dict):  # otherwise the validator reports it
-        tables[name][int(index)][word] = value
+        table = tables[name][int(index)]
+        if inner is None:
+            table[word] = value
+        elif f"{name}.{word}" not in _INNER:
+            return [Fault(key, f"{word} is no table; its key is {name}[{index}].{word}")]
+        elif not isinstance(table.get(word), Mapping):
+            return [Fault(key, f"{name}[{index}] has no {word}")]
+        else:
+            table[word] = {**table[word], inner: value}
     return []
 
 

@@ -170,15 +170,21 @@ def _run_world(
     """Run a world, write a log for each vehicle and report each; return the exit status."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
+    from ..control.base import NoClosedForm
     from ..engine.run import simulate
     from ..engine.vehicle_run import LawError, SinkError
     from ..errors import InputError
     from ..files import locked
     from ..records.mcap import McapLog
+    from ..setup.coupled_rest import coupled_rest
 
     if shown.asked_for:
         raise InputError("a viewer shows one vehicle during its run; uvms-mj replay DIR shows a world afterwards")
     folder, made = output_folder(out, world)
+    if world.couplings and not console.quiet:
+        rest = coupled_rest(world)
+        said = [f"no closed form of the loads: {rest.reason}"] if isinstance(rest, NoClosedForm) else rest.announced
+        click.echo(printable("\n".join(said)), err=True)
     half = max(AROUND_THE_END_S, 0.5 * world.simulation.duration)
     kept = half if any(map(fluctuates, world.scenarios.values())) else AROUND_THE_END_S
     with locked(folder):

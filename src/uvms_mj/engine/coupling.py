@@ -3,22 +3,44 @@
 from __future__ import annotations  # WorldSimulation is below
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.coupling import PULLED, TIE, pull_together
+from ..physics.coupling import press_together, pull_together
+from ..physics.coupling_ends import place_end
 from ..physics.effects import state_of
 from ..plant.coupling import Coupling, coupling_faults
 from ..setup.world import World
-from .native.compilation import native_function
+from .native.compilation import NativeFunction, native_function
 from .native.loop import many_runs
 from .simulation import Diverged, Simulation
 
+_OF_END, _CONTACTS = ("couplings", state_of("couplings")), state_of("touches")
 _STEPS = 1000
 """Steps of all vehicles from one look at signals and rows to the next."""
-_POSE, _VELOCITY = np.dtype(("f8", (7,))), np.dtype(("f8", (6,)))
+
+
+class _Call(NamedTuple):
+    """Machine code with the arrays on which it is called."""
+
+    function: NativeFunction
+    arrays: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, function: Callable, *arrays: np.ndarray) -> _Call:
+        """The code of a kernel on arrays that lie densely in memory; a record is an array ()."""
+        kinds = [np.dtype((each.dtype, each.shape)) for each in arrays]
+        return cls(native_function(function, kinds), arrays)
+
+    @property
+    def row(self) -> list[int]:
+        """The address of the code and the addresses of the arrays."""
+        return [self.function.address, *(array.ctypes.data for array in self.arrays)]
+
+    def __call__(self) -> None:
+        self.function.ctypes(*(array.ctypes.data for array in self.arrays))
 
 
 class OtherStopped(Exception):
@@ -59,49 +81,70 @@ class Lockstep:
         ]
         if faults:
             raise InputError(faults, "scenario")
-        pull = native_function(pull_together, [TIE, *(_POSE, _VELOCITY) * 2, PULLED, PULLED])
-        self._pull, self._kept = pull.ctypes, [coupling.tie for coupling in couplings]
-        at, rows = dict.fromkeys(sims, 0), []
-        for tie, coupling in zip(self._kept, couplings, strict=True):
-            arrays = [tie, *(array for name in coupling.vehicles for array in sims[name].motion)]
+        self._ends, self._ties = list[_Call](), list[_Call]()
+        self._touches = list[tuple[np.ndarray, np.ndarray]]()
+        at, touching = dict.fromkeys(sims, 0), dict.fromkeys(sims, 0)
+        for coupling in couplings:
+            pulled = list[np.ndarray]()
             for name in coupling.vehicles:
-                states = sims[name].memory.run["plant"]["effects"][state_of("couplings")][0]
-                arrays.append(states[at[name] : at[name] + 1])
+                plant, k = sims[name].memory.run["plant"], at[name]
+                own, state = (plant["effects"][each][0, k : k + 1].reshape(()) for each in _OF_END)
+                self._ends.append(_Call.of(place_end, own, plant["frames"][0], *sims[name].state, state))
+                pulled.append(state)
                 at[name] += 1
-            rows.append([pull.address, *(array.ctypes.data for array in arrays)])
-        self._ties = np.array(rows, np.int64)
-        self._runs = np.zeros((len(sims), 2), np.int64)
+            if coupling.surface is None:
+                self._ties.append(_Call.of(pull_together, coupling.tie, *pulled))
+                continue
+            first = coupling.vehicles[0]
+            k = touching[first]
+            touch = sims[first].memory.run["plant"]["effects"][_CONTACTS][0, k : k + 1].reshape(())
+            touching[first] += 1
+            settings = coupling.touch([sims[name].setup for name in coupling.vehicles], timestep)
+            self._touches.append((touch, settings))
+            self._ties.append(_Call.of(press_together, touch, *pulled))
+        self._rows = [np.array([call.row for call in calls], np.int64) for calls in (self._ends, self._ties)]
+        self._runs, self._found = np.zeros((len(sims), 2), np.int64), False
 
     def pull(self) -> None:
-        """Find the forces of the step that begins at the instant in hand."""
-        for row in self._ties.tolist():
-            self._pull(*row[1:])
+        """Find the forces of the step that begins at the instant in hand. Contacts with surfaces advance their states:
+        call it once an instant."""
+        for call in (*self._ends, *self._ties):
+            call()
 
     def run(self, n: int) -> None:
-        """Take n steps, or fewer if a vehicle stops."""
+        """Take n steps, or fewer if a vehicle stops, and find the forces of the step after them."""
+        if not self._found:
+            self._find()
         sims = list(self._sims.values())
         steps = [sim.one_step() for sim in sims]
         if all(sim.all_native and not sim.compares for sim in sims):
             self._runs[:] = [(sim.memory.code["free_steps"].address, sim.memory.address) for sim in sims]
-            ties, runs = (self._ties.ctypes.data, len(self._ties)), (self._runs.ctypes.data, len(sims))
-            self.steps += (done := many_runs()["step_together"].ctypes(*ties, *runs, n))
+            calls = [number for rows in self._rows for number in (rows.ctypes.data, len(rows))]
+            done = many_runs()["step_together"].ctypes(*calls, self._runs.ctypes.data, len(sims), n)
         else:
             done = 0
             stops = [sim.memory.run["stop"] for sim in sims]
             while done < n and not any(stop[0] for stop in stops):
-                self.pull()
                 for step in steps:
                     step()
-                done += not any(stop[0] for stop in stops)
-            self.steps += done
+                if not any(stop[0] for stop in stops):
+                    self.pull()
+                    done += 1
+        self.steps += done
         if done < n:
             self.stopped = next(name for name, sim in self._sims.items() if sim.memory.run["stop"][0])
+
+    def _find(self) -> None:
+        """Find the forces of the first step, of contacts that begin."""
+        for touch, settings in self._touches:
+            touch[...] = settings
         self.pull()
+        self._found = True
 
     def begin(self) -> None:
         """Begin at the instant in hand, of vehicles that nobody has stepped otherwise."""
         self.stopped = ""
-        self.pull()
+        self._find()
         for sim in self._sims.values():
             sim.observe_again()
 

@@ -38,6 +38,7 @@ class Engine(ABC):
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
         water: the motion of the water in the record of the run.
         qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, of its free joint.
+        state: (7 + n,) and (6 + n,) the same with the positions and velocities of n joints behind them.
         closed: whether the engine can't step any more.
     """
 
@@ -47,6 +48,7 @@ class Engine(ABC):
     water: Water
     qpos: np.ndarray
     qvel: np.ndarray
+    state: tuple[np.ndarray, np.ndarray]
 
     @property
     def model(self) -> Any:
@@ -122,7 +124,8 @@ def refusals(setup: Setup) -> list[str]:
     """
     scenario, unknown = setup.scenario, list[str]()
     if setup.vehicle.arm.links:
-        return [f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"]
+        joints = f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"
+        return [f"{joints}; use the engine mujoco"]
     if scenario.task.frame != BODY:
         unknown.append(f"task.frame = {scenario.task.frame!r}")
     if scenario.vehicle.payloads:
@@ -169,7 +172,7 @@ class FreeEngine(Engine):
         }
         for name, value in constants.items():
             self._body[name] = value
-        self.qpos, self.qvel = plant["qpos"][0], plant["qvel"][0]
+        self.qpos, self.qvel = self.state = plant["qpos"][0], plant["qvel"][0]
         self._code, self._address = code, image.address
 
     @functools.cached_property
@@ -220,7 +223,8 @@ class MujocoEngine(Engine):
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
         self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]
         n = len(plant.vehicle.arm.links)
-        self._q, self._q_dot = data.qpos[qpos + 7 : qpos + 7 + n], data.qvel[dof + 6 : dof + 6 + n]
+        self.state = data.qpos[qpos : qpos + 7 + n], data.qvel[dof : dof + 6 + n]
+        self._q, self._q_dot = (each[k:] for each, k in zip(self.state, (7, 6), strict=True))
         self._start = data.qpos.copy(), data.qvel.copy()
         stopped_clock()  # now, since an interrupt of a run must not meet the loading of machine code
         run["plant"]["mujoco"]["solved_at"] = data.sensordata[plant.contact_sensor :].ctypes.data

@@ -138,6 +138,11 @@ class Simulation:
         return self._engine.qpos, self._engine.qvel
 
     @property
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """:attr:`motion` with the live positions (n,) and velocities (n,) of the joints behind them."""
+        return self._engine.state
+
+    @property
     def chunk_steps(self) -> int:
         """Largest number of steps of a call of :meth:`run` with rows."""
         return self._memory.chunk_steps

@@ -81,7 +81,7 @@ import numpy as np
 
 from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
-from .coupling import COUPLING, PULL, PULLED, begin_pull
+from .coupling import COUPLING, PULL, PULLED, TOUCH, begin_pull
 from .current import CURRENT, add_current
 from .frames import velocity_at
 from .kernels import kernel
@@ -159,13 +159,15 @@ EFFECTS = {
     "products": PRODUCT,
     "couplings": COUPLING,
     "pulls": np.dtype([("coupling", "i8")], align=True),
+    "touches": np.dtype([("coupling", "i8")], align=True),
 }
 """The records of the effects, by the names of their tables; products are of a vehicle's file, a
-cable with its nodes is of the table of the tether, and each coupling has a pull, whose state is its force."""
+cable with its nodes is of the table of the tether, and each coupling has a pull, whose state is its force. A coupling
+of a surface has a touch at its first vehicle, whose state is the contact."""
 
 FLOWS, PUSHES, INERTIAS = ("current", "obstacle", "sea"), ("disturbance",), ("pads", "near_wall", "buoyancy")
 """The effects that move the water, that push the vehicle as time goes, and that change its inertia."""
-PULLS = ("cable", "nodes", "couplings", "pulls")
+PULLS = ("cable", "nodes", "couplings", "pulls", "touches")
 """The effects that pull at the vehicle with states of their own."""
 WRENCHES = tuple(name for name in EFFECTS if name not in (*FLOWS, *PUSHES, *INERTIAS, *PULLS))
 """All others, which add a wrench by the velocity in the water."""
@@ -176,6 +178,7 @@ STATES: dict[str, Callable[[int], Any]] = {
     "cable": cable_state,
     "couplings": lambda nodes: PULLED,
     "pulls": lambda nodes: PULL,
+    "touches": lambda nodes: TOUCH,
 }
 """The states of each record of an effect that has states, with so many nodes of a cable: of a fin its delta [rad]. They
 begin at zero, advance once a time step by :func:`advance_effects`, and a reset returns them."""

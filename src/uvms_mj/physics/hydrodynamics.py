@@ -154,6 +154,12 @@ def water_wrench(plant, R_WB, nu, out):
             f = link.displaced_mass * (R_WB.T @ link.a_c_W)
             link.F[:3] += f
             link.F[3:] += np.cross(centre, f)
+    if links.shape[0] > 1:
+        for k in range(plant.effects.couplings.shape[0]):  # which the disturbance has in it
+            at_link, tau = plant.effects.couplings[k].link, plant.effects.couplings_state[k].tau
+            if at_link > 0:
+                base.F -= tau
+                links[at_link].F += tau
     add_inertia_wrenches(plant, R_WB, nu)
     for k in range(plant.effect_frames.shape[0]):
         at = plant.effect_frames[k]

@@ -54,6 +54,24 @@ class Carrier:
         return self.link == other.link and np.array_equal(self.p, other.p) and np.array_equal(self.R, other.R)
 
 
+def carrier_at(name: str, arm: Any) -> Carrier | None:
+    """The frame of a name, B or a link or a site of a vehicle with an :class:`uvms_mj.plant.arm.Arm`; None if there is
+    none."""
+    links = [link.name for link in arm.links]
+    if name == BODY:
+        return Carrier.of_link(-1)
+    if name in links:
+        return Carrier.of_link(links.index(name))
+    site = arm.sites.get(name)
+    return None if site is None else Carrier(site.link, site.p, site.R)
+
+
+def no_carrier(name: str, arm: Any) -> str:
+    """The sentence for a name of which a vehicle has no frame."""
+    choices = suggestion(name, [BODY, *(link.name for link in arm.links), *arm.sites])
+    return f"{name!r} is neither a link nor a site of the vehicle; {choices}"
+
+
 @dataclass(frozen=True, eq=False)
 class Probe:
     """The sphere about the origin of the frame of the task: B, or a site. ``body`` is MuJoCo's body that carries it,
@@ -204,7 +222,7 @@ def contacts_of(scenario: ScenarioLike, probe: Probe, vehicle: VehicleLike) -> C
         )
         for index, (key, wall) in enumerate(walls)
         for name, body, carrier in named
-        for ends in _ends(body, wall)
+        for ends in ends_of(body, wall)
     ]  # fmt: skip
     return Contacts(walls, tuple(pairs), tuple(carriers))
 
@@ -268,25 +286,16 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
     for k, body in enumerate(bodies):
         if body.body is not None and body.body not in names:
             yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
-    soft = {"bumper.stiffness": scenario.bumper.stiffness}
-    soft |= {f"vehicle.contact_bodies[{k}].stiffness": body.stiffness for k, body in enumerate(bodies)}
     for i, wall in enumerate(scenario.walls):
         if not is_computed(wall.shape):
             yield Fault(f"walls[{i}].shape", f"the distance from a {wall.shape} is not computed")
             continue
-        for key, stiffness in soft.items():
-            if not wall.linear and stiffness is not None:
-                yield Fault(key, f"a bumper in series with the {wall.contact} contact of walls[{i}] is not computed")
+        if not wall.linear and scenario.bumper.stiffness is not None:
+            yield Fault("bumper.stiffness", _in_series(wall, f"walls[{i}]"))
         for k, body in enumerate(bodies):
-            if body.end is not None and wall.contact == "hertz":
-                wrong = f"Hertz's contact of a capsule with walls[{i}] is not computed; give spheres along the capsule"
-                yield Fault(f"vehicle.contact_bodies[{k}].end", wrong)
-            if body.end is not None and not is_computed(wall.shape, capsule=True):
-                yield Fault(
-                    f"vehicle.contact_bodies[{k}].end",
-                    f"contact of a capsule with a {wall.shape}, walls[{i}], is not computed; give spheres along the "
-                    "capsule",
-                )
+            yield from (
+                Fault(f"vehicle.contact_bodies[{k}].{key}", said) for key, said in uncomputed(body, wall, f"walls[{i}]")
+            )
     if bodies and scenario.bumper.stiffness is not None:
         yield Fault(
             "bumper.stiffness",
@@ -294,7 +303,22 @@ def impossible(scenario: ScenarioLike, vehicle: VehicleLike) -> Iterator[Fault]:
         )
 
 
-def _ends(body: ContactBody, wall: Surface) -> Iterator[np.ndarray]:
+def uncomputed(body: ContactBody, wall: Surface, name: str) -> Iterator[tuple[str, str]]:
+    """The reasons why the contact of a body with a wall of a name is not computed, each with its key of the body."""
+    if not wall.linear and body.stiffness is not None:
+        yield "stiffness", _in_series(wall, name)
+    if body.end is not None and wall.contact == "hertz":
+        yield "end", f"Hertz's contact of a capsule with {name} is not computed; give spheres along the capsule"
+    if body.end is not None and not is_computed(wall.shape, capsule=True):
+        wrong = f"contact of a capsule with a {wall.shape}, {name}, is not computed"
+        yield "end", f"{wrong}; give spheres along the capsule"
+
+
+def _in_series(wall: Surface, name: str) -> str:
+    return f"a bumper in series with the {wall.contact} contact of {name} is not computed"
+
+
+def ends_of(body: ContactBody, wall: Surface) -> Iterator[np.ndarray]:
     ends = (body.position, body.position if body.end is None else body.end)
     if body.end is not None and SHAPES[wall.shape].size is None:
         yield from (np.array([end, end]) for end in ends)

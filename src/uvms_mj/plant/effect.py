@@ -30,7 +30,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import Fault, InputError, suggestion
+from ..errors import Fault, InputError
 from ..physics.contacts import place_carrier, wrench_at_origin
 from ..physics.frames import BODY, attitude, to_body
 from ..physics.kernels import kernel
@@ -39,7 +39,7 @@ from ..stages.base import Room, Stage, shared
 from ..stages.contract import signals_read
 from ..stages.setup import SetupLike
 from ..stages.signals import EFFECT_WRENCH, effect_given
-from .contacts import Carrier
+from .contacts import Carrier, carrier_at, no_carrier
 
 
 @dataclass(frozen=True)
@@ -73,17 +73,9 @@ class Effect(Stage):
 
     def carrier(self, vehicle: VehicleLike) -> Carrier:
         """The frame in which it acts. Raises InputError if the vehicle has no link and no site of this name."""
-        names = [link.name for link in vehicle.arm.links]
-        if self.at == BODY:
-            return Carrier.of_link(-1)
-        if self.at in names:
-            return Carrier.of_link(names.index(self.at))
-        if (site := vehicle.arm.sites.get(self.at)) is None:
-            choices = suggestion(self.at, [BODY, *names, *vehicle.arm.sites])
-            raise InputError(
-                [Fault(f"{self.room.table}.at", f"{self.at!r} is neither a link nor a site of the vehicle; {choices}")]
-            )
-        return Carrier(site.link, site.p, site.R)
+        if (found := carrier_at(self.at, vehicle.arm)) is None:
+            raise InputError([Fault(f"{self.room.table}.at", no_carrier(self.at, vehicle.arm))])
+        return found
 
     def faults(self, setup: SetupLike) -> Iterator[Fault]:
         try:

@@ -99,6 +99,14 @@ class _Situation:
     def vehicle(self) -> str:
         return self._scenario.vehicle.name
 
+    @property
+    def arm(self) -> Any:
+        return self._plant.vehicle.arm
+
+    @property
+    def wrist(self) -> bool:
+        return bool(self._scenario.wrist.runs)
+
 
 def situation_of(scenario: ScenarioLike, plant: Any) -> Any:
     """The :class:`.settings.Situation` of a scenario with a plant."""

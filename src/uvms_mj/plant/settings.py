@@ -47,7 +47,8 @@ class Situation(NamedTuple):
     An effect that a run alone has asks for the mean velocity (3,) of the water in W [m/s], the inertia (6, 6) with
     added mass, and the duration of the run [s], too. One of a vehicle at the surface asks for the displaced mass [kg]
     at the centre of buoyancy (3,) in B [m], the z of the surface in W [m], and whether gravity is not along -z;
-    ``surfaces`` says whether the vehicle is one. ``vehicle`` is its name, empty without one."""
+    ``surfaces`` says whether the vehicle is one. ``vehicle`` is its name, empty without one. A coupling asks for the
+    vehicle's :class:`uvms_mj.plant.arm.Arm`, and whether it has a wrist sensor."""
 
     seed: int = 0
     gravity: float = 9.81
@@ -66,6 +67,8 @@ class Situation(NamedTuple):
     tilted: bool = False
     surfaces: bool = False
     vehicle: str = ""
+    arm: Any = None
+    wrist: bool = False
 
 
 Rows = tuple[tuple[float, ...], ...] | None

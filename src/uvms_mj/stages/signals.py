@@ -42,8 +42,9 @@ class Signal:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in COMPONENTS:
+        """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar. Two
+        vectors of three are no twist."""
+        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in COMPONENTS or self.shape == (2, 3):
             return tuple(str(i + 1) for i in range(self.size))
         return COMPONENTS[self.size]
 

@@ -106,7 +106,7 @@ def static_balance(
         The state, or the reason why there is none.
     """
     scenario, thrust_map = setup.scenario, ThrustMap.of(setup)
-    if reason := _unknown(setup, K, residual is not None):
+    if reason := unknown(setup, K, residual is not None):
         return reason
     if isinstance(thrust_map, str):
         return thrust_map
@@ -193,7 +193,7 @@ _KNOWN = frozenset(
 other one that is in use there is no closed form."""
 
 
-def _unknown(setup: SetupLike, K: float, own: bool) -> str:
+def unknown(setup: SetupLike, K: float, own: bool) -> str:
     """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
     if it may have one."""
     scenario = setup.scenario

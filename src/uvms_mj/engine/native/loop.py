@@ -477,21 +477,22 @@ def take_steps(runs, first, last, n, step, advance, control):
         call_code(advance, runs[i], control)
 
 
-def step_together(ties, tie_count, runs, run_count, n) -> int:
-    """Take n time steps in each of some runs: at each instant call what couples them, and then let each take a step.
-    A row (8,) of ``ties`` has the address of :func:`.coupling.pull_together` and those of its arguments, a row (2,) of
-    ``runs`` those of the machine code of a step and of the run's record. Returns the number of steps that all runs have
-    taken before one of them stopped."""
+def step_together(ends, end_count, ties, tie_count, runs, run_count, n) -> int:
+    """Take n time steps in each of some runs: let each take a step, and then find what couples them in the next one. A
+    row (6,) of ``ends`` has the address of :func:`uvms_mj.physics.coupling.place_end` and those of its arguments, a row
+    (4,) of ``ties`` those of what gives the forces between two ends, and a row (2,) of ``runs`` those of the machine
+    code of a step and of the run's record. Returns the number of steps that all runs have taken before one of them
+    stopped."""
     for k in range(n):
-        for i in range(tie_count):
-            at = 8 * i
-            call_code(
-                ties[at], ties[at + 1], ties[at + 2], ties[at + 3], ties[at + 4], ties[at + 5], ties[at + 6],
-                ties[at + 7],
-            )  # fmt: skip
         for i in range(run_count):
             if call_code(runs[2 * i], runs[2 * i + 1], 1, 1) == 0:
                 return k
+        for i in range(end_count):
+            at = 6 * i
+            call_code(ends[at], ends[at + 1], ends[at + 2], ends[at + 3], ends[at + 4], ends[at + 5])
+        for i in range(tie_count):
+            at = 4 * i
+            call_code(ties[at], ties[at + 1], ties[at + 2], ties[at + 3])
     return n
 
 
@@ -516,7 +517,7 @@ def many_runs() -> dict[str, NativeFunction]:
     """The machine code of this module, by name."""
     copy: list[np.dtype | str] = [_PLACES, "i8", _PLACES, "i8", _TABLE]
     parts: dict[Any, list[np.dtype | str]] = {take_steps: [_PLACES, *["i8"] * 6], gather: copy, scatter: copy}
-    parts[step_together] = [_PLACES, "i8", _PLACES, "i8", "i8"]
+    parts[step_together] = [*[_PLACES, "i8"] * 3, "i8"]
     return {each.__name__: code for each, code in zip(parts, native_functions(parts), strict=True)}
 
 

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
-from ...stages.signals import OF_JOINTS
+from ...stages.signals import AXES, OF_JOINTS
 from . import panels
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
@@ -205,7 +205,7 @@ def of_one(label: str, trace: Trace, what: str) -> Rows:
 
     def states() -> Rows:
         return [
-            halves(signal.name) if signal.size == 6 else [panels.state(trace, signal)]
+            halves(signal.name) if signal.components == AXES else [panels.state(trace, signal)]
             for signal in panels.states_of(trace)
         ]
 

@@ -102,7 +102,7 @@ class Overlay:
             owners = {label: owners[label] for label in having}
             i = next(iter(having.values()))
             return [[self._component(name, i, slice(i, i + 1), owners, signals)]]
-        rows = [LINEAR, ANGULAR] if size == 6 else [slice(0, size)]
+        rows = [LINEAR, ANGULAR] if all(signal.components == AXES for signal in signals.values()) else [slice(0, size)]
         if name in OF_JOINTS or name in OF_THRUSTERS:
             rows = [slice(i, min(i + 3, size)) for i in range(0, size, 3)]
         elif size > MOST_LINES:

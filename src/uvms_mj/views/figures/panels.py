@@ -204,7 +204,7 @@ def of_signal(trace: Trace, name: str) -> list[Panel]:
     signal, i = trace.header.part(name)
     if i is not None:
         return [some(trace, signal, slice(i, i + 1))]
-    if signal.size == 6 and name not in OF_THRUSTERS:
+    if signal.components == AXES:
         return [vector(trace, name, part) for part in (LINEAR, ANGULAR)]
     return [state(trace, signal)]
 
