@@ -92,6 +92,7 @@ def broken(site: Path) -> list[str]:
             if re.match(r"[a-z]+:", link):
                 continue
             path, _, place = unescape(unquote(link)).partition("#")
+            path = path.partition("?")[0]  # the numbers of the pool, which tests/test_pool.py checks
             target = (page.parent / path).resolve() if path else page
             there = place in places[target] if target in places and place else target.exists()
             if not there:

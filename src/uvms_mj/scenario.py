@@ -262,7 +262,7 @@ class Scenario:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS, defaults=_DEFAULTS)
         if faults:
             raise InputError(faults, place)
         for said in left_out:
@@ -384,6 +384,7 @@ _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table
 _UNITS = {
     f"{name}.{f.name}": unit_of(f) for name, table in (_TABLES | _INNER).items() for f in dataclasses.fields(table)
 }
+_DEFAULTS = {f"{name}.{f.name}": f.default for name, table in _TABLES.items() for f in dataclasses.fields(table)}
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
