@@ -281,7 +281,7 @@ class Scenario:
 
         A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
         settings if it is the same class. ``place`` names the scenario in error messages; ``note`` and ``trusted`` are
-        those of :meth:`from_dict`.
+        as in :meth:`from_dict`.
         """
         overrides = overrides_of(overrides)
         tables = {name: getattr(self, name) for name in _KEYS[""]}
