@@ -319,6 +319,23 @@ def test_a_link_has_the_numbers_of_the_page(browser, site, law):
 
 
 @needs_chromium
+def test_the_numbers_go_along_to_the_other_page(browser, site):
+    opened(browser, site, "pool.html?law=fosm&current.speed=0.2")
+    leads_to = browser.evaluate(
+        """(() => {
+            const link = document.querySelector('a[href$="numbers.html"]');
+            link.addEventListener("click", (event) => event.preventDefault());
+            link.click();
+            return link.href;
+        })()"""
+    )
+    opened(browser, site, leads_to.removeprefix(f"{site.as_uri()}/"))
+    shown = shown_by(browser)
+    assert shown["law"] == "fosm"
+    assert "speed = 0.2" in shown["scenario"]
+
+
+@needs_chromium
 def test_the_links_of_the_exercise_open_the_pool(browser, site):
     text = (build_pool.SOURCES.parent / "start" / "exercise.md").read_text()
     links = re.findall(r'href="\.\./index\.html(\?[^"]+)"', text)

@@ -158,6 +158,9 @@ class Pool {
       else if (data.loaded) this.begin();
       else this.take(data);
     };
+    // another page of the pool begins with the numbers of this one
+    for (const link of document.querySelectorAll('a:is([href*="gains.html"], [href*="numbers.html"], [href*="pool.html"])'))
+      link.addEventListener("click", () => (link.search = query_of(this.law, this.values)));
     new IntersectionObserver(([{ isIntersecting }]) => {
       this.seen = isIntersecting;
       this.move();
