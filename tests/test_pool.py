@@ -319,6 +319,22 @@ def test_a_link_has_the_numbers_of_the_page(browser, site, law):
 
 
 @needs_chromium
+def test_a_page_without_a_clipboard_copies_by_the_old_command(browser, site):
+    """A page over http has none. The button says that the text is copied, and it is."""
+    opened(browser, site, "numbers.html?law=impedance&current.speed=0.3")
+    code = """new Promise((done) => {
+        Object.defineProperty(navigator, "clipboard", { value: undefined, configurable: true });
+        let copied = "";
+        document.addEventListener("copy", () => (copied = document.activeElement.value), { once: true });
+        const button = [...document.querySelectorAll(".pool-toml button")].find((each) => each.textContent === "Copy");
+        button.click();
+        setTimeout(() => done([copied, button.textContent]), 300);
+    })"""
+    said = browser("Runtime.evaluate", expression=code, awaitPromise=True, returnByValue=True, userGesture=True)
+    assert said["result"]["value"] == [shown_by(browser)["scenario"], "Copied"]
+
+
+@needs_chromium
 def test_the_numbers_go_along_to_the_other_page(browser, site):
     opened(browser, site, "pool.html?law=fosm&current.speed=0.2")
     leads_to = browser.evaluate(
