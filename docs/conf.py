@@ -71,6 +71,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "download_all_examples": False,
     "show_memory": False,
+    "capture_repr": ("_repr_html_",),
     "write_computation_times": False,
     "default_thumb_file": str(HERE / "push_wall.png"),
     "min_reported_time": 1e9,

@@ -5,6 +5,9 @@ import dataclasses
 import io
 import json
 import math
+import re
+import tomllib
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 import numpy as np
 import pytest
@@ -183,11 +186,11 @@ def colours_in(png: bytes) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=int).reshape(-1, 3)
 
 
-def opened(browser, site, page: str, width: int = 1280, scheme: str = "light") -> None:
+def opened(browser, site, page: str, width: int = 1280, scheme: str = "light", refused: bool = False) -> None:
     """Open a page from its file and wait until it has drawn a run for half a second of its time."""
     browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
     browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-    browser("Page.navigate", url=(site / page).as_uri())
+    browser("Page.navigate", url=f"{site.as_uri()}/{page}")
     said = browser.evaluate(
         """new Promise((done) => {
             const look = () => {
@@ -198,7 +201,7 @@ def opened(browser, site, page: str, width: int = 1280, scheme: str = "light") -
             look();
         })"""
     )
-    assert said == ""
+    assert bool(said) == refused
 
 
 @needs_chromium
@@ -280,6 +283,129 @@ def test_what_the_page_shows_is_the_run(browser, site):
     assert 2.0 < t < 8.0
     assert 1e3 * (1.0 - near[-1, 2]) - 0.1 <= distance <= 1e3 * (1.0 - near[0, 2]) + 0.1
     assert shown[1] == "1.498 N"
+
+
+def shown_by(browser) -> dict:
+    """Message, law and scenario of the page with all numbers."""
+    return browser.evaluate(
+        """({
+            said: document.querySelector(".pool-message").textContent,
+            law: document.querySelector("input[name=pool-law]:checked").value,
+            scenario: document.querySelector("textarea").value,
+        })"""
+    )
+
+
+@needs_chromium
+@pytest.mark.parametrize("law", LAWS)
+def test_a_link_has_the_numbers_of_the_page(browser, site, law):
+    """The link of a page that was opened by a link, and its scenario, are the same."""
+    query = urlencode({"law": law} | CHANGED[law])
+    opened(browser, site, f"numbers.html?{query}")
+    shown = shown_by(browser)
+    assert shown["law"] == law
+    scenario = Scenario.from_dict(tomllib.loads(shown["scenario"]))
+    expected = Scenario.load("push_wall", build_pool.overrides(CHANGED[law]), law)
+    assert dataclasses.replace(scenario, name=expected.name, description=expected.description) == expected
+    again = browser.evaluate(
+        """new Promise((done) => {
+            navigator.clipboard.writeText = (text) => done(text) ?? Promise.resolve();
+            const buttons = [...document.querySelectorAll(".pool-keys button")];
+            buttons.find((each) => each.textContent === "Copy link").click();
+        })"""
+    )
+    assert {name: float(value) for name, value in parse_qsl(urlsplit(again).query)[1:]} == CHANGED[law]
+    assert parse_qsl(urlsplit(again).query)[0] == ("law", law)
+
+
+@needs_chromium
+def test_a_page_without_a_clipboard_copies_by_the_old_command(browser, site):
+    """A page over http has none. The button says that the text is copied, and it is."""
+    opened(browser, site, "numbers.html?law=impedance&current.speed=0.3")
+    x, y = browser.evaluate(
+        """(() => {
+            Object.defineProperty(navigator, "clipboard", { value: undefined, configurable: true });
+            document.addEventListener("copy", () => (window.copied = document.activeElement.value), { once: true });
+            const buttons = [...document.querySelectorAll(".pool-toml button")];
+            window.button = buttons.find((each) => each.textContent === "Copy");
+            button.scrollIntoView({ block: "center", behavior: "instant" });
+            const { x, y, width, height } = button.getBoundingClientRect();
+            return [x + 0.5 * width, y + 0.5 * height];
+        })()"""
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        browser("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    assert browser.evaluate("[copied, button.textContent]") == [shown_by(browser)["scenario"], "Copied"]
+
+
+@needs_chromium
+def test_the_numbers_go_along_to_the_other_page(browser, site):
+    opened(browser, site, "pool.html?law=fosm&current.speed=0.2")
+    leads_to = browser.evaluate(
+        """(() => {
+            const link = document.querySelector('a[href$="numbers.html"]');
+            link.addEventListener("click", (event) => event.preventDefault());
+            link.click();
+            return link.href;
+        })()"""
+    )
+    opened(browser, site, leads_to.removeprefix(f"{site.as_uri()}/"))
+    shown = shown_by(browser)
+    assert shown["law"] == "fosm"
+    assert "speed = 0.2" in shown["scenario"]
+
+
+@needs_chromium
+def test_the_links_of_the_exercise_open_the_pool(browser, site):
+    text = (build_pool.SOURCES.parent / "start" / "exercise.md").read_text()
+    links = re.findall(r'href="\.\./index\.html(\?[^"]+)"', text)
+    assert len(links) >= 4
+    for link in links:
+        opened(browser, site, f"numbers.html{link}")
+        assert shown_by(browser)["scenario"].count("=") == link.count("="), link
+
+
+@needs_chromium
+@pytest.mark.parametrize(
+    "query",
+    ["law=pid", "current.sped=1", "law=fosm&controller.k_1=1", "current.speed=7", "controller.period=7e-4", "task.A="],
+)
+def test_a_link_of_something_else_is_refused_whole(browser, site, query):
+    opened(browser, site, f"numbers.html?current.speed=0.2&{query}", refused=True)
+    shown = shown_by(browser)
+    assert query.split("&")[-1].split("=")[0] in shown["said"]
+    assert shown["law"] == "gsta"
+    assert "current" not in shown["scenario"]
+
+
+@needs_chromium
+def test_a_finger_that_scrolls_the_page_changes_no_slider(browser, site):
+    opened(browser, site, "pool.html", 390)
+    browser("Emulation.setTouchEmulationEnabled", enabled=True)
+
+    def swipe(right: float, up: float) -> float:
+        """Move a finger that begins on the slider of the current's speed. Returns its number."""
+        x, y = browser.evaluate(
+            """(() => {
+                const slider = document.querySelectorAll(".pool-keys input")[1];
+                slider.scrollIntoView({ block: "center", behavior: "instant" });
+                const { x, y, width, height } = slider.getBoundingClientRect();
+                return [x + 0.7 * width, y + 0.5 * height];
+            })()"""
+        )
+        for k in range(13):
+            place = [{"x": x + right * k / 12, "y": y - up * k / 12}]
+            browser("Input.dispatchTouchEvent", type="touchMove" if k else "touchStart", touchPoints=place)
+        browser("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        return browser.evaluate(
+            "new Promise((done) => setTimeout(() => done(parseFloat(document.querySelectorAll('.pool-keys output')[1]"
+            ".textContent)), 300))"
+        )
+
+    assert swipe(0.0, 200.0) == 0.5
+    assert browser.evaluate("scrollY") > 0
+    assert swipe(-100.0, 0.0) < 0.5
+    browser("Emulation.setTouchEmulationEnabled", enabled=False)
 
 
 @needs_chromium

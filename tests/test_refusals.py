@@ -278,6 +278,10 @@ OF_A_FILE = [
     ("impedance.schedule: 3 is not a list of tables with time, ", "[impedance]\nschedule = 3"),
     ("walls: 3 is not a list of tables with shape, position, ", "walls = 3"),
     ("initial.joints: 3 is not a list of numbers", "[initial]\njoints = 3"),
+    (
+        "impedance.K_f: 2 is not a list of numbers; its default is [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]",
+        "[impedance]\nK_f = 2",
+    ),
     ("reference.waypoints[0].position: ", "[[reference.waypoints]]\ntime = 1.0"),
     ("not a scenario in TOML", "x = ["),
     (

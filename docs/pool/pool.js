@@ -76,6 +76,54 @@ function toml(law, values) {
   return ["# uvms-mj run pool.toml --engine free_body\n", ...parts].join("\n");
 }
 
+// The law and the numbers of a link, "?law=fosm&current.speed=0.2", with the keys of the scenario. A link that has
+// anything else is refused as a whole: {law, values, wrong}.
+function asked(query) {
+  const { law = "gsta", ...given } = Object.fromEntries(new URLSearchParams(query)), values = { ...DEFAULTS };
+  const refuse = (why) => ({ law: "gsta", values: { ...DEFAULTS }, wrong: `This link is not for the pool: ${why}. The run has the default numbers.` });
+  if (!(law in LAWS)) return refuse(`law=${law} is none of ${Object.keys(LAWS).join(", ")}`);
+  for (const [name, text] of Object.entries(given)) {
+    const key = DATA.keys.find((each) => each.key === name && each.places[law]);
+    if (!key) return refuse(`${name} is no number of ${LAWS[law]} here`);
+    const shown = outwards(key, text.trim() === "" ? NaN : Number(text)), value = inwards(key, shown);
+    const offered = key.choices.length ? Math.abs(value * shown - 1) < 1e-9 : shown >= key.least && shown <= key.most;
+    if (!offered) return refuse(`${name}=${text} is outside of what the pool offers`);
+    values[name] = value;
+  }
+  return { law, values, wrong: "" };
+}
+
+// The query of a link to a law and its numbers: all that differs from the default.
+function query_of(law, values) {
+  const differs = DATA.keys.filter((key) => key.places[law] && values[key.key] !== key.value);
+  return `?${new URLSearchParams([["law", law], ...differs.map(({ key }) => [key, values[key]])])}`;
+}
+
+// Copy a text: whether the browser did. A page over http has no clipboard, but the old command.
+async function copied(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    const field = element("textarea", { readonly: true, style: "position: fixed; opacity: 0" });
+    field.value = text;
+    document.body.append(field);
+    field.select();
+    const done = document.execCommand("copy");
+    field.remove();
+    return done;
+  }
+}
+
+// A button that copies a text, and says so for a while.
+function copier(words, text, otherwise) {
+  const button = element("button", { type: "button", onclick: async () => {
+    button.textContent = (await copied(text())) ? "Copied" : otherwise;
+    setTimeout(() => (button.textContent = words), 1500);
+  } }, words);
+  return button;
+}
+
 function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -98,8 +146,7 @@ class Pool {
     root.classList.add("uvms-pool");
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "An underwater vehicle pushes on a wall, computed in this page");
-    this.values = { ...DEFAULTS };
-    this.law = "gsta";
+    ({ law: this.law, values: this.values, wrong: this.wrong } = asked(location.search));
     this.old = {};
     this.run = 0;
     this.wants = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -111,6 +158,9 @@ class Pool {
       else if (data.loaded) this.begin();
       else this.take(data);
     };
+    // another page of the pool begins with the numbers of this one
+    for (const link of document.querySelectorAll('a:is([href*="gains.html"], [href*="numbers.html"], [href*="pool.html"])'))
+      link.addEventListener("click", () => (link.search = query_of(this.law, this.values)));
     new IntersectionObserver(([{ isIntersecting }]) => {
       this.seen = isIntersecting;
       this.move();
@@ -151,6 +201,9 @@ class Pool {
     this.message = element("p", { class: "pool-message", role: "status" });
     this.about = element("p", { class: "pool-about" });
     this.controls = element("div", { class: "pool-keys" });
+    const plots = element("div", { class: "pool-plots" },
+      plot("F", "Contact force <i>F</i> [N]"), plot("x", "Position <i>x</i> [m]"),
+      plot("s", "Sliding variable ‖<i>s</i>‖ [m/s, rad/s]"));
     this.root.replaceChildren(
       element("div", { class: "pool-board" },
         element("div", { class: "pool-stage" }, this.scene, this.message),
@@ -161,11 +214,7 @@ class Pool {
           number("F", "contact force, mean of 0.25 s"), number("rest", "closed form at rest"),
           number("gap", "distance to the wall"), number("peak", "peak force"),
           number("s", "‖<i>s</i>‖ [m/s, rad/s]"), number("t", "time")),
-        element("div", { class: "pool-plots" },
-          plot("F", "Contact force <i>F</i> [N]"), plot("x", "Position <i>x</i> [m]"),
-          plot("s", "Sliding variable ‖<i>s</i>‖ [m/s, rad/s]")),
-        this.controls,
-        ...(this.all ? [this.build_toml()] : [])),
+        ...(this.all ? [plots, this.controls, this.build_toml()] : [this.controls, plots])), // sliders below the numbers
       this.about,
       element("p", { class: "pool-note" },
         element("span", { html: rich("The desired impedance at rest, eq. (7): <i>F</i> = (<i>K</i>_d,x_ (<i>x</i>_d_ − <i>x</i>_c_) − <i>F</i>_d,x_) / (1 + <i>K</i>_d,x_ / <i>k</i>_c_) = ") }),
@@ -177,23 +226,40 @@ class Pool {
     const keys = DATA.keys.filter((key) => key.places[this.law] && (this.all || key.first));
     this.controls.classList.toggle("pool-fields", this.all);
     const defaults = element("button", { type: "button", onclick: () => this.restore() }, "Default numbers");
-    this.controls.replaceChildren(...keys.map((key) => (this.all ? this.field(key) : this.slider(key))), defaults);
+    const link = copier("Copy link", () => this.link(), "It is in the address bar");
+    this.controls.replaceChildren(...keys.map((key) => (this.all ? this.field(key) : this.slider(key))),
+      element("div", { class: "pool-bar" }, defaults, link));
     this.tell_scenario();
+  }
+
+  // The address of this page with the numbers. The address bar has it from then on.
+  link() {
+    const address = location.href.replace(/[?#].*$/, "") + query_of(this.law, this.values);
+    try {
+      history.replaceState(null, "", address);
+    } catch {} // of a page from a file
+    return address;
   }
 
   slider(key) {
     const shown = outwards(key, this.values[key.key]), value = shown_number();
     const tell = (number) => (value.innerHTML = rich(`${short(number)} ${key.unit}`));
     const steps = key.choices.length ? key.choices.length - 1 : 200;
+    let before; // a finger that scrolls the page may begin on a slider
     const range = element("input", {
       type: "range", min: 0, max: steps, step: 1, value: Math.round(place_of(key, shown) * steps),
-      oninput: () => {
-        const number = number_at(key, range.value / steps);
-        tell(number);
-        describe(number);
-        this.change(key, inwards(key, number));
+      onpointerdown: () => (before = this.values[key.key]),
+      onpointercancel: () => {
+        range.value = Math.round(place_of(key, outwards(key, before)) * steps);
+        take(outwards(key, before));
       },
+      oninput: () => take(number_at(key, range.value / steps)),
     });
+    const take = (number) => {
+      tell(number);
+      describe(number);
+      this.change(key, inwards(key, number));
+    };
     const describe = (number) => range.setAttribute("aria-valuetext", plain(`${short(number)} ${key.unit}`));
     tell(shown);
     describe(shown);
@@ -223,12 +289,7 @@ class Pool {
 
   build_toml() {
     this.scenario = element("textarea", { readonly: true, rows: 10, spellcheck: "false", "aria-label": "the scenario as TOML" });
-    const copy = element("button", { type: "button", onclick: async () => {
-      this.scenario.select();
-      await navigator.clipboard?.writeText(this.scenario.value).catch(() => {});
-      copy.textContent = "Copied";
-      setTimeout(() => (copy.textContent = "Copy"), 1500);
-    } }, "Copy");
+    const copy = copier("Copy", () => this.scenario.value, "Select the text");
     const save = this.save = element("button", { type: "button", onclick: () => {
       const address = URL.createObjectURL(new Blob([this.scenario.value], { type: "application/toml" }));
       element("a", { href: address, download: "pool.toml" }).click();
@@ -259,7 +320,7 @@ class Pool {
     this.worker.postMessage({ set: this.chosen() });
     this.build_keys();
     if (this.save) this.save.disabled = false;
-    this.controls.lastChild.focus();
+    this.controls.lastChild.firstChild.focus();
   }
 
   choose(law) {
@@ -279,7 +340,8 @@ class Pool {
     this.track = new Track(this.law);
     this.drift = 0;
     this.stopped = false;
-    this.say("");
+    this.say(this.wrong);
+    this.wrong = "";
     this.worker.postMessage({ start: { law: this.law, values: this.chosen(), run: ++this.run } });
     this.move();
   }

@@ -25,5 +25,5 @@ def numbers(folder: str) -> Iterator[tuple]:
     yield "times the same drag of `[[drag]]` | {} |", (water["a user's drag", "free_body"], 0.03)
     yield "| a log at 1 kHz of 20 s | {} MB |", found["logs"][0]["MB"]
     memory = found["long_run"]
-    yield "over that of 20 s | {} |", (memory["peak_MB"] / memory["peak_MB_of_20_s"], 0.01)
+    yield "over the memory of 20 s | {} |", (memory["peak_MB"] / memory["peak_MB_of_20_s"], 0.01)
     yield "in MuJoCo, at 1e-4 s | {} |", (found["environments"][0]["in_mj_step"], 0.02)

@@ -55,7 +55,7 @@ def numbers(folder: str) -> Iterator[tuple]:
     yield "and then {} % succeed", percent(fosm["succeeds"][quiet])
     yield "in the others it chatters with {} N/s (median)", fosm["chattering_N_per_s"][~quiet].median()
     added = fosm["vehicle.added_mass"]
-    yield "less than {} times that of the model always chatters", added[quiet].min()
+    yield "with less than {} times the model's it always chatters", added[quiet].min()
     yield "more than {} times never", added[~quiet].max()
     bounces = ~gsta["contact.settled"].astype(bool)
     yield "GSTA presses as demanded in {} %", (percent(gsta["succeeds"]), 0.2)

@@ -116,7 +116,7 @@ def numbers(folder: str) -> Iterator[tuple]:
     dry, lumped = of["swing_pitch_deg"]["no water on the links"], of["swing_pitch_deg"]["lumped"]
     yield "it differs by up to {} deg, with lumped added mass by up to {} deg", dry, lumped
     apart = of["mean_rms_instruments_deg"]
-    yield "{} and {} times what the instruments differ by", (dry / apart, 0.06), (lumped / apart, 0.06)
+    yield "{} and {} times\nthe difference of the instruments", (dry / apart, 0.06), (lumped / apart, 0.06)
 
 
 def main(folder: str) -> None:

@@ -137,10 +137,11 @@ def faults_of(
     prefix: str = "",
     choices: Mapping[str, Iterable[str]] | None = None,
     units: Mapping[str, str] | None = None,
+    defaults: Mapping[str, Any] | None = None,
 ) -> list[Fault]:
     """Errors of a pydantic validator, as entries of an :class:`InputError`. Locations are relative to the key of the
-    table that was validated, ``prefix``; the known keys of each table, ``choices``, and the units of keys, ``units``,
-    are for suggestions."""
+    table that was validated, ``prefix``; the known keys of each table, ``choices``, and ``units`` and ``defaults`` of
+    keys are for suggestions."""
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
         key, loc = prefix, item["loc"]
@@ -170,6 +171,10 @@ def faults_of(
             message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"
             if _sentence(item) == _SENTENCES["float_type"]:
                 message += number_hint(given, (units or {}).get(re.sub(r"\[\d+\]", "", key), ""))
+            elif (
+                message.endswith(_SENTENCES["list_type"]) and isinstance(of := (defaults or {}).get(key), tuple) and of
+            ):
+                message += f"; its default is {shortened(list(of))}"
         if item["type"] == "missing" or key not in faults:  # the last missing number gives a list's length
             faults[key] = Fault(key, message)
     return list(faults.values())

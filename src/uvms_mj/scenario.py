@@ -262,7 +262,7 @@ class Scenario:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS, defaults=_DEFAULTS)
         if faults:
             raise InputError(faults, place)
         for said in left_out:
@@ -281,7 +281,7 @@ class Scenario:
 
         A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
         settings if it is the same class. ``place`` names the scenario in error messages; ``note`` and ``trusted`` are
-        those of :meth:`from_dict`.
+        as in :meth:`from_dict`.
         """
         overrides = overrides_of(overrides)
         tables = {name: getattr(self, name) for name in _KEYS[""]}
@@ -386,6 +386,7 @@ _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table
 _UNITS = {
     f"{name}.{f.name}": unit_of(f) for name, table in (_TABLES | _INNER).items() for f in dataclasses.fields(table)
 }
+_DEFAULTS = {f"{name}.{f.name}": f.default for name, table in _TABLES.items() for f in dataclasses.fields(table)}
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

@@ -108,9 +108,9 @@ def test_super_twisting_rejects_the_errors_of_thrusters(vehicle, name, settings)
             "t200",
             {},
             {"voltage": 12.0, "assumed_voltage": 16.0},
-            "differs from the one of the control",
+            "differs from the control system's",
         ),
-        ("impedance", "general", {}, {"inverted": False, **CURVE}, "differs from the one of the control"),
+        ("impedance", "general", {}, {"inverted": False, **CURVE}, "differs from the control system's"),
     ],
 )
 def test_the_reason_is_said_where_there_is_no_closed_form(law, name, overrides, settings, said):

@@ -11,7 +11,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import Gsta, Scenario, Sta
+from uvms_mj import Gsta, Scenario, Sta, simulate
 from uvms_mj.control import Fosm, Impedance, ImpedanceTask
 from uvms_mj.control.base import SteadyState
 from uvms_mj.control.task import tracking_errors
@@ -171,6 +171,19 @@ def test_the_first_order_law_is_eqs_31_and_32_and_keeps_the_leak(epsilon, instan
     assert np.allclose(tau, x.tau_nom - x.M_hat @ (law.K_s * sat))
     nu_e_dot = -x.w + np.linalg.solve(x.M_hat, tau - x.tau_nom) + varphi
     assert np.allclose(instant.s_dot(nu_e_dot), instant.task.A * s - law.K_s * sat + varphi)
+
+
+def test_a_rotation_has_the_frequency_and_the_damping_ratio_of_half_the_angle():
+    ratio, settings = 0.4, {"wall.present": False, "current.speed": 0.0, "initial.attitude_deg": [0.0, 0.0, 1.0]}
+    settings |= {"reference.target": [0.0, 0.0, 0.0], "impedance.damping_ratio": ratio, "simulation.duration": 1.0}
+    trace = simulate(Scenario.load("push_wall", settings, "ideal"), engine="free_body")
+    inertia = set_up(Scenario.load("push_wall", settings, "ideal")).design.M_d[5, 5]
+    omega, zeta = math.sqrt(50.0 / (2.0 * inertia)), math.sqrt(2.0) * ratio
+    fast, t = omega * math.sqrt(1.0 - zeta**2), trace.t
+    closed = np.exp(-zeta * omega * t) * (np.cos(fast * t) + zeta * omega / fast * np.sin(fast * t))
+    yaw = 2.0 * np.arcsin(trace.quat_WB[:, 3]) / math.radians(1.0)
+    assert closed.min() < -0.05
+    assert np.abs(yaw - closed).max() < 2e-3
 
 
 @drawn(st.integers(0, 2**32 - 1))

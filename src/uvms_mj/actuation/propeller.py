@@ -251,7 +251,7 @@ class Propeller(Thrusters):
         proportional = true is None or (assumed is not None and assumed.same_as(true))
         error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
         if not proportional:
-            error = "the thrusters' curve differs from the one of the control system"
+            error = "the thrusters' curve differs from the control system's"
         return StaticThrust(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
 
     @staticmethod

@@ -252,11 +252,11 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
     """A vehicle that floats in a pool while its arm moves.
 
     For every trial in DIR the vehicle floats freely, its thrusters off, and the arm is driven along the measured joint
-    angles. The page report.html has measured and simulated roll, pitch and yaw, their errors, those without the links'
-    added mass and drag, with lumped added mass, with a fitted metacentric height and of naive models (hydrostatics
-    alone, a constant pitch), and the motion that would tell these models apart. A trial whose two instruments disagree
-    is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and
-    Davidson publish them in UVMS-SysID-with-EAs. It takes about a minute.
+    angles. The page report.html has measured and simulated roll, pitch and yaw, and their errors; the errors of models
+    without the links' added mass and drag, with lumped added mass, with a fitted metacentric height, and of naive
+    models (hydrostatics alone, a constant pitch); and the motion that would tell these models apart. A trial whose two
+    instruments disagree is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and
+    NAME_joint_states.csv, as Kolano and Davidson publish them in UVMS-SysID-with-EAs. It takes about a minute.
 
     \b
     uvms-mj validate pool --data pool_2023 --out pool
@@ -473,7 +473,7 @@ bench.otherwise = run_bench
 @command("tasks")
 @json_option
 def bench_tasks(as_json: bool) -> None:
-    """List the tasks: what each asks for, its version, its levels, and the criteria that a run must meet."""
+    """List the tasks with their versions, their levels, and the criteria that a run must meet."""
     with bad_input():
         from ..reproduce.bench.page import bounds
         from ..reproduce.bench.task import tasks

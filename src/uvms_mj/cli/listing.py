@@ -153,8 +153,8 @@ words_argument = click.argument("words", nargs=-1, metavar="[WORD]...")
 @command()
 @words_argument
 def keys(words: tuple[str, ...]) -> None:
-    """List the keys of a scenario with defaults and units: all of them, or those that begin with WORD, or, if there is
-    none, those with WORD in their name or meaning.
+    """List the keys of a scenario with defaults and units: all keys, or the keys that begin with WORD, or, if there is
+    none, the keys with WORD in their name or meaning.
 
     \b
     uvms-mj keys wall
@@ -365,7 +365,7 @@ def vehicles(names: tuple[str, ...], check: bool, out: str | None, force: bool, 
     uvms-mj vehicles my_rov.xml --check --out trial
     uvms-mj run --set vehicle.model=bluerov2_heavy
 
-    --check finds by formulas what one would test on the first day: terminal speeds and decay times in six axes, the
+    --check computes by formulas the tests of a first day in water: terminal speeds and decay times in six axes, the
     reach of the thrusters, the attitude at rest, stability straight ahead (Munk moment), energy, and its numbers
     without unit beside the shipped vehicles'. A wrong sign or unit of the file shows there.
     """

@@ -74,7 +74,7 @@ def new(
 
     --from reads SDF of Gazebo, URDF and xacro with the plugins of the UUV Simulator or of gz-sim, a table in TOML or
     CSV that says its axes, points and signs, and the numbers of a program of PythonVehicleSimulator (.py) or MSS (.m).
-    All numbers are converted to B, forward, left, up, about its origin. What was left out and what was decided is
+    All numbers are converted to B, forward, left, up, about its origin. A list of omissions and decisions is
     printed, and stands in the file. Nothing of a file is executed, and no other folder is read.
 
     A table of thrusters has a row for each, and these columns, with the unit in the head:

@@ -373,7 +373,7 @@ def run_and_report(
     changes: "Changes" = (),
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``. ``peer`` is
-    that of :func:`uvms_mj.engine.run.simulate`, and ``changes`` are made in the run as :class:`.Again` does."""
+    as in :func:`uvms_mj.engine.run.simulate`, and ``changes`` are made in the run as :class:`.Again` does."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
     from ..engine.run import simulate

@@ -217,7 +217,9 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
 @click.option(
     "--what", default="overview", show_default=True, metavar="NAME", help="overview, distributions, map, sensitivity."
 )
-@click.option("--over", metavar="KEY[,KEY]", help="Of a map: one or two varied keys [default: those that matter most].")
+@click.option(
+    "--over", metavar="KEY[,KEY]", help="Of a map: one or two varied keys [default: the keys that matter most]."
+)
 @figure_options
 def study_plot(
     folder: str,

@@ -20,7 +20,7 @@ from .values import BOOL, BYTE, FLAG, INT, POINTER, SCALARS, WORD, Place, Value,
 
 CELLS = "cells: "
 """Begins the reason why an array in memory is only read, until it is known to be written."""
-ROOMS = "lacks: the tables of a fleet are those of all its runs"
+ROOMS = "lacks: all runs of a fleet share its tables"
 """The reason why the tables behind the record are only read."""
 
 

@@ -193,7 +193,7 @@ class Emission:
     def store(self, number: ir.Value, pointer: Any) -> None:
         if isinstance(pointer, Place):
             if not self.unit.cells.holds(pointer.offset // 8):
-                self.lack("the tables of a fleet are those of all its runs")
+                self.lack("all runs of a fleet share its tables")
             self.unit.cells.writes(pointer, 8 if number.type != FLAG else 1)
             pointer = self.unit.cells.cell(self, pointer)
         self.at.store(self.at.zext(number, BYTE) if number.type == FLAG else number, pointer)

@@ -165,7 +165,7 @@ class Scalars(Emission):
     def _bits(self, name: str, left: Value, right: Value) -> Value:
         base = self.common([left, right])
         if base == FLOAT:
-            self.mistake("bits are those of integers")
+            self.mistake("only integers have bits")
         if name in ("LShift", "RShift"):
             base, by = INT, self.converted(right, INT)
             if isinstance(by, ir.Constant):
@@ -238,7 +238,7 @@ class Scalars(Emission):
     def inverted(self, value: Value) -> Value:
         """``~value``."""
         if value.kind.base == FLOAT:
-            self.mistake("bits are those of integers")
+            self.mistake("only integers have bits")
         return scalar(self.at.not_(self.converted(value, value.kind.base)), value.kind.base)
 
     def negation(self, value: Value) -> Value:

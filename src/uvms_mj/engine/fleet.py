@@ -170,7 +170,7 @@ class Fleet:
         n, device: as given.
         signals: the signals of the instant in hand by name, (n, ...) arrays in the device's memory. With the device
             "gpu" they are :class:`.native.devices.DeviceArray`, for DLPack, otherwise NumPy arrays; copy what you keep.
-            Those of a run that has stopped are of its last instant that was read.
+            A run that has stopped keeps the values of its last instant that was read.
 
     Raises:
         InputError: the input is invalid, there is no GPU, or the fleet can't run the scenario.

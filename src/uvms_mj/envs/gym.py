@@ -162,7 +162,7 @@ class PushWallVec(VectorEnv):
         return self.pushes.observations(), self._infos(mask)
 
     def step(self, actions: np.ndarray) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Do a control step in all environments; those whose episode has ended do what ``autoreset_mode`` says.
+        """Do a control step in all environments; after the end of an episode ``autoreset_mode`` decides.
 
         Raises:
             ResetNeeded: an environment has not been reset, or has to be reset by the caller.

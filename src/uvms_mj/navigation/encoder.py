@@ -30,7 +30,7 @@ _Deviations = Annotated[tuple[NonNegative, ...], repeated(1)]
 @dataclasses.dataclass(frozen=True)
 class Encoder(Stage):
     """Base class of all encoders of the joints. ``given`` has CLOCK and the signals of
-    :func:`uvms_mj.stages.signals.joint_signals`, and ``out`` has those of
+    :func:`uvms_mj.stages.signals.joint_signals`, and ``out`` has the signals of
     :func:`uvms_mj.stages.signals.encoder_signals`."""
 
     period: Step | None = shared(None, "s", "time between two samples, a multiple of the time step; default: the step")

@@ -59,7 +59,7 @@ The strips are eight, at Gauss's places. A strip at p is at :math:`H = h/\cos\be
 mass is :math:`\pi \rho a^2 (C - 1) (I - e e^\top)`. The flow about its ends is not in it, as in the strip theory of the
 links' own added mass.
 
-**The equations of all three** are those of masses at places p that move with a link, with an axis e that turns with it:
+**The equations of all three** describe masses at places p that move with a link, with an axis e that turns with it:
 
 .. math::
 

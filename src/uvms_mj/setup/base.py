@@ -146,8 +146,8 @@ class Setup:
 
         It needs a rigid vehicle whose task is at B, and which touches ``[wall]`` with its probe alone and without
         friction, true measurements, thrusters that produce each wrench as commanded within their limits, g_hat = g, a
-        constant current and disturbance, and a reference that comes to rest aligned with the wall. Every key has its
-        default but those on which the force at rest does not depend, or which a formula has in it.
+        constant current and disturbance, and a reference that comes to rest aligned with the wall. A key may differ
+        from its default only if the force at rest does not depend on it, or a formula has it.
         """
         if self.not_rigid:
             return self.not_rigid

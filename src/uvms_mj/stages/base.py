@@ -151,8 +151,10 @@ class Stage:
         try:
             valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
-            units = {f"{table}.{field.name}": unit_of(field) for field in dataclasses.fields(self)}
-            faults = faults_of(error, table, self._inner_keys, units)
+            fields = {f"{table}.{field.name}": field for field in dataclasses.fields(self)}
+            units = {key: unit_of(field) for key, field in fields.items()}
+            defaults = {key: field.default for key, field in fields.items()}
+            faults = faults_of(error, table, self._inner_keys, units, defaults)
             raise InputError([self._of_default(fault) for fault in faults], place) from None
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
@@ -186,13 +188,11 @@ class Stage:
         """Check the settings, each of which is valid, against each other. Raises InputError if they do not agree."""
 
     def _of_default(self, fault: Fault) -> Fault:
-        """The fault, with a hint if the value is the default of the class, or if the default shows a list."""
+        """The fault, with a hint if the value is the default of the class."""
         name = fault.key.removeprefix(f"{self.room.table}.").partition("[")[0]
         field = next((f for f in dataclasses.fields(self) if f.name == name), None)
         if field is not None and getattr(self, name) is field.default:
             return Fault(fault.key, f"{fault.message}; it is the default in the class {type(self).__name__}")
-        if isinstance(default := getattr(field, "default", None), tuple) and fault.message.endswith("list of numbers"):
-            return Fault(fault.key, f"{fault.message}; its default is {shortened(list(default))}")
         return fault
 
     @classmethod

@@ -127,10 +127,10 @@ class Choice(Generic[_Stage]):
         trusted: Container[str] | None = None,
     ) -> dict[str, Any]:
         """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
-        settings if it has no name. Otherwise it has those that every stage of
-        the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
-        sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
-        is as for :meth:`load`."""
+        settings if it has no name. Otherwise it has the settings that every stage of the table has, which belong to the
+        loop: the period, a law's delay. A sentence with the others that no override sets is then appended to
+        ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted`` is as for
+        :meth:`load`."""
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:

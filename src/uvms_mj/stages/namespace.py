@@ -46,8 +46,8 @@ class Namespace:
 
     Attributes:
         modules: the modules that are loaded, by their full name.
-        shared: names of modules whose state is outside: the user's own ones that are not beside the file, and those in
-            machine code.
+        shared: names of modules whose state is outside: the user's own ones that are not beside the file, and modules
+            in machine code.
     """
 
     def __init__(self, folder: Path, unpickled: Callable[..., Any], codes: dict[str, CodeType] | None = None) -> None:

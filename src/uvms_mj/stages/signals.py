@@ -98,7 +98,9 @@ TOOL = (
 )
 """Recorded with a tool: its true motion."""
 
-MANIPULABILITY = Signal("manipulability", (), "1", "-", "volume of the tool's accelerations over that of locked joints")
+MANIPULABILITY = Signal(
+    "manipulability", (), "1", "-", "volume of the tool's accelerations over the volume with locked joints"
+)
 """Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) >= 1 of the law's model, :mod:`uvms_mj.physics.operational`."""
 
 REFERENCE = (

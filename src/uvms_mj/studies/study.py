@@ -109,8 +109,8 @@ class Study:
             workers: processes on this machine; default: one per core.
             executor: in place of them, any object of the shape of ``concurrent.futures``: ``submit(f, *args)`` returns
                 a future. :func:`.pool.executors.Cluster` is one.
-            progress: True for a progress bar, or a function that is called with what is being done, the runs done,
-                those that did not complete, and the number of runs. An exception that it raises ends the study.
+            progress: True for a progress bar, or a function that is called with a word for the phase and the numbers of
+                finished runs, incomplete runs and all runs. An exception that it raises ends the study.
             until: run the first runs alone, by index; the engines are compared, and logs written, when all are done.
 
         Raises:
@@ -178,7 +178,7 @@ class Study:
 
         Args:
             what: overview (success rates, the first distributions), distributions, map, or sensitivity.
-            over: of a map, one or two varied keys; default: those with the greatest effect.
+            over: of a map, one or two varied keys; default: the keys with the greatest effect.
             width, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
 
         Raises InputError if the study has not run, or has no such figure.

@@ -123,7 +123,7 @@ class FreeMotion:
 
     def speeds(self, motion: np.ndarray, h: float) -> np.ndarray:
         """The largest speed (n,) of the joints [rad/s or m/s] as the vehicle begins to drift and the frame of the task
-        moves with the velocities (k, 3) in W, h [s] after each other: that of a linear oscillator from the initial
+        moves with the velocities (k, 3) in W, h [s] after each other: of a linear oscillator from the initial
         posture with the slowest level of the posture, which the push and the acceleration of the frame drive."""
         given, push = self.setup.scenario.posture, self.push(self.setup.start.q)
         levels = [getattr(given, f"{level}_frequency") for level in given.order]

@@ -67,7 +67,7 @@ class Stability:
 
     @functools.cached_property
     def free(self) -> float:
-        """Growth rate of a small motion without contact [1/s]. That of super-twisting is its chatter, and not asked."""
+        """Growth rate of a small motion without contact [1/s]. Super-twisting chatters there, and has none."""
         return self._growth(None) if self.layer else -math.inf
 
     @functools.cached_property

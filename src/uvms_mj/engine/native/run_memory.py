@@ -320,8 +320,8 @@ class RunMemory:
         self.run["row_count"] = 0
 
     def restart(self, setup: Setup, change: Change = ANYTHING) -> None:
-        """Return to the start, with the numbers of a setup, which are those of the first one but for what a change of
-        it concerns.
+        """Return to the start, with the numbers of a setup, which equal the first setup's except where a change of it
+        acts.
 
         Raises:
             InputError: a stage has other constants than its memory has room for, or a table is too long. Nothing is

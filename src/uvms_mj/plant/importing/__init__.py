@@ -71,9 +71,7 @@ def imported(
     if drag is not None:
         base = _with_drag(source, base, drag)
     if thrusters:
-        source.say(
-            "the thrusters are those of the table, in B" if record.thrusters else "the thrusters come from the table"
-        )
+        source.say("the thrusters come from the table" + (", in place of the file's" if record.thrusters else ""))
     record = dataclasses.replace(record, base=base, links=links, thrusters=tuple(thrusters) or record.thrusters)
     if not record.thrusters:
         raise source.fault("thrusters", "there is none in the file: give a table of them with --thrusters FILE.csv")

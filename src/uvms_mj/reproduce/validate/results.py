@@ -177,7 +177,7 @@ class Comparison:
         return every_choice(self.over_heights("as is"))
 
     def errors(self, variant: Variant, trials: Sequence[int] | None = None) -> np.ndarray:
-        """Rms errors of the pitch of trials (n,) [rad], by default of those whose instruments agree."""
+        """Rms errors of the pitch of trials (n,) [rad], by default of the trials whose instruments agree."""
         return np.array([self.pitch(k, variant).rms for k in (self.agreeing if trials is None else trials)])
 
     def swings(self) -> dict[str, Attitude]:

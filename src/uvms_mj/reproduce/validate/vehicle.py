@@ -1,6 +1,6 @@
 """The vehicle of the pool, and the models of it that are compared.
 
-The arm is the one of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
+The arm is ``bluerov2_alpha5``'s as it ships; the vehicle that carries it is another one. Kolano and Davidson
 (2023, UVMS-SysID-with-EAs, MIT) weighed it and fitted the trim weights' places to its attitude at rest; drag is Wu's
 (2018), inertia and added mass are von Benzon et al.'s (2022) for the BlueROV2 Heavy. Trust: high for mass and
 buoyancy, medium for the trim, whose places are the authors' guesses, medium for the rest.

@@ -17,7 +17,7 @@ _CORRELATED_RESIDUALS = (
     "residuals are correlated in time, so the model lacks something; samples of a signal that count as one"
 )
 _NOT_SHOWN = "the data do not show it"
-_GAVE_UP = "the fit did not converge: its numbers are those of the last iteration"
+_GAVE_UP = "the fit did not converge: its numbers are from the last iteration"
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> 
 
 
 def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:
-    """The metric among those that are kept, and the column of the rows, that a name means: the metric's own, its
+    """The metric among the kept ones, and the column of the rows, that a name means: the metric's own, its
     function's alone, or the name of a component, ``final.position_m.x``. A path is relative to ``folder``. A vector has
     no column of its own name. Raises InputError if nothing that is kept has this name."""
     for metric in metrics:

@@ -46,7 +46,7 @@ class Tuning(Problem):
 
     @classmethod
     def load(cls, tuning: str | os.PathLike, overrides: Mapping[str, Any] | None = None) -> "Tuning":
-        """Load a tuning from a TOML file, or the one of a folder where it ran.
+        """Load a tuning from a TOML file, or from the folder where it ran.
 
         Args:
             overrides: dotted keys with values: of the tables objective and tune, or as for a study.

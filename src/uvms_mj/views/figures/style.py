@@ -276,8 +276,8 @@ def styled(fonts: str | None = None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def typeset(fonts: str, width: float = PAGE_IN) -> Iterator[None]:
-    """A context in which figures are drawn in these fonts, one of :data:`FONTS`, and those of :func:`panels` in a width
-    [in]. Raises InputError for other fonts."""
+    """A context in which figures are drawn in these fonts, one of :data:`FONTS`, and figures of :func:`panels` in a
+    width [in]. Raises InputError for other fonts."""
     if fonts not in FONTS:
         raise InputError(f"fonts {fonts!r}: {suggestion(fonts, FONTS)}")
     tokens = _fonts.set(fonts), _width.set(width)
