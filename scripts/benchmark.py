@@ -1,9 +1,9 @@
 """Time per step of both engines, per reset and per new run; cost of the elements of a real vehicle and of logs; gain of
-two threads; memory; start-up time.
+two threads; memory; start-up time; time of an export.
 
     python scripts/benchmark.py                 print tables
     python scripts/benchmark.py --json FILE     also write the same figures as JSON
-    python scripts/benchmark.py --no-start      without the cold and warm start of the command
+    python scripts/benchmark.py --no-start      without the starts of the command and exports
     python scripts/benchmark.py --hour          memory of a long run over one simulated hour, not ten minutes
     python scripts/benchmark.py --elements      only the elements of a real vehicle
     python scripts/benchmark.py --arm           only the vehicle with five joints
@@ -535,6 +535,23 @@ def starts(rounds: int) -> list[dict]:
     return rows
 
 
+def exports() -> list[dict]:
+    """Wall and processor times [s] of ``uvms-mj export law gsta`` for all four processors: the first one with empty
+    caches, and again."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        caches = {"UVMS_MJ_CACHE_DIR": str(Path(folder) / "cache"), "ZIG_GLOBAL_CACHE_DIR": str(Path(folder) / "zig")}
+        for what in ("first export of a law", "export again"):
+            targets, out = "x86_64,aarch64,armv7,thumbv7em", str(Path(folder) / what)
+            command = [sys.executable, "-m", "uvms_mj", "export", "law", "gsta", "--target", targets, "--out", out]
+            start, before = time.perf_counter(), os.times()
+            subprocess.run(command, env=os.environ | caches, check=True, capture_output=True)
+            seconds, after = time.perf_counter() - start, os.times()
+            used = sum(after[2:4]) - sum(before[2:4])
+            rows.append({"what": what, "seconds": seconds, "processor_seconds": used})
+    return rows
+
+
 @click.command(help=__doc__)
 @click.option("--rounds", default=40, show_default=True, help="Timed chunks of each subject.")
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the figures to a file.")
@@ -634,6 +651,12 @@ def main(
         for row in processes:
             table.add_row(row["what"], f"{row['seconds']:.2f}")
         Console().print(table)
+    exporting = exports() if start else []
+    if exporting:
+        table = Table("command", "seconds", "of processors")
+        for row in exporting:
+            table.add_row(row["what"], f"{row['seconds']:.2f}", f"{row['processor_seconds']:.2f}")
+        Console().print(table)
     if json_file:
         figures = {
             "effects": water,
@@ -647,6 +670,7 @@ def main(
             "logs": logging,
             "long_run": memory,
             "starts": processes,
+            "exports": exporting,
         }
         json_file.write_text(json.dumps(figures, indent=2) + "\n")
 

@@ -117,9 +117,10 @@ Inertia = _matrix(1e9, "kg, kg m, kg m^2", "natural")
 Damping = _matrix(1e9, "N s/m, N s, N m s")
 
 
-STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True, defer_build=True)
 """Configuration of all validated dataclasses, tables of a scenario or files of a log: an unknown key is an error. Only
-controllers are validated in another way, because a user writes them as dataclasses of the standard library."""
+controllers are validated in another way, because a user writes them as dataclasses of the standard library. A validator
+is made at its first use: most commands use few of them."""
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
 
 

@@ -1,6 +1,7 @@
 """The targets of a law's library, and the tools that make it: LLVM for the stages, ziglang for C, archives and
 links."""
 
+import functools
 import importlib.metadata
 import importlib.util
 import os
@@ -111,6 +112,11 @@ def zig() -> list[str]:
     if found is None or found.origin is None:
         raise InputError("no module 'ziglang', which compiles for other processors: pip install 'uvms-mj[c]'")
     return [str(Path(found.origin).with_name("zig"))]  # without a start of Python for each call
+
+
+@functools.cache
+def _version() -> str:
+    return importlib.metadata.version("ziglang")
 
 
 def headers(machine: Machine) -> list[str]:
@@ -240,7 +246,7 @@ def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] =
     beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include
     any others."""
     read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.[ch]"))]
-    made_of = [importlib.metadata.version("ziglang"), *machine.zig, *_C, *options, *(each.name for each in read)]
+    made_of = [_version(), *machine.zig, *_C, *options, *(each.name for each in read)]
 
     def make() -> bytes:
         return (folder / compiled_c(machine, str(source.resolve()), folder, options)).read_bytes()

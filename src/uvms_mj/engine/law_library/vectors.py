@@ -101,7 +101,7 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
     entries = (*border.measured, *border.reference)
     reads, writes = _sources(sim, border, entries), _sources(sim, border, border.command)
     base = memory.run[chain.measured]
-    rows, apart = [], 0.0
+    rows, apart, needed = [], 0.0, {"", *border.needed}
     if here is not None:
         here.numbers.view("<u8")[:] = image
     for k in range(n):
@@ -110,7 +110,7 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
             wrong = "its R_WB is not exactly the rotation matrix of its quat_WB, of which the library computes it"
             raise InputError([Fault("navigation.name", wrong)], "export law")
         t = (start + k) * chain.steps * sim.scenario.simulation.timestep
-        groups = {"", *border.needed, *_samples(sim, border)}
+        groups = {*needed, *_samples(sim, border)}
         given = [
             np.array(each, float).reshape(-1) if entry.group in groups else np.full(entry.n, np.nan)
             for entry, each in zip(entries, reads, strict=True)

@@ -24,8 +24,8 @@ from ...errors import Fault, InputError
 from ...guidance import Guidance
 from ...navigation.ekf import ALONE, KEPT, Ekf, estimate_alone, estimate_with_force
 from ...stages.signals import CLOCK, GIVEN, MEASURED, record_dtype
+from .compilation import compiling, target_machine
 from .compilation import link as linked
-from .compilation import target_machine
 from .intrinsics import kernel_module, linked_stage_module
 from .loop import take_period
 from .objects import object_name, recall, remember
@@ -347,7 +347,8 @@ class Chain:
         name = object_name([b"chain", entry.encode(), *parts]) if parts is not None else ""
         if name and (kept := recall(name)) is not None:
             return kept[0].decode()
-        text = self._translated(entry, apart)
+        with compiling():
+            text = self._translated(entry, apart)
         if name:
             remember(name, text.encode(), {})
         return text

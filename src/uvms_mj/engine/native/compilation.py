@@ -37,14 +37,16 @@ _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its e
 
 
 @functools.cache
-def target_machine() -> llvm.TargetMachine:
-    """This processor."""
+def target_machine(level: int = 3) -> llvm.TargetMachine:
+    """This processor, for code on which LLVM spends its level of work, at most 3."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
     reloc = "static" if target.name.startswith("x86") else "default"
     features = llvm.get_host_cpu_features().flatten()
-    return target.create_target_machine(llvm.get_host_cpu_name(), features, 3, reloc, codemodel="jitdefault", jit=True)
+    return target.create_target_machine(
+        llvm.get_host_cpu_name(), features, level, reloc, codemodel="jitdefault", jit=True
+    )
 
 
 def load(name: str) -> tuple[int, ...] | None:
@@ -72,8 +74,9 @@ PLAIN = "UVMS_MJ_PLAIN"
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
 short_run: ContextVar[bool] = ContextVar("short_run", default=False)
-"""Whether machine code is for one short run: what is not kept is optimized less. It has the same numbers, since no
-optimization changes a rounding. Fused code is always optimized: it decides which sums are rounded once."""
+"""Whether machine code is for one short run: what is not kept is optimized less. It has the same numbers, since neither
+an optimization nor LLVM's choice of instructions changes a rounding. Fused code is always optimized: it decides which
+sums are rounded once."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ class NotCompiled(Exception):
 
 
 @contextlib.contextmanager
-def _compiling() -> Iterator[None]:
+def compiling() -> Iterator[None]:
     """Compile alone, and without garbage collection: it would look at every instruction of a module in vain."""
     with _lock:
         collects = gc.isenabled()
@@ -139,7 +142,7 @@ def native_functions(
 ) -> tuple[NativeFunction, ...]:
     """As :func:`native_function`, several functions, which share what they call, from one module."""
     dtypes = [tuple(np.dtype(each) for each in kinds) for kinds in parameters.values()]
-    with _compiling():
+    with compiling():
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
         return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused, short_run.get() and not fused)
@@ -153,7 +156,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
         raise NotCompiled(f"{PLAIN} is set")
     from .translation import parts_of
 
-    with _compiling():
+    with compiling():
         parts = parts_of(function, records)
         known = object_name([b"translation", *parts]) if parts is not None else ""
         kept = recall(known) if known else None
@@ -305,7 +308,7 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
 
 def _compiled(text: str, name: str, entries: list[str], level: int = 1) -> tuple[int, ...]:
     """Compile a module, keep its object on disk and return the addresses of its functions."""
-    machine = target_machine()
+    machine = target_machine(3 if level else 0)
     module = llvm.parse_assembly(text)
     optimize(module, machine, llvm.get_process_triple(), level)
     code = machine.emit_object(module)

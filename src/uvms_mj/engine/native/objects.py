@@ -34,7 +34,7 @@ class CacheWarning(UserWarning):
 
 def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
     """The name of an object from what its function is made of, besides the package's sources if ``sources``."""
-    return fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
+    return fingerprint([*_environment(), *([_sources_digest()] if sources else []), *parts])
 
 
 def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str]) -> None:
@@ -108,6 +108,11 @@ def _environment() -> tuple[bytes, ...]:
 
 
 @functools.cache
+def _sources_digest() -> bytes:
+    """Of the package's sources, which one process reads once."""
+    return fingerprint(_sources()).encode()
+
+
 def _sources() -> tuple[bytes, ...]:
     """The package's sources."""
     return tuple(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).rglob("*.py")))
