@@ -295,6 +295,7 @@ def recorded_signals() -> list[Listing]:
         pulse_signal,
         tether_signals,
         thruster_signal,
+        wall_signals,
     )
 
     of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
@@ -305,6 +306,7 @@ def recorded_signals() -> list[Listing]:
         *DELAYED,
         *AT_SURFACE,
         *contact_signals(0),
+        *wall_signals(0),
         *of_thrusters,
         *JOINT_SIGNALS,
         deflection_signal(0),

@@ -299,6 +299,14 @@ def coupling_signal(n: int) -> Signal:
     )
 
 
+def wall_signals(k: int) -> tuple[Signal, Signal]:
+    """Recorded of ``walls[k]`` if it moves: the pose of its frame S, whose origin is its position."""
+    return (
+        Signal(f"p_WS{k}", (3,), "m", "W", f"position of walls[{k}], which moves"),
+        Signal(f"quat_WS{k}", (4,), "1", "W", f"attitude of walls[{k}], w x y z"),
+    )
+
+
 def contact_signals(n: int) -> tuple[Signal, ...]:
     """Recorded if there are n contacts beside the probe's with [wall]."""
     return (
