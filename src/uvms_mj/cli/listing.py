@@ -294,11 +294,12 @@ def recorded_signals() -> list[Listing]:
         deflection_signal,
         pulse_signal,
         tether_signals,
+        thruster_saturation_signal,
         thruster_signal,
         wall_signals,
     )
 
-    of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
+    of_thrusters = (thruster_signal(0), thruster_saturation_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
     own = (
         *RECORDED,
         *MEASURED_MOTION,

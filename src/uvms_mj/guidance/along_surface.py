@@ -147,6 +147,9 @@ class AlongSurface(Followed):
         assert self.push is not None
         return depth_of(self.push, scenario.impedance, np.array([1.0, 0.0, 0.0]), per_k)
 
+    def force_at_rest(self) -> tuple[float, ...] | None:
+        return None if self.push is None else (-self.push, 0.0, 0.0)
+
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`, and of the motion of the wall."""
         wall, way, initial = self.surface(setup.scenario), self.way_of(setup.scenario), setup.initial

@@ -359,6 +359,9 @@ class AlongWall(Followed):
         k_c, _ = scenario.bumper.in_front_of(wall.stiffness, wall.damping)
         return depth_of(self.push, scenario.impedance, normal, 1.0 / k_c)
 
+    def force_at_rest(self) -> tuple[float, ...]:
+        return tuple((-self.push * rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]).tolist())
+
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""
         scenario = setup.scenario

@@ -18,7 +18,7 @@ BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
 """Names of the signals of a band: least and largest value since the row before."""
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
 """Signals with one number a joint."""
-OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow", *BAND["u"])
+OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow", "thruster_saturation_time", *BAND["u"])
 """Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
@@ -275,6 +275,12 @@ def actuation_given(n: int) -> tuple[Signal, ...]:
 def thruster_signal(n: int) -> Signal:
     """The signal of the thrust u = B^+ tau_cmd (n,) within its limits, eq. (25)."""
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
+
+
+def thruster_saturation_signal(n: int) -> Signal:
+    """The running signal of the limits of n thrusters."""
+    meaning = "time with the command of each thruster at u_min or u_max"
+    return Signal("thruster_saturation_time", (n,), "s", "-", meaning)
 
 
 def deflection_signal(n: int) -> Signal:

@@ -29,6 +29,7 @@ from ...stages.signals import (
     joint_signals,
     joint_torque_signal,
     tether_signals,
+    thruster_saturation_signal,
     thruster_signal,
     wall_signals,
 )
@@ -146,6 +147,7 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
             yield from zip(wall_signals(k), (listed[k : k + 1]["p_WS"], listed[k : k + 1]["quat_WS"]), strict=True)
     if u.size:
         yield thruster_signal(u.size), u
+        yield thruster_saturation_signal(u.size), run["limited"]
     effects = run["plant"]["effects"]
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]

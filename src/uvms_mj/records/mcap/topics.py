@@ -22,7 +22,7 @@ import numpy as np
 from ...control.base import SteadyState
 from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ...plant.geometry import LinkGeometry, Shape
-from ...stages.signals import RUNNING, Signal, joint_saturation_signal, wall_signals
+from ...stages.signals import RUNNING, Signal, joint_saturation_signal, thruster_saturation_signal, wall_signals
 from ..header import Header
 from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene, scene_of, wall_face, walls_of_scene
 from . import ros2
@@ -110,7 +110,7 @@ def _together(header: Header) -> tuple[Topic, ...]:
     )
 
 
-_RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0))}
+_RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0), thruster_saturation_signal(0))}
 _COMPUTED = {"quat_d", "f_contact.wrench"}
 """Values that need not be signals."""
 _JOINTS = {
