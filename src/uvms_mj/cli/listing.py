@@ -113,8 +113,8 @@ def _print_stages(listed: "Sequence[type[Stage]]") -> None:
 def stage_list(cls: "type[Stage]") -> Listing:
     """The settings of a stage, with notes on its states."""
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
-    summary_line = (written or "").strip().splitlines()
-    title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
+    summary, _, _ = (written or "").strip().partition("\n\n")
+    title = f"{cls.label()}: {' '.join(summary.split())}"
     fields, preset_of = _own_settings(cls)
     rows = []
     for field in fields:

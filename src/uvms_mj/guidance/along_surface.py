@@ -53,8 +53,10 @@ def _places(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], .
 
 @dataclass(frozen=True)
 class AlongSurface(Followed):
-    """Along a wall of [[walls]], of any shape: approach along the normal, dwell, then a constant-speed path at a
-    distance or with a push, with x along the inward normal; with ``ride`` it moves with the wall."""
+    """Along a wall of [[walls]], of any shape: approach, dwell, then a constant-speed path with x along its normal.
+
+    The path is at a distance from the wall, or with a push; with ``ride`` it moves with the wall.
+    """
 
     wall: str = setting("walls[0]", "-", "the wall that it follows")
     points: Annotated[tuple[Position, ...], AfterValidator(_places)] = setting(

@@ -136,8 +136,14 @@ def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
     reach, forces, origin = header.probe_radius, values["f_contact_W"], values[header.task_frame[0]]
     if "f_contacts_W" not in values:
         return origin + np.array([reach, 0.0, 0.0]), forces
-    sizes = magnitudes(forces)[:, None]  # the vehicle's reach against the total force, whatever its contacts are
-    return origin - reach * forces / np.maximum(sizes, 1e-300), forces
+    sizes = np.maximum(magnitudes(forces)[:, None], 1e-300)
+    along = forces / sizes
+    points = origin - reach * along  # the vehicle's reach against the total force, and from there to its line of action
+    f_B, moment_B = np.split(values["tau_contacts_B"], 2, axis=1)
+    R_WB = rotation_matrix(values["quat_WB"])
+    line = values["p_WB"] + np.einsum("nij,nj->ni", R_WB, np.cross(f_B / sizes, moment_B / sizes))
+    away = line - points
+    return points + away - along * (along * away).sum(axis=1)[:, None], forces
 
 
 def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
