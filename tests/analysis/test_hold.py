@@ -5,7 +5,8 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis import hold
-from uvms_mj.analysis.summary import PARTS
+from uvms_mj.analysis.summary import PARTS, summary
+from uvms_mj.analysis.summary import rows as rows_of
 from uvms_mj.records.trace import Trace
 
 KEYS = {
@@ -116,3 +117,5 @@ def test_the_push_of_a_reference_is_demanded(law):
     assert hold.error(trace) == pytest.approx(abs(expected), abs=5e-4)  # chatter of GSTA, a quarter at half the step
     assert (abs(expected) > 0.1) == (law == "impedance")
     assert hold.path_error(trace) < (1e-6 if law == "gsta" else 0.05)
+    said = dict(rows_of(trace, summary(trace, {})))["off reference.push"]
+    assert said == f"{hold.error(trace):.3g} N rms, {hold.worst(trace):.3g} N at most, of 6 N, over the last 5 s"

@@ -369,6 +369,8 @@ NUMBERS: Mapping[str, Number] = {
     "course.greatest_N": _course(_push("greatest"), "greatest push in each sixtieth of the run, at every step"),
 }
 """The numbers of a run, by their place in its summary; the rows of a study have the same order."""
+HELD = ("hold.error_N", "hold.worst_N")
+"""How far the push is from the demanded one."""
 COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
 """The push over time, for figures."""
 
@@ -465,6 +467,10 @@ def _contact_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[s
             if status == "completed" and rate is not None:
                 settled = f"still changes by {rate:.2g} N/s"
             yield "final force", f"{contact['final_N']:.4g} N ({settled})"
+    asked = None if "F_d" in trace.arrays else trace.scenario.reference.force_at_rest()  # a schedule changes it
+    if asked is not None and contact["first_s"] is not None and (found := numbers(trace, HELD))[HELD[0]] is not None:
+        error, worst = (f"{found[place]:.3g} N" for place in HELD)
+        yield "off reference.push", f"{error} rms, {worst} at most, of {math.hypot(*asked):.4g} N, over the last 5 s"
     if status == "unstable":
         yield "analytic force", "not compared: the run diverged"
     elif contact["analytic_N"] is not None:
