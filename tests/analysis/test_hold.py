@@ -5,7 +5,8 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis import hold
-from uvms_mj.analysis.summary import PARTS
+from uvms_mj.analysis.summary import PARTS, summary
+from uvms_mj.analysis.summary import rows as rows_of
 from uvms_mj.records.trace import Trace
 
 KEYS = {
@@ -99,3 +100,22 @@ def test_the_demanded_push_follows_the_schedule_and_no_push_has_no_hold():
     short = simulate(Scenario.load("push_wall", KEYS | {"simulation.duration": 1.0}), engine="free_body")
     for without in (still, short):
         assert (hold.bias(without), hold.error(without), hold.lost(without), hold.settling(without)) == (None,) * 4
+
+
+@pytest.mark.parametrize("law", ["gsta", "impedance"])
+def test_the_push_of_a_reference_is_demanded(law):
+    """The bias is the closed form of the push at rest minus the reference's push: nothing of GSTA, and of impedance
+    control in a current what it gives way."""
+    wall = {"shape": "plane", "position": [1.3, 0.0, 0.0], "stiffness": 1e4, "damping": 100.0}
+    body = {"position": [0.25, 0.0, 0.0], "radius": 0.04}
+    surface = {"reference.name": "along_surface", "reference.push": 6.0, "reference.points": [[1.3, 0.0, 0.0]]}
+    keys = {"wall.present": False, "walls": [wall], "vehicle.contact_bodies": [body], "simulation.timestep": 1e-3}
+    keys |= surface | {"simulation.duration": 40.0, "current.speed": 0.1, "reference.approach": 0.05}
+    trace = simulate(Scenario.load("push_wall", keys, law), engine="free_body")
+    expected = trace.analytic.force - 6.0
+    assert hold.bias(trace) == pytest.approx(expected, abs=1e-8)
+    assert hold.error(trace) == pytest.approx(abs(expected), abs=5e-4)  # chatter of GSTA, a quarter at half the step
+    assert (abs(expected) > 0.1) == (law == "impedance")
+    assert hold.path_error(trace) < (1e-6 if law == "gsta" else 0.05)
+    said = dict(rows_of(trace, summary(trace, {})))["off reference.push"]
+    assert said == f"{hold.error(trace):.3g} N rms, {hold.worst(trace):.3g} N at most, of 6 N, over the last 5 s"

@@ -2,9 +2,12 @@
 
 import re
 
+import numpy as np
+import pytest
+
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import AROUND_THE_END_S
-from uvms_mj.analysis.summary import COURSES, NUMBERS
+from uvms_mj.analysis.summary import COURSES, NUMBERS, summary
 from uvms_mj.studies.plan.metrics import METRICS, unit_of_column, without_unit
 
 
@@ -34,3 +37,29 @@ def test_numbers_that_do_not_need_the_whole_run_are_those_of_its_end():
         assert different == {
             name for name, each in NUMBERS.items() if each.of_whole_run and each.of(whole) != each.of(end)
         } - set(COURSES)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_each_thruster_counts_the_steps_with_its_command_at_a_limit(engine):
+    """Against the recorded thrusts of every step, which are the commands of ideal thrusters. The run's own time counts
+    the steps with any of them there."""
+    keys = {
+        "reference.target": [3.0, 0.0, 0.0],
+        "wall.present": False,
+        "simulation.duration": 3.0,
+        "vehicle.model": "bluerov2",
+    }
+    keys |= {"simulation.timestep": 1e-3, "impedance.K_d": [300.0] * 3 + [100.0] * 3, "reference.step_time": 0.0}
+    trace = simulate(Scenario.load("push_wall", keys), engine=engine, log_rate="full")
+    u, h = trace.u[:-1], 1e-3
+    vehicle = trace.header.mjcf.vehicle
+    times = trace.thruster_saturation_time[-1]
+    limited = times > 0.0
+    assert limited.any()
+    assert not limited.all()
+    at = (u <= vehicle.u_min) | (u >= vehicle.u_max)
+    np.testing.assert_allclose(times, h * at.sum(axis=0), atol=1e-9)
+    assert trace.saturation_time[-1] == pytest.approx(h * at.any(axis=1).sum(), abs=1e-9)
+    named = summary(trace, {})["saturated_thrusters_s"]
+    assert list(named) == list(vehicle.thrusters)
+    assert list(named.values()) == pytest.approx(times.tolist(), abs=1e-9)

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from uvms_mj.scenario import STAGES
+from uvms_mj.cli.listing import stage_list
+from uvms_mj.scenario import CHOICES, STAGES
 from uvms_mj.stages.signals import GIVEN, RECORDED, TRUE, actuation_given, thrusters_given
 
 HEADINGS = re.compile(r"^\[\w+\]$|^\w+: ", re.MULTILINE)
@@ -46,6 +47,13 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
     wrong = here("stages", "navigation", f"{tmp_path / 'lag.py'}:Lag")
     assert wrong.exit_code == 2
     assert "it is an actuation stage: use actuation.name" in wrong.stderr
+
+
+def test_the_summary_of_a_stage_is_whole():
+    """A summary of several lines is not cut at the first."""
+    for cls in (each for choice in CHOICES.values() for each in choice.shipped.values()):
+        title = stage_list(cls).title
+        assert title.endswith((".", ": ")) or not cls.__doc__ or cls.__doc__.startswith(cls.__name__), title
 
 
 def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import Scenario, simulate
+from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.setup.base import set_up
 from uvms_mj.stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
@@ -218,3 +218,30 @@ def test_a_leg_of_thousands_of_years_is_followed(name):
     keys = {"reference.name": name, "reference.speed": 1e-12, "reference.start_time": 1.0, "simulation.duration": 2.0}
     trace = simulate(Scenario.load("push_wall", keys), engine="free_body", log_rate=10)
     np.testing.assert_allclose(trace.p_d[:, 0], 1e-12 * np.maximum(trace.t - 1.0, 0.0), atol=1e-20)
+
+
+def test_a_path_with_many_stops_is_that_with_fewer_and_one_with_too_many_curves_is_refused():
+    """A straight leg with one segment in each ramp is the leg with six: s is of degree four in time."""
+
+    def path(n, curved=()):
+        zigzag = [
+            {"position": [0.3 + 0.2 * (i % 2), 0.05 * i, 0.0], "attitude_deg": [0.0, 10.0 * (i % 2), 20.0 * (i % 3)]}
+            for i in range(n)
+        ]
+        return [pose | {"dwell": 0.0 if i in curved else 0.4} for i, pose in enumerate(zigzag)]
+
+    few, many = (scenario_of("path", **{"reference.poses": path(n)}) for n in (36, 100))
+    times = np.linspace(0.0, 60.0, 997)
+    one, other = reference(few, times), reference(many, times)
+    for name in one.dtype.names:
+        np.testing.assert_allclose(one[name], other[name], atol=1e-11, err_msg=name)
+    assert np.ptp(one.p_d[:, 1]) > 0.9
+    bent = scenario_of("path", **{"reference.poses": path(100, curved={50})})
+    late = many.reference.constants(set_up(many))["begins"]
+    end = late[np.isfinite(late)].max()
+    assert reference(bent, [end + 100.0]).p_d[0] == pytest.approx(path(100)[-1]["position"], abs=1e-12)
+    stops = {"reference.points": [[0.1 * (i % 2), 0.1 * i + 0.1] for i in range(80)], "reference.stop": True}
+    assert reference(scenario_of("along_wall", **stops), [1e4]).p_d[0, 1:] == pytest.approx([0.1, 8.0])
+    too_many = scenario_of("path", **{"reference.poses": path(100, curved=range(0, 80, 2))})
+    with pytest.raises(InputError, match=r"60 stops, with a curve through other poses before 40 of them; at most 30"):
+        set_up(too_many).scenario.reference.constants(set_up(too_many))

@@ -17,7 +17,7 @@ from uvms_mj import McapLog, Scenario, Status, Trace, simulate
 from uvms_mj.physics.surfaces import SHAPES
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
-from uvms_mj.stages.signals import RUNNING
+from uvms_mj.stages.signals import RUNNING, thruster_saturation_signal
 
 ROOT = Path(__file__).parents[2]
 
@@ -74,7 +74,8 @@ def test_an_independent_decoder_reads_the_same_numbers(logged):
     for topic, name in (("/error/pose", "eta_e"), ("/s", "s"), ("/zeta", "zeta"), ("/law/z", "z"), ("/thrusters", "u")):
         assert np.array_equal(values(topic, array), trace[name]), topic
     running = [name for name in topics if name.startswith("/running/")]
-    assert len(running) == len(RUNNING)
+    own = {signal.name for signal in (*RUNNING, thruster_saturation_signal(0))}
+    assert {name.removeprefix("/running/") for name in running} == own
     for topic in running:
         signal = trace[topic.removeprefix("/running/")]
         assert np.array_equal(values(topic, array if signal.ndim > 1 else lambda m: m.data), signal), topic

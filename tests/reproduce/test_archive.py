@@ -225,6 +225,36 @@ def test_machine_code_that_changed_or_went_is_refused(here, there):
     assert not Path("run.zip").exists()
 
 
+def test_a_run_by_a_motion_of_a_file_is_repeated_without_it(here, there, elsewhere):
+    """The log has the numbers of the file, and no path: what the file is later does not matter."""
+    motion = there / "swing.csv"
+    motion.write_text("time,shoulder,elbow\n" + "".join(f"{0.05 * i},{0.3 / 7.0 * i},{-0.1 * i}\n" for i in range(5)))
+    keys = ("vehicle.model=planar_arm", "joints.name=position", "current.speed=0", "wall.position=9", *SHORT)
+    ok(here("run", "push_wall", *keys, f"joints.motion_file={motion}", "--out", "out", "-q"))
+    before = Trace.load("out/run.mcap")
+    motion.write_text("time,shoulder,elbow\n0,0,0\n")
+    ok(here("archive", "out", "--out", "run.zip"))
+    names = zipfile.ZipFile("run.zip").namelist()
+    assert not [name for name in names if "swing" in name]
+    assert b"swing.csv" not in zipfile.ZipFile("run.zip").read("scenario.toml")
+    elsewhere()
+    done = ok(here("run", "--from", "run.zip", "--out", "again", "-q"))
+    assert "differs" not in done.stderr
+    now = Trace.load("again/run.mcap")
+    assert np.ptp(before.q[:, 0]) > 0.1
+    for name in before:
+        assert before[name].tobytes() == now[name].tobytes(), name
+
+
+def test_a_run_by_another_program_and_a_folder_of_a_world_are_refused_with_what_can_be_done(here):
+    ok(here("run", "press_together", *SHORT, "--engine", "free_body", "--out", "world", "-q"))
+    said = here("archive", "world", "--out", "run.zip").stderr
+    assert "world of several vehicles" in said
+    assert "uvms-mj run world/scenario.toml" in said
+    ok(here("archive", "world/left.mcap", "--out", "left.zip"))
+    assert not Path("run.zip").exists()
+
+
 def test_a_vehicle_that_is_coupled_to_others_is_refused(here):
     ok(here("run", "press_bar", *SHORT, "--engine", "free_body", "--out", "out", "-q"))
     assert "is coupled to other vehicles" in here("archive", "out/left.mcap", "--out", "run.zip").stderr

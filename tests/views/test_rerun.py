@@ -144,6 +144,20 @@ def test_a_reference_that_turns_is_drawn_as_recorded(trace, tmp_path):
     np.testing.assert_array_equal(shown, quat_d[::every][:, [1, 2, 3, 0]].astype("f4"))
 
 
+def test_a_wall_that_turns_is_drawn_as_recorded(tmp_path):
+    wall = {"shape": "box", "position": [1.5, 0.0, 0.0], "edges": [0.4, 1.0, 1.0]}
+    wall |= {"turn_amplitude_deg": [0.0, 0.0, 20.0], "turn_frequency_hz": 1.0, "turn_phase_deg": 30.0}
+    run = simulate(Scenario.load("push_wall", {"walls": [wall], "simulation.duration": 0.5}))
+    rerun_view.save({"run": run}, tmp_path / "turning.rrd")
+    every = round(1.0 / (POSE_HZ * (run.t[1] - run.t[0])))
+    (shown,) = (each for path, each in columns(tmp_path / "turning.rrd").items() if path.endswith("moving\\ 0"))
+    quat = np.array(shown["Transform3D:quaternion"])[:, 0]
+    np.testing.assert_array_equal(quat, run.quat_WS0[::every][:, [1, 2, 3, 0]].astype("f4"))
+    assert np.ptp(quat[:, 2]) > 0.1
+    corners = np.array(shown["Mesh3D:vertex_positions"][0])
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[-0.2, -0.5, -0.5], [0.2, 0.5, 0.5]])
+
+
 def test_markers_and_viewer_draw_one_scene(trace, recording):
     """The wall, the current and the colours of the arrows come from records/scene.py."""
     found, drawn = columns(recording), scene.scene_of(trace.header)

@@ -87,3 +87,22 @@ def test_a_contact_body_is_drawn_with_the_link_that_carries_it():
     assert (rod.shapes[-1].kind, rod.shapes[-1].position, rod.shapes[-1].size[0]) == ("sphere", (0.1, 0.0, 0.0), 0.05)
     more = [len(a.shapes) - len(b.shapes) for a, b in zip(drawn.links, header.geometry.links, strict=True)]
     assert more == [0, 1, 0]
+
+
+def test_the_arrow_of_a_contact_is_on_its_line_of_action():
+    """Of one body off the axis, with friction: the line through the arrow goes through the place of contact."""
+    body = {"position": [0.3, 0.15, -0.1], "radius": 0.05, "stiffness": 2e3, "damping": 50.0}
+    wall = {"shape": "plane", "position": [0.4, 0.0, 0.0], "stiffness": 1e4, "damping": 100.0, "friction": 0.3}
+    keys = {"wall.present": False, "walls": [wall], "vehicle.contact_bodies": [body], "simulation.duration": 4.0}
+    keys |= {"reference.target": [0.3, 0.2, 0.0], "reference.step_time": 0.0, "simulation.timestep": 1e-3}
+    trace = simulate(Scenario.load("push_wall", keys), engine="free_body")
+    starts, tips = scene.FORCES[0].ends(trace.header, {name: trace[name] for name in trace}, scene.FORCE_SCALE)
+    pressing = np.linalg.norm(trace.f_contact_W, axis=1) > 0.5
+    assert pressing.sum() > 500
+    place = trace.p_WB + rotation_matrix(trace.quat_WB) @ np.array(body["position"])
+    place[:, 0] = 0.5 * (place[:, 0] + 0.05 + 0.4)  # halfway between the surfaces of wall and bumper, which yield
+    along = (tips - starts)[pressing]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    off = np.cross(place[pressing] - tips[pressing], along)
+    assert np.linalg.norm(off, axis=1).max() < 1e-6
+    assert np.abs(along[:, 1]).max() > 0.1, "friction"

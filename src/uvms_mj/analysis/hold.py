@@ -1,12 +1,13 @@
 r"""Metrics of the hold, the last :data:`HOLD_S` of a run, in which the vehicle shall press with the demanded push.
 
-The demanded push is the length of the force in F_d of eq. (7), which may follow a schedule. The deviation of a row is
-the largest one at any step since the row before, from the push's least and greatest value:
+The demanded push is the length of the force in F_d of eq. (7), which may follow a schedule. Without a schedule it is
+the ``push`` of a reference that has one, ``along_wall`` or ``along_surface``. The deviation of a row is the largest one
+at any step since the row before, from the push's least and greatest value:
 
 .. math:: P(t) = |F_{d,1:3}(t)|, \qquad e_k = \max(|F_k^{low} - P(t_k)|, |F_k^{high} - P(t_k)|)
 
 A law that alternates faster than rows can't hide in it. All functions return None if the run has no hold: if it ended
-early, is shorter, or F_d demands no push.
+early, is shorter, or no push is demanded.
 """
 
 import itertools
@@ -28,7 +29,8 @@ def demanded(trace: Trace) -> np.ndarray:
     """(n, 3) demanded force of the wall on the vehicle, in the frame of the task [N]."""
     if "F_d" in trace.arrays:
         return trace["F_d"][:, :3]
-    return np.tile(np.array(trace.scenario.impedance.F_d)[:3], (len(trace), 1))
+    own = trace.scenario.reference.force_at_rest()
+    return np.tile(np.array(trace.scenario.impedance.F_d if own is None else own)[:3], (len(trace), 1))
 
 
 def deviations(trace: Trace) -> np.ndarray:

@@ -105,13 +105,25 @@ def saturated(trace: "Trace") -> float | None:
     return None if time is None else _of_steps(trace, time)
 
 
+def _saturated_thrusters(trace: "Trace") -> dict[str, float] | None:
+    """The time that the command of each thruster was at its limit, by the thruster's name [s]; None of a log without
+    it."""
+    if not len(trace) or "thruster_saturation_time" not in trace.arrays:
+        return None
+    return _times_of(trace, "thruster_saturation_time", trace.header.mjcf.vehicle.thrusters)
+
+
 def _saturated_joints(trace: "Trace") -> dict[str, float] | None:
     """The time that the motor of each joint was at its limit, by the joint's name [s]; None without joints."""
-    times = _last("joint_saturation_time")(trace)
-    if times is None:
+    if not len(trace) or "joint_saturation_time" not in trace.arrays:
         return None
     names = trace.header.components(trace.header.by_name["joint_saturation_time"])
-    return {name: _of_steps(trace, time) for name, time in zip(names, times, strict=True)}
+    return _times_of(trace, "joint_saturation_time", names)
+
+
+def _times_of(trace: "Trace", signal: str, names: Iterable[str]) -> dict[str, float]:
+    """The times of a running signal at the end of a run by the names of its components [s]."""
+    return {name: _of_steps(trace, time) for name, time in zip(names, trace[signal][-1], strict=True)}
 
 
 def _joints(name: str) -> "Callable[[Trace], dict[str, float] | None]":
@@ -226,6 +238,7 @@ def _not_kept(of: "Callable[[Trace], Any]", why: str) -> Number:
 _SAME, _COLUMN = "is the same for many runs; see the scenario", "is a column of every row; leave it out"
 _FOLLOWS = "follows from steps and simulation.timestep; leave it out"
 _OF_JOINTS = "has a number for each joint; take it from a function of the trace"
+_OF_THRUSTERS = "has a number for each thruster; take it from a function of the trace"
 _WALL_TIME = "differs from one execution to the next, and rows must not"
 _of_study = functools.partial(Number, printed=False)
 _course = functools.partial(Number, size=PARTS, printed=False, of_whole_run=True)
@@ -289,6 +302,7 @@ NUMBERS: Mapping[str, Number] = {
     "dry_s": _of_study(
         _dry, "time with nothing of the vehicle below the surface; none without buoyancy.shapes", rows=LAST
     ),
+    "saturated_thrusters_s": _not_kept(_saturated_thrusters, _OF_THRUSTERS),
     "saturated_joints_s": _not_kept(_saturated_joints, _OF_JOINTS),
     "joints_off_target": _not_kept(_joints("off_target"), _OF_JOINTS),
     "joints_at_stops": _not_kept(_joints("at_stops"), _OF_JOINTS),
@@ -329,12 +343,16 @@ NUMBERS: Mapping[str, Number] = {
         rows=LAST,
     ),
     "hold.bias_N": _of_study(
-        _hold("bias"), "mean push over the last 5 s minus the demanded push |F_d|; none if F_d demands none"
+        _hold("bias"),
+        "mean push over the last 5 s minus the demanded push, reference.push or |F_d|; none if there is none",
     ),
     "hold.error_N": _of_study(
-        _hold("error"), "root mean square over the last 5 s of the push's deviation from |F_d|, the largest of each row"
+        _hold("error"),
+        "root mean square over the last 5 s of the push's deviation from the demanded one, the largest of each row",
     ),
-    "hold.worst_N": _of_study(_hold("worst"), "largest deviation of the push from |F_d| at any step of the last 5 s"),
+    "hold.worst_N": _of_study(
+        _hold("worst"), "largest deviation of the push from the demanded one at any step of the last 5 s"
+    ),
     "hold.lost_s": _of_study(_hold("lost"), "time without contact in the last 5 s"),
     "hold.contacts": _of_study(_hold("contacts"), "least number of contacts that press in the last 5 s [1]"),
     "hold.path_error_m": _of_study(
@@ -343,7 +361,7 @@ NUMBERS: Mapping[str, Number] = {
     "hold.turn_error_deg": _of_study(_hold("turn_error"), "largest angle from the desired attitude in the last 5 s"),
     "contact.settling_s": _of_study(
         _hold("settling"),
-        "time from the first touch until the push stays within a fifth of |F_d|; none if never",
+        "time from the first touch until the push stays within a fifth of the demanded one; none if never",
         of_whole_run=True,
     ),
     "course.mean_N": _course(_push("mean"), "mean push in each sixtieth of the run"),
@@ -351,6 +369,8 @@ NUMBERS: Mapping[str, Number] = {
     "course.greatest_N": _course(_push("greatest"), "greatest push in each sixtieth of the run, at every step"),
 }
 """The numbers of a run, by their place in its summary; the rows of a study have the same order."""
+HELD = ("hold.error_N", "hold.worst_N")
+"""How far the push is from the demanded one."""
 COURSES = ("course.mean_N", "course.least_N", "course.greatest_N")
 """The push over time, for figures."""
 
@@ -447,6 +467,10 @@ def _contact_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[s
             if status == "completed" and rate is not None:
                 settled = f"still changes by {rate:.2g} N/s"
             yield "final force", f"{contact['final_N']:.4g} N ({settled})"
+    asked = None if "F_d" in trace.arrays else trace.scenario.reference.force_at_rest()  # a schedule changes it
+    if asked is not None and contact["first_s"] is not None and (found := numbers(trace, HELD))[HELD[0]] is not None:
+        error, worst = (f"{found[place]:.3g} N" for place in HELD)
+        yield "off reference.push", f"{error} rms, {worst} at most, of {math.hypot(*asked):.4g} N, over the last 5 s"
     if status == "unstable":
         yield "analytic force", "not compared: the run diverged"
     elif contact["analytic_N"] is not None:
@@ -500,6 +524,10 @@ def _run_rows(trace: "Trace", report: Mapping[str, Any]) -> Iterator[tuple[str, 
     if report["saturated_s"]:
         share = report["saturated_s"] / max(report["duration_s"], 1e-300)
         yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+        times = report["saturated_thrusters_s"] or {}
+        shares = sorted(((time / report["duration_s"], name) for name, time in times.items() if time), reverse=True)
+        if shares:
+            yield "the most limited thrusters", ", ".join(f"{name} {share:.2%}" for share, name in shares[:2])
     if dry := _dry(trace):
         yield "out of the water", f"{dry:.4g} s, {dry / max(report['duration_s'], 1e-300):.2%} of the time"
     joints = report["saturated_joints_s"] or {}

@@ -113,8 +113,8 @@ def _print_stages(listed: "Sequence[type[Stage]]") -> None:
 def stage_list(cls: "type[Stage]") -> Listing:
     """The settings of a stage, with notes on its states."""
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
-    summary_line = (written or "").strip().splitlines()
-    title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
+    summary, _, _ = (written or "").strip().partition("\n\n")
+    title = f"{cls.label()}: {' '.join(summary.split())}"
     fields, preset_of = _own_settings(cls)
     rows = []
     for field in fields:
@@ -294,10 +294,12 @@ def recorded_signals() -> list[Listing]:
         deflection_signal,
         pulse_signal,
         tether_signals,
+        thruster_saturation_signal,
         thruster_signal,
+        wall_signals,
     )
 
-    of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
+    of_thrusters = (thruster_signal(0), thruster_saturation_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
     own = (
         *RECORDED,
         *MEASURED_MOTION,
@@ -305,6 +307,7 @@ def recorded_signals() -> list[Listing]:
         *DELAYED,
         *AT_SURFACE,
         *contact_signals(0),
+        *wall_signals(0),
         *of_thrusters,
         *JOINT_SIGNALS,
         deflection_signal(0),

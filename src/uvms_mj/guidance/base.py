@@ -80,6 +80,11 @@ class Guidance(Stage):
         """The position of :meth:`rests_at` and the attitude [deg] at the end of a run, from its scenario."""
         return self.rests_at(), self.attitude_deg
 
+    def force_at_rest(self) -> tuple[float, ...] | None:
+        """The force of the wall (3,) in the frame of the task that the reference demands at rest by its depth [N];
+        None if the law's F_d decides it."""
+        return None
+
     def way(self, setup: SetupLike, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | str:
         """Theory of the reference: its positions (n, 3) [m] and attitudes (n, 4) in W at times (n,) [s], or the reason
         why they are not known before the run."""

@@ -92,13 +92,30 @@ def motion(
     if faults:
         raise InputError(faults, "scenario")
     stops = [0, *(i for i, dwell in enumerate(dwells) if i and (dwell > 0.0 or i + 1 == len(dwells)))]
-    cruise = max(1, MOST_SEGMENTS // (len(stops) - 1) - 2 * RAMP - 1)
+    cruise, ramp = _segments([last - first for first, last in itertools.pairwise(stops)], keys)
     parts, (t, V, a) = [], timing
     for first, last in itertools.pairwise(stops):
         knots = np.concatenate([[0.0], np.cumsum(chords[first:last])])
-        parts.append(leg(through(numbers[first : last + 1], knots), knots[-1], t, V, a, cruise))
+        ramps = ramp if last == first + 1 else RAMP
+        parts.append(leg(through(numbers[first : last + 1], knots), knots[-1], t, V, a, cruise, ramps))
         t = float(parts[-1].x[-1]) + dwells[last]
     return pack(parts)
+
+
+def _segments(pieces: list[int], keys: Any) -> tuple[int, int]:
+    """Segments of a curved leg at its speed, and of each ramp of a straight one, for legs of so many pieces. A straight
+    leg has one at its speed, and each leg one of rest. Raises InputError if there are too many legs."""
+    if (cruise := MOST_SEGMENTS // len(pieces) - 2 * RAMP - 1) >= 1:
+        return cruise, RAMP
+    curved = sum(each > 1 for each in pieces)
+    left = MOST_SEGMENTS - 4 * (len(pieces) - curved)  # one in a ramp is exact, too
+    cruise = left // max(1, curved) - 2 * RAMP - 1
+    if cruise < 1:
+        wrong = f"the path has {len(pieces)} stops, with a curve through other poses before {curved} of them"
+        room = f"at most {left // (2 * RAMP + 2)} curves fit beside the straight legs"
+        where = keys[-1].rpartition("[")[0]
+        raise InputError([Fault(where, f"{wrong}; {room}: take away stops, or poses between them")], "scenario")
+    return cruise, 1
 
 
 def through(poses: np.ndarray, knots: np.ndarray) -> BSpline:
@@ -308,6 +325,18 @@ def _in_plane(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...],
     return points
 
 
+def depth_of(push: float, impedance: Any, normal: np.ndarray, per_k: float) -> float:
+    """The depth x_d - x_c [m] at which the desired impedance, eq. (7), demands a push [N] along a wall's inward normal
+    (3,) in the frame of the task, of a wall and a bumper with the compliance ``per_k`` [m/N]. Zero without a stiffness
+    K_d along it: F_d alone demands the push."""
+    pushed = np.abs(normal) > 1e-12
+    n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
+    if (K_d == 0.0).any():
+        return 0.0
+    give = K_f / K_d
+    return push * (float(n @ (give * n)) + per_k) + float(n @ (give * F_d))
+
+
 @dataclass(frozen=True)
 class AlongWall(Followed):
     """Along the wall with a given push: approach, dwell, then a constant-speed path in the wall's plane."""
@@ -326,15 +355,12 @@ class AlongWall(Followed):
 
     def depth(self, scenario: ScenarioLike) -> float:
         """x_d - x_c [m] that demands the push."""
-        impedance, wall = scenario.impedance, scenario.wall
-        normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
-        pushed = np.abs(normal) > 1e-12
-        n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
-        if (K_d == 0.0).any():
-            return 0.0
-        give = K_f / K_d
+        wall, normal = scenario.wall, rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
         k_c, _ = scenario.bumper.in_front_of(wall.stiffness, wall.damping)
-        return self.push * (float(n @ (give * n)) + 1.0 / k_c) + float(n @ (give * F_d))
+        return depth_of(self.push, scenario.impedance, normal, 1.0 / k_c)
+
+    def force_at_rest(self) -> tuple[float, ...]:
+        return tuple((-self.push * rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]).tolist())
 
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The constants of :func:`.spline.follow`."""

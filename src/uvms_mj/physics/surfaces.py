@@ -36,7 +36,7 @@ from typing import Any
 
 import numpy as np
 
-from .frames import rotation, to_body, to_world, turning
+from .frames import multiply, rotation, to_body, to_world, turning
 from .kernels import kernel, record_of
 
 
@@ -58,7 +58,7 @@ class Shape:
 
 
 DRAWN_LENGTH = 1.5
-"""Length of the drawn part of an endless shape [m]."""
+"""Length of the drawn part of an endless shape [m], of a cylinder at least its diameter."""
 SHAPES: dict[str, Shape] = {
     "plane": Shape((), lambda: (0.0, 0.0, 0.0), None, None),
     "sphere": Shape(
@@ -66,7 +66,7 @@ SHAPES: dict[str, Shape] = {
     ),
     "cylinder": Shape(
         ("radius",), lambda r: (r, 0.0, 0.0), lambda e: e[0],
-        lambda e: ("cylinder", (e[0], 0.5 * DRAWN_LENGTH, 0.0)),
+        lambda e: ("cylinder", (e[0], max(0.5 * DRAWN_LENGTH, e[0]), 0.0)),
     ),
     "box": Shape(
         ("edges",), lambda edges: (0.5 * edges[0], 0.5 * edges[1], 0.5 * edges[2]), min,
@@ -101,6 +101,8 @@ SURFACE = np.dtype(
         ("turns", "i8"),
         ("pivot", "f8", (3,)),  # c [m, W]
         ("R_start", "f8", (3, 3)),  # R_WS without motion
+        ("quat_start", "f8", (4,)),  # as a quaternion
+        ("quat_WS", "f8", (4,)),  # at this instant
         ("turn_W", "f8", (3,)),  # amplitude of the sine of theta [rad]
         ("turn_frequency", "f8"),  # [Hz]
         ("turn_phase", "f8"),  # [rad]
@@ -185,6 +187,7 @@ def turn(surface, numbers, t):
     surface.p_WS += turned - arm
     surface.v_W += np.cross(surface.omega_W, turned)
     surface.R_WS[:] = R @ surface.R_start
+    multiply(Q, surface.quat_start, surface.quat_WS)
 
 
 @kernel

@@ -29,15 +29,22 @@ AZIMUTH, ELEVATION = 75.0, -25.0
 """Direction in which it looks [deg]."""
 
 
-def drawn_wall(wall: Surface) -> Shape:
-    """A wall in W: a plane is a square plate with its middle at the wall's position, a cylinder is as high."""
-    quat = tuple(quat_from_euler_deg(*wall.attitude_deg).tolist())
+def wall_in_its_frame(wall: Surface) -> Shape:
+    """A wall in its frame S: a plane is a square plate, whose face has its middle at the origin."""
+    level = (1.0, 0.0, 0.0, 0.0)
     if (drawn := SHAPES[wall.shape].drawn) is None:
         half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
-        middle = np.array(wall.position) + half[0] * wall.R_WS[:, 0]
-        return Shape("box", half, tuple(middle.tolist()), quat, WALL_RGBA)
+        return Shape("box", half, (half[0], 0.0, 0.0), level, WALL_RGBA)
     kind, size = drawn(wall.size)
-    return Shape(kind, size, wall.position, quat, WALL_RGBA)
+    return Shape(kind, size, (0.0, 0.0, 0.0), level, WALL_RGBA)
+
+
+def drawn_wall(wall: Surface) -> Shape:
+    """A wall in W, at its place without motion."""
+    shape = wall_in_its_frame(wall)
+    middle = np.array(wall.position) + shape.position[0] * wall.R_WS[:, 0]
+    quat = tuple(quat_from_euler_deg(*wall.attitude_deg).tolist())
+    return dataclasses.replace(shape, position=tuple(middle.tolist()), quat=quat)
 
 
 def drawn_vehicle(geometry: Geometry, bodies: tuple[ContactBody, ...]) -> Geometry:

@@ -334,6 +334,7 @@ class Surface:
         record["kind"], record["extent"], record["R_WS"] = list(SHAPES).index(self.shape), self.size, self.R_WS
         record["p_WS"] = record["start_W"] = self.position
         record["R_start"], record["pivot"] = self.R_WS, self.position if self.pivot is None else self.pivot
+        record["quat_start"] = record["quat_WS"] = quat_from_euler_deg(*self.attitude_deg)
 
 
 def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:

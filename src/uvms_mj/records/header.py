@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from ..actuation.joints import read_motion
 from ..control.base import NoClosedForm, SteadyState, Udp
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
@@ -213,12 +214,16 @@ class Header:
 
     def portable_scenario(self) -> dict[str, Any]:
         """The scenario's tables with file names without folders, and without the host of another machine; the
-        log contains the files."""
+        log contains the files. The numbers of ``joints.motion_file`` stand in ``joints.motion``."""
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
         for name, stage in self.sources.items():
             table_at(tables, name)["name"] = stage.source
+        if (motion := tables["joints"].pop("motion_file", None)) is not None:
+            times, values = read_motion(motion, self.mjcf.vehicle.arm.joints)
+            rows = zip(times.tolist(), values.tolist(), strict=True)
+            tables["joints"]["motion"] = [{"time": time, "joints": joints} for time, joints in rows]
         if "host" in tables["controller"] and self.law.sha256 is None:
             tables["controller"]["host"] = Udp.host  # no log says where this machine sends
         return tables

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.frames import rotation_matrix
+from ..physics.surfaces import SHAPES
 from ..plant.contacts import surfaces_of
 from ..plant.geometry import Geometry, Shape
-from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall
+from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall, wall_in_its_frame
+from ..stages.signals import wall_signals
 from .header import Header
 
 Colour = tuple[int, int, int]
@@ -67,14 +69,32 @@ class Force:
         return (points - vectors, points) if self.ends_there else (points, points + vectors)
 
 
+@dataclass(frozen=True)
+class MovingWall:
+    """``walls[k]``, whose pose is recorded: its shape in its frame S."""
+
+    k: int
+    shape: Shape
+
+    @property
+    def frame(self) -> str:
+        """The name of S in a log."""
+        return f"walls/{self.k}"
+
+    def poses(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (n, 3) in W [m] and attitudes (n, 4) of S, from values."""
+        p, quat = wall_signals(self.k)
+        return values[p.name], values[quat.name]
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The constant part of a scene: the shapes of each vehicle in its body frame B, with its contact bodies; walls as
-    shapes in W, where a plane is a box with the face at -x, and a wall that moves is at its place without motion;
-    constant arrows in W."""
+    """The shapes of a scene: of each vehicle in its body frame B, with its contact bodies; of walls that stand in W,
+    where a plane is a box with the face at -x; of walls that move in their frames; constant arrows in W."""
 
     vehicles: tuple[Geometry, ...]
     walls: tuple[Shape, ...]
+    moving: tuple[MovingWall, ...]
     arrows: tuple[Arrow, ...]
 
 
@@ -86,17 +106,29 @@ def scene_of(header: Header) -> Scene:
     speed = math.hypot(*flow_W)
     text = f"{'current' if header.scenario.constant_flow else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
-    shapes = tuple(drawn_wall(wall) for wall in surfaces_of(header.scenario, header.probe_radius))
-    return Scene(
-        (drawn_vehicle(header.geometry, header.scenario.vehicle.contact_bodies),), shapes, (arrow,) if speed else ()
-    )
+    vehicle = drawn_vehicle(header.geometry, header.scenario.vehicle.contact_bodies)
+    return Scene((vehicle,), *walls_of_scene(header), (arrow,) if speed else ())
+
+
+def walls_of_scene(header: Header) -> tuple[tuple[Shape, ...], tuple[MovingWall, ...]]:
+    """The walls that stand, and the walls that move. A log without the pose of a wall shows it at its place without
+    motion."""
+    walls = surfaces_of(header.scenario, header.probe_radius)
+    first = len(walls) - len(header.scenario.walls)  # 1 with [wall]
+    moves = [wall.moves and wall_signals(i - first)[0].name in header.by_name for i, wall in enumerate(walls)]
+    standing = tuple(drawn_wall(wall) for wall, moving in zip(walls, moves, strict=True) if not moving)
+    return standing, tuple(MovingWall(i - first, wall_in_its_frame(wall)) for i, wall in enumerate(walls) if moves[i])
 
 
 def wall_face(header: Header) -> float:
     """Position of the wall's face along x of W [m]: the contact point's position when the origin of the frame of the
-    task is at x_c. Without ``[wall]``, the position of the first of ``[[walls]]``."""
+    task is at x_c. Without ``[wall]``, of the first of ``[[walls]]``: the position of a plane, or the place that is
+    nearest to the start."""
     if not header.scenario.wall.present and header.scenario.walls:
-        return header.scenario.walls[0].position[0]
+        first = header.scenario.walls[0]
+        if SHAPES[first.shape].size is None:
+            return first.position[0]
+        return float(first.nearest(header.scenario.initial.position)[1][0])
     return header.scenario.wall.position + header.probe_radius
 
 
@@ -104,8 +136,14 @@ def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
     reach, forces, origin = header.probe_radius, values["f_contact_W"], values[header.task_frame[0]]
     if "f_contacts_W" not in values:
         return origin + np.array([reach, 0.0, 0.0]), forces
-    sizes = magnitudes(forces)[:, None]  # the vehicle's reach against the total force, whatever its contacts are
-    return origin - reach * forces / np.maximum(sizes, 1e-300), forces
+    sizes = np.maximum(magnitudes(forces)[:, None], 1e-300)
+    along = forces / sizes
+    points = origin - reach * along  # the vehicle's reach against the total force, and from there to its line of action
+    f_B, moment_B = np.split(values["tau_contacts_B"], 2, axis=1)
+    R_WB = rotation_matrix(values["quat_WB"])
+    line = values["p_WB"] + np.einsum("nij,nj->ni", R_WB, np.cross(f_B / sizes, moment_B / sizes))
+    away = line - points
+    return points + away - along * (along * away).sum(axis=1)[:, None], forces
 
 
 def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:

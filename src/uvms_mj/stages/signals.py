@@ -18,7 +18,7 @@ BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
 """Names of the signals of a band: least and largest value since the row before."""
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
 """Signals with one number a joint."""
-OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow", *BAND["u"])
+OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow", "thruster_saturation_time", *BAND["u"])
 """Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
@@ -280,6 +280,12 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def thruster_saturation_signal(n: int) -> Signal:
+    """The running signal of the limits of n thrusters."""
+    meaning = "time with the command of each thruster at u_min or u_max"
+    return Signal("thruster_saturation_time", (n,), "s", "-", meaning)
+
+
 def deflection_signal(n: int) -> Signal:
     """Recorded if one of n fins has an actuator."""
     return Signal("fin_deflections", (n,), "rad", "-", "deflection of each fin by its actuator, beyond deflection_deg")
@@ -299,6 +305,14 @@ def coupling_signal(n: int) -> Signal:
     """Recorded of a vehicle with n couplings to others."""
     return Signal(
         "f_couplings_W", (n, 3), "N", "W", "force of each coupling on the vehicle, in the order of the world's"
+    )
+
+
+def wall_signals(k: int) -> tuple[Signal, Signal]:
+    """Recorded of ``walls[k]`` if it moves: the pose of its frame S, whose origin is its position."""
+    return (
+        Signal(f"p_WS{k}", (3,), "m", "W", f"position of walls[{k}], which moves"),
+        Signal(f"quat_WS{k}", (4,), "1", "W", f"attitude of walls[{k}], w x y z"),
     )
 
 

@@ -29,7 +29,9 @@ from ...stages.signals import (
     joint_signals,
     joint_torque_signal,
     tether_signals,
+    thruster_saturation_signal,
     thruster_signal,
+    wall_signals,
 )
 from .record import Image
 
@@ -129,8 +131,8 @@ def write_contacts(image: Image, run: np.ndarray, setup: Setup) -> None:
 
 def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, np.ndarray]]:
     """The recorded signals of the plant, each with its memory: the motion of the water unless it is constant, the
-    contacts beside the contact of the probe and ``[wall]``, the thrusts, the deflections of fins, a tether that moves,
-    the joints and the tool."""
+    contacts beside the contact of the probe and ``[wall]``, the walls that move, the thrusts, the deflections of fins,
+    a tether that moves, the joints and the tool."""
     contacts, u, true = setup.contacts, run["u"], run["true"]
     if not setup.scenario.constant_flow:
         of_water = (*UNSTEADY, *WAVES) if run["plant"]["effects"]["sea"].size else UNSTEADY
@@ -139,8 +141,13 @@ def recorded_of_plant(run: np.ndarray, setup: Setup) -> Iterator[tuple[Signal, n
         first = int(contacts.paper)
         forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
         yield from zip(contact_signals(n), (run["push"], forces, depths, true["tau_springs_B"]), strict=True)
+    listed = run["surfaces"][0][len(contacts.walls) - len(setup.scenario.walls) :]
+    for k, wall in enumerate(setup.scenario.walls):
+        if wall.moves:
+            yield from zip(wall_signals(k), (listed[k : k + 1]["p_WS"], listed[k : k + 1]["quat_WS"]), strict=True)
     if u.size:
         yield thruster_signal(u.size), u
+        yield thruster_saturation_signal(u.size), run["limited"]
     effects = run["plant"]["effects"]
     if any(key.startswith("fins") for key in setup.advancing):
         deltas = effects[state_of("fins")][0]

@@ -249,6 +249,7 @@ def limit_thrust(run):
         run.u[k] = thrust
         if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             run.saturated = 1
+            run.limited_next[k] += run.timestep
     add_columns(run.columns, run.u, run.low, run.high, run.true.tau)
 
 
@@ -319,6 +320,7 @@ def complete_step(run):
     write_row(run)
     if run.saturated != 0:  # for the coming step
         run.row.saturation_time += run.timestep
+        run.limited[:] = run.limited_next
     if run.plant.wet.shape[0] != 0 and run.plant.wet[0].fraction == 0.0:
         run.plant.wet[0].dry_time += run.timestep
     run.row.effort += run.timestep * run.true.tau * run.true.tau

@@ -257,6 +257,8 @@ class Shape:
             ("thrust", "f8", (m,)),  # as the thrusters set it
             ("u", "f8", (m,)),  # within the limits of the vehicle's file
             ("saturated", "i8"),  # whether a command is at its limit
+            ("limited", "f8", (m,)),  # time of each command at its limits until t_k
+            ("limited_next", "f8", (m,)),  # and until t_(k+1)
             ("tau_before", "f8", (6,)),
             # joints
             ("model", model_dtype(n)),

@@ -48,6 +48,7 @@ from ...stages.signals import (
     deflection_signal,
     effect_given,
     tether_signals,
+    thruster_saturation_signal,
     thruster_signal,
 )
 from .bodies import (
@@ -108,7 +109,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    own = (*own, coupling_signal(0))
+    own = (*own, coupling_signal(0), thruster_saturation_signal(0))
     recorded = (
         *RECORDED,
         *MEASURED_MOTION,

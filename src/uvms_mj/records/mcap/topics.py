@@ -5,8 +5,8 @@ of their own. All other signals have a topic of numbers, so a new signal needs n
 not all recorded is left out.
 
 Frames follow REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the face of
-the wall, with x out of it. Each row of a run gives one message on each topic of
-:func:`sampled`.
+the wall, with x out of it; ``walls/0`` is ``walls[0]``, if it moves. Each row of a run gives one message on each
+topic of :func:`sampled`.
 
 The frame of a link is ``link/`` and the name of its body, so that no link has the name of another frame. Its parent is
 the frame of the parent link, or ``base_link``. The tool's frame is ``tool``. The topics and frames of a vehicle with a
@@ -22,9 +22,9 @@ import numpy as np
 from ...control.base import SteadyState
 from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ...plant.geometry import LinkGeometry, Shape
-from ...stages.signals import RUNNING, Signal, joint_saturation_signal
+from ...stages.signals import RUNNING, Signal, joint_saturation_signal, thruster_saturation_signal, wall_signals
 from ..header import Header
-from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene, scene_of, wall_face
+from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene, scene_of, wall_face, walls_of_scene
 from . import ros2
 from .ros2 import STAMP, Message
 
@@ -110,7 +110,7 @@ def _together(header: Header) -> tuple[Topic, ...]:
     )
 
 
-_RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0))}
+_RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0), thruster_saturation_signal(0))}
 _COMPUTED = {"quat_d", "f_contact.wrench"}
 """Values that need not be signals."""
 _JOINTS = {
@@ -147,6 +147,10 @@ def _transforms(header: Header, names: set[str]) -> Topic:
     if "q" in names:
         items += transforms(header)
         said += ", of each link in its parent"
+    for wall in walls_of_scene(header)[1]:
+        p, quat = wall_signals(wall.k)
+        items.append(("map", frame_below(header, wall.frame), p.name, f"{quat.name}.xyzw"))
+        said += f", of walls[{wall.k}] in map"
     meaning = f"pose of base_link and of reference in map{said}"
     return Topic("/tf", _TF, "map", "m, 1", meaning, ros2.transforms(*items))
 
@@ -182,7 +186,8 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     if "quat_d" not in values:
         quat_d = quat_from_euler_deg(*header.scenario.reference.attitude_deg)
         values["quat_d"] = np.broadcast_to(quat_d, (len(rows), 4))
-    for name in ("quat_WB", "quat_d", "quat_WB_m", "quat_WT"):
+    of_walls = (wall_signals(wall.k)[1].name for wall in walls_of_scene(header)[1])
+    for name in ("quat_WB", "quat_d", "quat_WB_m", "quat_WT", *of_walls):
         if name in values:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
     if "q" in values:
@@ -228,12 +233,12 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
     current = ros2.stamped("map", "v_c_W", 3)
     meaning = "velocity of the current" if header.scenario.constant_flow else "constant part of the current"
-    shapes, around = vehicles(header, scene), surroundings(scene)
+    shapes, around = vehicles(header, scene), surroundings(header, scene)
     topics = [
         ("/tf_static", "map", "m, 1", "pose of the wall's face in map", wall),
         ("/current", "map", "m/s", meaning, current),
         ("/markers/vehicle", frame_below(header, "base_link"), "m", "geoms of the vehicle", shapes),
-        ("/markers/surroundings", "map", "m", "the wall, and the current as an arrow", around),
+        ("/markers/surroundings", "map", "m", "the walls, and the current as an arrow", around),
     ]
     values = {
         "face": np.array([wall_face(header), 0.0, 0.0]),
@@ -326,12 +331,13 @@ def vehicles(header: Header, scene: Scene) -> Message:
     return message
 
 
-def surroundings(scene: Scene) -> Message:
-    """The walls and the constant arrows."""
-    walls = [part for wall in scene.walls for part in _parts(wall)]
+def surroundings(header: Header, scene: Scene) -> Message:
+    """The walls, those that move in their frames, and the constant arrows."""
+    walls = [("map", part) for wall in scene.walls for part in _parts(wall)]
+    walls += [(frame_below(header, wall.frame), part) for wall in scene.moving for part in _parts(wall.shape)]
     message = Message().put("u4", len(walls) + len(scene.arrows))
-    for i, wall in enumerate(walls):
-        _solid(message, "map", "wall", i, wall)
+    for i, (frame, wall) in enumerate(walls):
+        _solid(message, frame, "wall", i, wall)
     for i, arrow in enumerate(scene.arrows):
         _arrow(message, arrow, i, np.array([arrow.start, arrow.tip]))
     return message

@@ -22,6 +22,7 @@ from ...quantities import STRICT, leaves
 from ...records.header import Header, StageSource, Status
 from ...records.mcap import read, read_files
 from ...scenario import CHOICES, table_at
+from ...setup.world import vehicles_of
 from ...stages.foreign import parted
 from ...studies.bundle import HERE, files_of, with_texts
 from ...studies.plan.file import PATHS
@@ -70,6 +71,9 @@ def contents_of(source: Path, secret: Path | None = None) -> Contents:
     found = [name for name in (*kinds, TUNING) if is_file(source / name)]
     if found == [TUNING]:
         raise InputError(f"{source}: is a tuning; archive a run, a study or a result of the benchmark with its gains")
+    if not found and is_file(source / SCENARIO) and vehicles_of(source / SCENARIO):
+        whole = f"`uvms-mj run {source / SCENARIO}` repeats it; a log of a vehicle without couplings can be archived"
+        raise InputError(f"{source}: is the folder of a world of several vehicles, and an archive is of one; {whole}")
     if len(found) != 1:
         has = f"has {' and '.join(found)}" if found else f"has none of {', '.join(kinds)}"
         raise InputError(f"{source}: {has}; name a log, or the folder of a run, a study, a bench or the paper's runs")
@@ -175,13 +179,9 @@ def _files_of_run(log: Path, header: Header, notes: list[str]) -> tuple[dict[str
     if PurePath(model).suffix:
         members |= {f"{FILES}/vehicle/{name}": data for name, data in header.mjcf.files.items()}
         names["vehicle.model"] = f"{FILES}/vehicle/{header.mjcf.name}"
-    motion = getattr(header.scenario.joints, "motion_file", None)
-    if motion is not None:
-        if not is_file(motion):
-            raise InputError(f"{log}: joints.motion_file {motion}: no such file")
-        notes.append(f"the log has no digest of {Path(motion).name}: the archive has the file as it is now")
-        names["joints.motion_file"] = f"{FILES}/motion/{Path(motion).name}"
-        members[names["joints.motion_file"]] = Path(motion)
+    if (motion := getattr(header.scenario.joints, "motion_file", None)) is not None:
+        wrong = "an older version wrote the log, without the numbers of joints.motion_file"
+        raise InputError(f"{log}: {wrong}, {Path(motion).name}: make the run again")
     folders: dict[Any, str] = {}
     for name, stage in header.sources.items():
         if stage.source in CHOICES[name.partition("[")[0]].shipped:

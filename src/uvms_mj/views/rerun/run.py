@@ -37,6 +37,7 @@ from ...records.scene import (
     magnitudes,
     scene_of,
     span,
+    walls_of_scene,
 )
 from ...records.trace import Trace
 from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
@@ -296,7 +297,8 @@ class Run:
         if quat_d is None:
             quat_d = np.tile(quat_from_euler_deg(*self.header.scenario.reference.attitude_deg), (len(t), 1))
         vehicle, reference = (values["p_WB"], values["quat_WB"]), (values["p_d"], quat_d)
-        moving = ((("vehicle",), *vehicle), (("reference",), *reference), *poses(self.header, values))
+        moving = [(("vehicle",), *vehicle), (("reference",), *reference), *poses(self.header, values)]
+        moving += [(("wall", f"moving {wall.k}"), *wall.poses(values)) for wall in walls_of_scene(self.header)[1]]
         for parts, p, quat in moving:
             turned = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
             self._send(("world", *parts), t, turned)
@@ -343,6 +345,9 @@ class Run:
         for i, wall in enumerate(wall for wall in scene.walls if wall.kind != "box"):
             (solid,) = solids(Geometry((wall,), {}))
             self._log(("world", "wall", f"round {i + 1}"), mesh_of(solid, rgba8(wall.rgba)))
+        for moved in scene.moving:
+            (solid,) = solids(Geometry((moved.shape,), {}))
+            self._log(("world", "wall", f"moving {moved.k}"), mesh_of(solid, rgba8(moved.shape.rgba)))
         for force in FORCES:
             colour = self.colour or force.colour
             self._log(("world", force.name), rr.Arrows3D.from_fields(colors=[colour], radii=[force.radius]))

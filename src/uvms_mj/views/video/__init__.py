@@ -167,6 +167,7 @@ class _Frames:
         model = underwater.model_of(header, self._camera.point, extent, floor, samples, self._surface, headers)
         self._put = [underwater.pose_setter(model, header.mjcf)]
         self._put += [underwater.pose_setter(model, each.mjcf, underwater.prefix_of(each)) for each in headers]
+        self._put_walls = underwater.wall_setter(model, header)
         self._renderer = underwater.Offscreen(model, scene_w, scene_h)
         self._data = _data(model)
         peaks = [float(np.linalg.norm(each.f_contact_W, axis=1).max()) for each in (trace, *others)]
@@ -185,6 +186,7 @@ class _Frames:
     def at(self, since: int, now: int) -> np.ndarray:
         """The picture (height, width, 3) of a row. Its force is the largest since another row."""
         trace = self.trace
+        self._put_walls(self._data, {name: trace[name][now : now + 1] for name in trace})
         for put, each in zip(self._put, (trace, *self._others), strict=True):
             at = min(now, len(each) - 1)
             put(self._data, each.p_WB[at], each.quat_WB[at], each.q[at] if "q" in each.arrays else ())

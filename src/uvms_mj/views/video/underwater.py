@@ -4,6 +4,7 @@ where the camera is."""
 import contextlib
 import functools
 import importlib
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,15 +16,14 @@ import numpy as np
 
 from ...errors import InputError, suggestion
 from ...physics.waves import WAVE
-from ...plant.contacts import surfaces_of
 from ...plant.geometry import Geometry, Shape
-from ...plant.looks import add_water, drawn_vehicle, drawn_wall
+from ...plant.looks import PREFIX, add_water, drawn_vehicle
 from ...plant.mjcf import Mjcf
 from ...plant.sea import elevation
 from ...plant.settings import Situation
 from ...plant.vehicle import free_body_id, free_joint_addresses
 from ...records.header import Header
-from ...records.scene import wall_face
+from ...records.scene import MovingWall, wall_face, walls_of_scene
 from ...records.trace import Trace
 
 _NEAR = 3.0
@@ -95,6 +95,9 @@ class Camera:
         if view.lookat == "surface" and sea.moves:
             high[2] = max(high[2], sea.surface + sea.height)
         before_wall = face + np.array([0.03 - trace.header.probe_radius, 0.0, 0.08])
+        if not trace.scenario.wall.present:  # where the vehicle touched last
+            touching = np.flatnonzero(trace.f_contact_W.any(axis=1))
+            before_wall = trace[name][touching[-1] if len(touching) else -1] + np.array([0.03, 0.0, 0.08])
         self.point = before_wall if view.lookat == "wall" else 0.5 * (low + high)
         azimuth = np.radians(view.azimuth)
         sides = high - low
@@ -112,6 +115,8 @@ class Camera:
         return camera
 
 
+_FLAT = 1e-3
+"""Distance of a facet from a round wall [m]."""
 FLOOR = -0.42
 """Height of the floor below the lowest position of a run [m]."""
 _PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6", "glfw": "libglfw3 and a display"}
@@ -198,7 +203,7 @@ def model_of(
         surface: the surface of the sea, if there is one.
         others: of the other vehicles of a world; their names in the model begin with :func:`prefix_of`.
     """
-    scenario, spec = header.scenario, header.mjcf.spec()
+    spec = header.mjcf.spec()
     for body, each in _contact_bodies(header):
         _add_solid(spec, body, each)
     for other in others:
@@ -219,13 +224,16 @@ def model_of(
         acrylic.rgba = [0.75, 0.93, 1.0, 0.36]
     plane, size = mujoco.mjtGeom.mjGEOM_PLANE, [20.0 * extent, 20.0 * extent, 1.0]
     spec.worldbody.add_geom(type=plane, size=size, pos=[0, 0, floor], material="sand")
-    for wall in surfaces_of(scenario, header.probe_radius):
-        shape = drawn_wall(wall)
-        sizes, quat = np.array(shape.size), np.array(shape.quat)
-        if shape.kind == "box":  # the texture is mapped to x and y, which must be the axes of the wall's face
-            sizes, given = np.roll(sizes, -1), quat.copy()
-            mujoco.mju_mulQuat(quat, given, np.array([0.5, 0.5, -0.5, -0.5]))
-        spec.worldbody.add_geom(type=_kind(shape), size=sizes, pos=shape.position, quat=quat, material="concrete")
+    standing, moving = walls_of_scene(header)
+    for shape in standing:
+        _add_wall(spec.worldbody, shape)
+    for wall in moving:
+        _add_wall(spec.worldbody.add_body(name=_body_of(wall), mocap=True), wall.shape)
+    round_ = [shape.size[0] for shape in (*standing, *(wall.shape for wall in moving)) if shape.kind != "box"]
+    if round_:  # a facet is at most _FLAT beside the wall
+        slices = math.ceil(math.pi / math.sqrt(2.0 * _FLAT / max(round_)))
+        spec.visual.quality.numslices = max(spec.visual.quality.numslices, slices)
+        spec.visual.quality.numstacks = max(spec.visual.quality.numstacks, slices // 2)
     if surface is not None:
         surface.add_to(spec, centre)
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -238,6 +246,30 @@ def model_of(
     visual.map.fogstart, visual.map.fogend, visual.map.shadowclip, visual.map.znear = 0.9, 4.0, 6.0, 0.02
     spec.stat.extent, spec.stat.center = extent, [*centre]
     return header.mjcf.compiled(spec)
+
+
+def _add_wall(body: Any, shape: Shape) -> None:
+    sizes, quat = np.array(shape.size), np.array(shape.quat)
+    if shape.kind == "box":  # the texture is mapped to x and y, which must be the axes of the wall's face
+        sizes, given = np.roll(sizes, -1), quat.copy()
+        mujoco.mju_mulQuat(quat, given, np.array([0.5, 0.5, -0.5, -0.5]))
+    body.add_geom(type=_kind(shape), size=sizes, pos=shape.position, quat=quat, material="concrete")
+
+
+def _body_of(wall: MovingWall) -> str:
+    return f"{PREFIX}{wall.frame}"
+
+
+def wall_setter(model: mujoco.MjModel, header: Header) -> Any:
+    """A function that puts the walls of mjData that move where they are in values, of one row."""
+    moving = walls_of_scene(header)[1]
+    places = [int(model.body(_body_of(wall)).mocapid[0]) for wall in moving]
+
+    def put(data: mujoco.MjData, values: Mapping[str, np.ndarray]) -> None:
+        for wall, place in zip(moving, places, strict=True):
+            (data.mocap_pos[place],), (data.mocap_quat[place],) = wall.poses(values)
+
+    return put
 
 
 def _kind(shape: Shape) -> Any:
