@@ -263,8 +263,8 @@ def study_plot(
 @path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
 @force_option
 def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: bool) -> None:
-    """Print or write a table of a study for a paper: of each law its runs, its rate of success, and of each metric the
-    median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
+    """Print or write a table of a study for a paper: of each law its runs, its rate of success with the 95 % interval,
+    and of each metric the median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
 
     \b
     uvms-mj study table results
@@ -392,8 +392,8 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
 def engines_differ(found: dict[str, Any], engines: Sequence[str] = ("free_body", "mujoco")) -> str:
     """A difference between two engines above the tolerance, in words."""
     return (
-        f"{found['number']} differs by {found['difference']:.2g} between {' and '.join(engines)}; run.tolerance is "
-        f"{found['tolerance']:g}"
+        f"{found['number']} differs by {found['difference']:.2g} between {' and '.join(engines)}, which exceeds "
+        f"run.tolerance, {found['tolerance']:g}"
     )
 
 

@@ -195,9 +195,9 @@ class Study:
         return drawn
 
     def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
-        """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5
-        and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
-        Raises InputError if the study has not run, or lacks a metric."""
+        """One row a law: its runs, the share that succeeds [%] with its 95 % interval, and of each metric the median
+        and the quantiles of 5 and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the
+        first three that vary. Raises InputError if the study has not run, or lacks a metric."""
         from .report import tables
 
         return tables.statistics(self.plan_of_results, self.frame, metrics)
