@@ -440,3 +440,25 @@ def test_a_repetition_that_differs_says_what_differs(here, sound, monkeypatch):
     assert "differs from the archive" in done.stderr
     assert re.search(r"^- \w+ by [\d.e+-]+ of its largest magnitude$", done.stderr, re.M)
     assert "terms.py differs from the recorded file" in done.stderr
+
+
+def test_a_repetition_whose_linear_algebra_rounds_otherwise_says_so(here, sound, monkeypatch):
+    """The pseudoinverse of the thrusters, larger by one unit in the last place, as another OpenBLAS computes it."""
+    exactly = np.linalg.pinv
+    monkeypatch.setattr(np.linalg, "pinv", lambda *given, **more: np.nextafter(exactly(*given, **more), np.inf))
+    done = here("run", "--from", "run.zip", "--out", "again")
+    assert done.exit_code == 1
+    parts = [float(part) for part in re.findall(r" by ([\d.e+-]+) of its largest magnitude$", done.stderr, re.M)]
+    assert parts
+    assert max(parts) < 1e-9
+    assert "NumPy is the same; for another kind of processor its OpenBLAS computes numbers of the set-up" in done.stderr
+
+    from uvms_mj.records import header
+
+    versions = header.versions()
+    monkeypatch.setattr(header, "versions", lambda: {**versions, "numpy": "2.99.0"})
+    done = here("run", "--from", "run.zip", "--out", "newer")
+    assert done.exit_code == 1
+    assert done.stderr.count(f"numpy {np.__version__} then, 2.99.0 now") == 1
+    assert "The OpenBLAS of another NumPy computes numbers of the set-up" in done.stderr
+    assert f"Install numpy {np.__version__} to repeat them" in done.stderr

@@ -38,6 +38,7 @@ def _readme(found: Contents, command: str) -> str:
     here[container.MANIFEST] = members[container.MANIFEST]
     table = "\n".join(f"- `{name}`: {text}" for name, text in here.items())
     of = "\n".join(f"- {name} {version}" for name, version in found.versions.items())
+    packages = " ".join(f"{name}=={found.versions[name]}" for name in ("mujoco", "numpy", "llvmlite", "mcap"))
     notes = "".join(f"\nNote: {note}.\n" for note in found.notes)
     return f"""# {found.name}: {_WHAT[found.kind]} of uvms-mj
 
@@ -53,6 +54,10 @@ executes nothing.
 
 {table}
 {notes}
+It needs uvms-mj {found.versions["uvms-mj"]}. Where it is installed, `pip install {packages}` gives its packages the
+versions of the archive: of these NumPy decides last digits, since its OpenBLAS computes numbers of the set-up, such as
+the pseudoinverse of the thrusters.
+
 Made with:
 
 {of}

@@ -248,9 +248,7 @@ def _name_laws(figure: Figure, data: StudyRows, more: Sequence[Line2D] = (), *, 
         handles.append(Line2D([], [], color=data.colours[law], label=label, **look))
     columns = max(1, min(len(handles) + len(more), 6 if len(data.laws) > 3 else 5))
     length = 3.2 if striped else None  # room for the dashes, by which a print without colours tells laws apart
-    legend = figure.legend(
-        handles=[*handles, *more], loc="outside upper center", ncols=columns, handlelength=length
-    )
+    legend = figure.legend(handles=[*handles, *more], loc="outside upper center", ncols=columns, handlelength=length)
     for text in legend.get_texts():
         text.set_parse_math(False)
 
