@@ -12,12 +12,14 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 
 from fmus import build
 from uvms_mj import Trace
 from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.reproduce.archive import repeated
 
 REPOSITORY = Path(__file__).parents[2]
 LAW = """
@@ -462,3 +464,12 @@ def test_a_repetition_whose_linear_algebra_rounds_otherwise_says_so(here, sound,
     assert done.stderr.count(f"numpy {np.__version__} then, 2.99.0 now") == 1
     assert "The OpenBLAS of another NumPy computes numbers of the set-up" in done.stderr
     assert f"Install numpy {np.__version__} to repeat them" in done.stderr
+
+
+def test_rows_that_differ_say_by_how_much():
+    """One number of four by a thousandth of the largest; a missing one equals itself."""
+    then = pd.DataFrame({"a": [1.0, np.nan, -8.0, 2.0], "b": [0.0, 1.0, 2.0, 3.0], "c": ["x", None, "y", "z"]})
+    now = then.assign(a=[1.0, np.nan, -8.0, 2.008], c=["x", None, "y", "w"])
+    assert repeated.of_rows(then, then.copy()) == []
+    assert repeated.of_rows(then, now) == ["a by 0.001 of its largest magnitude", "c"]
+    assert repeated.of_rows(then, now.assign(a=[1.0, 0.0, -8.0, 2.0], c=then["c"])) == ["a"]

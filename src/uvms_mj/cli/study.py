@@ -392,7 +392,7 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
 def engines_differ(found: dict[str, Any], engines: Sequence[str] = ("free_body", "mujoco")) -> str:
     """A difference between two engines above the tolerance, in words."""
     return (
-        f"{found['number']} differs by {found['difference']:.2g} between {' and '.join(engines)}, which exceeds "
+        f"{found['number']} differs by {found['difference']:.4g} between {' and '.join(engines)}, which exceeds "
         f"run.tolerance, {found['tolerance']:g}"
     )
 
