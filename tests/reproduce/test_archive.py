@@ -3,6 +3,7 @@ written or run."""
 
 import json
 import re
+import shlex
 import shutil
 import stat
 import subprocess
@@ -255,6 +256,27 @@ def test_a_study_is_repeated_elsewhere_with_the_same_rows(here, there, elsewhere
     assert "equal to the archive" in done.stderr
     assert "leave out the study" in here("study", "--from", "study.zip", "design.seed=1").stderr
     ok(here("study", "--from", "study.zip", "--out", "again", "-q"))  # goes on, and has nothing to do
+
+
+def test_names_with_spaces_and_other_letters_are_repeated(here, there, elsewhere):
+    """Folders, a vehicle that varies and the zip: the rows have names, and the command is one for a shell."""
+    place = there / "vêhicle of mine"
+    place.mkdir()
+    (place / "my cube.xml").write_text((REPOSITORY / "examples" / "cube.xml").read_text())
+    tables = {
+        "laws": ["impedance"],
+        "base": {"scenario": "push_wall", "simulation": {"duration": 0.1}},
+        "vary": [{"key": "vehicle.model", "values": ["bluerov1", str(place / "my cube.xml")]}],
+    }
+    Path("two.toml").write_text(tomli_w.dumps(tables))
+    ok(here("study", "two.toml", "--out", "out", "-q"))
+    said = ok(here("archive", "out", "--out", "twø études.zip")).stdout
+    reviewer = elsewhere() / "with a space"
+    reviewer.mkdir()
+    command = shlex.split(said.splitlines()[-1])
+    assert command[:4] == ["uvms-mj", "study", "--from", "twø études.zip"]
+    done = ok(here(*command[1:-1], str(reviewer / "out")))
+    assert "equal to the archive" in done.stderr
 
 
 @pytest.mark.parametrize("file", ["law.py", "parts/numbers.py", "tables/gains.csv", "own.xml"])
