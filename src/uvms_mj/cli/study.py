@@ -218,11 +218,18 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
     "--what", default="overview", show_default=True, metavar="NAME", help="overview, distributions, map, sensitivity."
 )
 @click.option("--over", metavar="KEY[,KEY]", help="Of a map: one or two varied keys [default: those that matter most].")
+@click.option(
+    "--metrics",
+    multiple=True,
+    metavar="NAME[,NAME]",
+    help="Of distributions: kept metrics; may be repeated [default: all that vary].",
+)
 @figure_options
 def study_plot(
     folder: str,
     what: str,
     over: str | None,
+    metrics: tuple[str, ...],
     kinds: tuple[str, ...],
     width: str | None,
     fonts: str,
@@ -232,7 +239,7 @@ def study_plot(
     """Draw one figure of a study's report. Without --out the file is NAME.png in DIR.
 
     \b
-    uvms-mj study plot results --what distributions
+    uvms-mj study plot results --what distributions --metrics contact.peak_N,contact.final_N
     uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page --fonts serif
     """
     draw_to_files()
@@ -246,7 +253,11 @@ def study_plot(
         stem, formats = figure_files(kinds, out, Path(folder, what), force)
         wide = inches(width)
         drawn: Any = Study.load(folder).plot(
-            what, over=names_in("--over", [over] if over else []), width=wide, fonts=fonts
+            what,
+            over=names_in("--over", [over] if over else []),
+            metrics=names_in("--metrics", metrics),
+            width=wide,
+            fonts=fonts,
         )
         for written in figures.save(drawn, stem, formats):
             click.echo(str(written))

@@ -171,6 +171,7 @@ class Study:
         what: str = "overview",
         *,
         over: Sequence[str] = (),
+        metrics: Sequence[str] = (),
         width: str | float | None = None,
         fonts: str = "sans",
     ) -> "Figure":
@@ -179,6 +180,7 @@ class Study:
         Args:
             what: overview (success rates, the first distributions), distributions, map, or sensitivity.
             over: of a map, one or two varied keys; default: those with the greatest effect.
+            metrics: of distributions, names of kept metrics; default: all that vary.
             width, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
 
         Raises InputError if the study has not run, or has no such figure.
@@ -190,7 +192,7 @@ class Study:
         if what in ("overview", "map") and wide < NARROW_IN:
             raise InputError(f"width: a figure of {what} needs at least {NARROW_IN:g} inches")
         with typeset(fonts, wide):
-            drawn = figure(self.plan_of_results, self.frame, what, over)
+            drawn = figure(self.plan_of_results, self.frame, what, over, metrics)
         drawn.set_figwidth(wide)
         return drawn
 

@@ -68,9 +68,9 @@ def _rates(ax: Axes, data: StudyRows, rates: Mapping[str, Estimate]) -> None:
     ax.set_xlabel("runs that succeed [%], with 95 % interval")
 
 
-def distributions(data: StudyRows) -> Figure | None:
-    """Cumulative distributions of all metrics that vary, at most :data:`MOST_PANELS`."""
-    metrics = data.varying[:MOST_PANELS]
+def distributions(data: StudyRows, metrics: Sequence[Metric] = ()) -> Figure | None:
+    """Cumulative distributions of metrics, by default of all that vary, at most :data:`MOST_PANELS`."""
+    metrics = metrics or data.varying[:MOST_PANELS]
     if not metrics:
         return None
     with styled():

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from ...errors import InputError, suggestion
+from ...errors import InputError
 from ...files import atomic_write
 from ..pages import ROUNDING, Cell, Table, keyed, marked, number
 from ..plan import Plan
@@ -235,12 +235,7 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
     default: the first three that vary. Raises InputError for an unknown one.
     """
     data = StudyRows(plan, frame)
-    known = {metric.name: metric for metric in data.metrics}
-    for name in metrics:
-        if name not in known:
-            there = "keeps it, but it is no number" if name in frame else "does not keep it"
-            raise InputError(f"metrics: {name!r}: the study {there}; {suggestion(name, known)}")
-    chosen = [known[name] for name in metrics] or list(data.varying[:HEAD_METRICS])
+    chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
     rates = figures.success_rates(data)
     rows: dict[str, dict[tuple[str, str], float]] = {}
     for law, at in data.rows.items():
