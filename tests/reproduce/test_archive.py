@@ -3,6 +3,7 @@ written or run."""
 
 import json
 import re
+import shlex
 import shutil
 import stat
 import subprocess
@@ -12,12 +13,14 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 
 from fmus import build
 from uvms_mj import Trace
 from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.reproduce.archive import repeated
 
 REPOSITORY = Path(__file__).parents[2]
 LAW = """
@@ -285,6 +288,27 @@ def test_a_study_is_repeated_elsewhere_with_the_same_rows(here, there, elsewhere
     ok(here("study", "--from", "study.zip", "--out", "again", "-q"))  # goes on, and has nothing to do
 
 
+def test_names_with_spaces_and_other_letters_are_repeated(here, there, elsewhere):
+    """Folders, a vehicle that varies and the zip: the rows have names, and the command is one for a shell."""
+    place = there / "vêhicle of mine"
+    place.mkdir()
+    (place / "my cube.xml").write_text((REPOSITORY / "examples" / "cube.xml").read_text())
+    tables = {
+        "laws": ["impedance"],
+        "base": {"scenario": "push_wall", "simulation": {"duration": 0.1}},
+        "vary": [{"key": "vehicle.model", "values": ["bluerov1", str(place / "my cube.xml")]}],
+    }
+    Path("two.toml").write_text(tomli_w.dumps(tables))
+    ok(here("study", "two.toml", "--out", "out", "-q"))
+    said = ok(here("archive", "out", "--out", "twø études.zip")).stdout
+    reviewer = elsewhere() / "with a space"
+    reviewer.mkdir()
+    command = shlex.split(said.splitlines()[-1])
+    assert command[:4] == ["uvms-mj", "study", "--from", "twø études.zip"]
+    done = ok(here(*command[1:-1], str(reviewer / "out")))
+    assert "equal to the archive" in done.stderr
+
+
 @pytest.mark.parametrize("file", ["law.py", "parts/numbers.py", "tables/gains.csv", "own.xml"])
 def test_a_study_whose_files_changed_or_went_is_refused(here, there, file):
     ok(here("study", study_of(there, "law.py:Mine"), "--out", "out", "-q"))
@@ -470,3 +494,34 @@ def test_a_repetition_that_differs_says_what_differs(here, sound, monkeypatch):
     assert "differs from the archive" in done.stderr
     assert re.search(r"^- \w+ by [\d.e+-]+ of its largest magnitude$", done.stderr, re.M)
     assert "terms.py differs from the recorded file" in done.stderr
+
+
+def test_a_repetition_whose_linear_algebra_rounds_otherwise_says_so(here, sound, monkeypatch):
+    """The pseudoinverse of the thrusters, larger by one unit in the last place, as another OpenBLAS computes it."""
+    exactly = np.linalg.pinv
+    monkeypatch.setattr(np.linalg, "pinv", lambda *given, **more: np.nextafter(exactly(*given, **more), np.inf))
+    done = here("run", "--from", "run.zip", "--out", "again")
+    assert done.exit_code == 1
+    parts = [float(part) for part in re.findall(r" by ([\d.e+-]+) of its largest magnitude$", done.stderr, re.M)]
+    assert parts
+    assert max(parts) < 1e-9
+    assert "NumPy is the same; for another kind of processor its OpenBLAS computes numbers of the set-up" in done.stderr
+
+    from uvms_mj.records import header
+
+    versions = header.versions()
+    monkeypatch.setattr(header, "versions", lambda: {**versions, "numpy": "2.99.0"})
+    done = here("run", "--from", "run.zip", "--out", "newer")
+    assert done.exit_code == 1
+    assert done.stderr.count(f"numpy {np.__version__} then, 2.99.0 now") == 1
+    assert "The OpenBLAS of another NumPy computes numbers of the set-up" in done.stderr
+    assert f"Install numpy {np.__version__} to repeat them" in done.stderr
+
+
+def test_rows_that_differ_say_by_how_much():
+    """One number of four by a thousandth of the largest; a missing one equals itself."""
+    then = pd.DataFrame({"a": [1.0, np.nan, -8.0, 2.0], "b": [0.0, 1.0, 2.0, 3.0], "c": ["x", None, "y", "z"]})
+    now = then.assign(a=[1.0, np.nan, -8.0, 2.008], c=["x", None, "y", "w"])
+    assert repeated.of_rows(then, then.copy()) == []
+    assert repeated.of_rows(then, now) == ["a by 0.001 of its largest magnitude", "c"]
+    assert repeated.of_rows(then, now.assign(a=[1.0, 0.0, -8.0, 2.0], c=then["c"])) == ["a"]

@@ -124,6 +124,22 @@ def test_a_study_takes_packages_with_relative_imports_and_imports_within_functio
     assert {path.name for path in source_files(module)} == {Path(name).name for name in names}
 
 
+def test_a_package_that_is_installed_in_a_folder_of_the_path_is_no_file_of_a_law(tmp_path, monkeypatch):
+    """pip install --target: NumPy of such a folder is no helper of the law; a module beside the packages is."""
+    there = tmp_path / "there"
+    (there / "bought_k").mkdir(parents=True)
+    (there / "bought_k" / "__init__.py").write_text("GAIN = 25.0\n")
+    (there / "bought_k-1.0.dist-info").mkdir()
+    (there / "bought_k-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: bought-k\nVersion: 1.0\n")
+    (there / "bought_k-1.0.dist-info" / "RECORD").write_text("bought_k/__init__.py,,\n")
+    (there / "own_k.py").write_text("GAIN = 25.0\n")
+    monkeypatch.setattr(sys, "path", [*sys.path, str(there)])
+    header = f"{HEADER}from bought_k import GAIN\nfrom own_k import GAIN as MORE\n"
+    file = law_file(tmp_path, one_liner("Law", "tau_cmd[:] = -(GAIN + MORE) * signals.eta_e"), "my_law.py", header)
+    module = sys.modules[type(Scenario.load("push_wall", SHORT, f"{file}:Law").controller).__module__]
+    assert {path.name for path in source_files(module)} == {"my_law.py", "own_k.py"}
+
+
 def test_a_module_of_another_folder_is_what_its_file_means_or_refused(tmp_path, monkeypatch):
     """A process loads it once: neither another folder's module of this name nor an older text of it runs unsaid."""
     monkeypatch.setattr(sys, "path", list(sys.path))

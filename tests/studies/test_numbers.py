@@ -39,6 +39,19 @@ def test_the_numbers_are_those_of_the_rows(study):
         study.statistics(["contact.peek_N"])
 
 
+def test_the_share_that_succeeds_has_the_interval_of_wilsons_equation(study):
+    """The ends p of (x/n - p)^2 = z^2 p (1 - p) / n, with z = 1.96 to more digits."""
+    found, z = study.statistics(METRICS), 1.959963984540054
+    for law in found.index:
+        share = study.frame["success"][study.frame["law"] == law].mean()
+        assert found.loc[law, ("success [%]", "share")] == 100.0 * share
+        for end in ("low", "high"):
+            p = found.loc[law, ("success [%]", end)] / 100.0
+            assert (share - p) ** 2 == pytest.approx(z**2 * p * (1.0 - p) / 5, abs=1e-12)
+        assert found.loc[law, ("success [%]", "low")] <= 100.0 * share <= found.loc[law, ("success [%]", "high")]
+    assert "% low, high: 95 % interval" in to_latex(found)
+
+
 def test_csv_gives_the_same_numbers_again(study):
     found = study.statistics(METRICS)
     again = pd.read_csv(io.StringIO(to_csv(found)), index_col="law")
@@ -62,7 +75,7 @@ def test_latex_takes_the_table(study, tmp_path):
     study.save_table(tmp_path / "table.tex", METRICS)
     text = (tmp_path / "table.tex").read_text()
     cells = [line.count(" & ") for line in text.splitlines() if line.endswith(r"\\")]
-    assert cells[1:] == [11, 11, 11]
+    assert cells[1:] == [13, 13, 13]
     plain = r"\documentclass{article}\providecommand\toprule{\hline}\providecommand\midrule{\hline}"
     plain += r"\providecommand\bottomrule{\hline}\begin{document}\input{table.tex}\end{document}"
     (tmp_path / "paper.tex").write_text(plain)
@@ -76,7 +89,7 @@ def test_a_law_without_a_finished_run_has_dashes(study):
     frame.loc[frame["law"] == "impedance", "status"] = "unstable"
     found = statistics(study.plan, frame, METRICS)
     assert np.isnan(found.loc["impedance", ("contact.peak [N]", "median")])
-    assert found.loc["impedance", ("success [%]", "")] == 0.0
+    assert found.loc["impedance", ("success [%]", "share")] == 0.0
 
 
 def test_the_commands_write_what_the_calls_write(study, tmp_path, here):
@@ -88,7 +101,7 @@ def test_the_commands_write_what_the_calls_write(study, tmp_path, here):
     for kind in ("tex", "csv"):
         assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"mine.{kind}").read_bytes()
     printed = here("study", "table", folder, "--metrics", "contact.peak_N").stdout
-    assert f"{study.statistics(['contact.peak_N']).iloc[1, 3]:.4g}" in printed
+    assert f"{study.statistics(['contact.peak_N']).iloc[1, 5]:.4g}" in printed
     refused = here("study", "table", folder, "--out", "a.xls")
     assert "must end in .tex or .csv" in refused.stderr
     assert "exists" in here("study", "table", folder, "--out", "a.tex").stderr
@@ -105,3 +118,14 @@ def test_a_figure_of_a_study_for_a_paper(study, tmp_path, here):
     assert narrow.axes[0].get_subplotspec().get_gridspec().ncols == 2
     with pytest.raises(InputError, match="needs at least 5 inches"):
         study.plot("overview", width="column")
+
+
+def test_the_distributions_of_named_metrics_are_its_panels(study):
+    figure = study.plot("distributions", metrics=["effort_N2s", "contact.peak_N"])
+    assert [ax.get_xlabel() for ax in figure.axes if ax.get_visible()] == ["effort [N² s]", "contact.peak [N]"]
+    rows = study.frame[study.frame["law"] == "impedance"]
+    assert figure.axes[0].lines[0].get_xdata()[1:] == pytest.approx(np.sort(rows["effort_N2s"]))
+    with pytest.raises(InputError, match=r"did you mean 'contact\.peak_N'"):
+        study.plot("distributions", metrics=["contact.peek_N"])
+    with pytest.raises(InputError, match="are for distributions, not for 'map'"):
+        study.plot("map", metrics=["contact.peak_N"])

@@ -1,13 +1,12 @@
 """``uvms-mj archive``, and what commands do with an archive that ``--from`` names."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, printable, refuse_existing, warn
+from .common import bad_input, printable, refuse_existing, warn, warn_of_versions
 from .folders import folder_for
 from .options import command, force_option, json_option, path_argument, path_option
 
@@ -84,10 +83,8 @@ def unpacked(source: str, kind: str, out: str | None) -> "tuple[Path, Path, Mani
     folder_for(str(folder))
     place = folder / UNPACKED
     manifest = extract(path, place)
-    ours: Mapping[str, str] = code()
-    changed = [f"{k} {v} then, {ours[k]} now" for k, v in manifest.versions.items() if ours.get(k, v) != v]
-    if changed:
-        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
+    if kind != "run":  # its log has the same versions, of which the run warns
+        warn_of_versions(manifest.versions, code())
     return folder, place, manifest
 
 
@@ -102,5 +99,18 @@ def compared(kind: str, folder: Path, quiet: bool = False) -> int:
         return 0
     more = f"\nand {len(found) - 10} more" if len(found) > 10 else ""
     lines = "\n".join(f"- {each}" for each in found[:10])
-    click.echo(printable(f"differs from the archive:\n{lines}{more}"), err=True)
+    click.echo(printable(f"differs from the archive:\n{lines}{more}\n{_of_rounding(folder)}"), err=True)
     return EXIT_DIFFERS
+
+
+def _of_rounding(folder: Path) -> str:
+    """Why the last digits of a repetition may differ: the linear algebra of its set-up is another one."""
+    from ..records.header import versions
+    from ..reproduce.archive.container import MANIFEST
+    from ..reproduce.archive.repeated import UNPACKED
+
+    then = json.loads((folder / UNPACKED / MANIFEST).read_bytes())["versions"].get("numpy", "")
+    numbers = "numbers of the set-up, such as the pseudoinverse of the thrusters, to other last digits"
+    if versions()["numpy"] != then:
+        return f"The OpenBLAS of another NumPy computes {numbers}. Install numpy {then} to repeat them."
+    return f"NumPy is the same; for another kind of processor its OpenBLAS computes {numbers}."

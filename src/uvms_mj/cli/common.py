@@ -220,6 +220,13 @@ def ended(trace: "Trace", whose: str = "") -> int:
     return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)
 
 
+def warn_of_versions(then: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Warn of the versions with which a record was made, where this machine has others."""
+    changed = [f"{k} {v} then, {now[k]} now" for k, v in then.items() if now.get(k, v) != v]
+    if changed:
+        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
+
+
 def warn(message: object, *_: Any, **__: Any) -> None:
     """Print a warning as one line. Python gives its hook for warnings the further arguments."""
     click.echo(f"warning: {printable(str(message))}", err=True)

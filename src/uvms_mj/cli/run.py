@@ -25,6 +25,7 @@ from .common import (
     label_of,
     printable,
     warn,
+    warn_of_versions,
 )
 from .folders import LOG, RunFolder, log_of, output_folder, remove_if_empty
 from .live import Live, live_options
@@ -353,10 +354,7 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
         files = [file for file in {**then.files, **now.files} if then.files.get(file) != now.files.get(file)]
         if now.sha256 and then.sha256 and files:
             warn(f"{now.source}: {', '.join(files)} differs from the recorded file")
-    ours = versions()
-    changed = [f"{k} {v} then, {ours[k]} now" for k, v in header.versions.items() if ours.get(k, v) != v]
-    if changed:
-        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
+    warn_of_versions(header.versions, versions())
 
 
 def run_and_report(

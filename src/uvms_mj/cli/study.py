@@ -220,11 +220,18 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
 @click.option(
     "--over", metavar="KEY[,KEY]", help="Of a map: one or two varied keys [default: the keys that matter most]."
 )
+@click.option(
+    "--metrics",
+    multiple=True,
+    metavar="NAME[,NAME]",
+    help="Of distributions: kept metrics; may be repeated [default: all that vary].",
+)
 @figure_options
 def study_plot(
     folder: str,
     what: str,
     over: str | None,
+    metrics: tuple[str, ...],
     kinds: tuple[str, ...],
     width: str | None,
     fonts: str,
@@ -234,7 +241,7 @@ def study_plot(
     """Draw one figure of a study's report. Without --out the file is NAME.png in DIR.
 
     \b
-    uvms-mj study plot results --what distributions
+    uvms-mj study plot results --what distributions --metrics contact.peak_N,contact.final_N
     uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page --fonts serif
     """
     draw_to_files()
@@ -248,7 +255,11 @@ def study_plot(
         stem, formats = figure_files(kinds, out, Path(folder, what), force)
         wide = inches(width)
         drawn: Any = Study.load(folder).plot(
-            what, over=names_in("--over", [over] if over else []), width=wide, fonts=fonts
+            what,
+            over=names_in("--over", [over] if over else []),
+            metrics=names_in("--metrics", metrics),
+            width=wide,
+            fonts=fonts,
         )
         for written in figures.save(drawn, stem, formats):
             click.echo(str(written))
@@ -265,8 +276,8 @@ def study_plot(
 @path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
 @force_option
 def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: bool) -> None:
-    """Print or write a table of a study for a paper: of each law its runs, its rate of success, and of each metric the
-    median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
+    """Print or write a table of a study for a paper: of each law its runs, its rate of success with the 95 % interval,
+    and of each metric the median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
 
     \b
     uvms-mj study table results
@@ -394,8 +405,8 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
 def engines_differ(found: dict[str, Any], engines: Sequence[str] = ("free_body", "mujoco")) -> str:
     """A difference between two engines above the tolerance, in words."""
     return (
-        f"{found['number']} differs by {found['difference']:.2g} between {' and '.join(engines)}; run.tolerance is "
-        f"{found['tolerance']:g}"
+        f"{found['number']} differs by {found['difference']:.4g} between {' and '.join(engines)}, which exceeds "
+        f"run.tolerance, {found['tolerance']:g}"
     )
 
 

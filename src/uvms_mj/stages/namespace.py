@@ -10,6 +10,7 @@ import ast
 import builtins
 import contextlib
 import importlib.machinery
+import importlib.metadata
 import importlib.util
 import itertools
 import os
@@ -20,7 +21,7 @@ import threading
 import weakref
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -334,8 +335,19 @@ def without_names(text: str) -> str:
 
 
 def is_installed(path: Path) -> bool:
-    """Whether a file belongs to an installed package or to the standard library."""
-    return any(path.is_relative_to(folder) for folder in _FOREIGN) or "dist-packages" in path.parts
+    """Whether a file belongs to an installed package or to the standard library. In a folder of ``sys.path`` a package
+    is installed if metadata beside it list it."""
+    if any(path.is_relative_to(folder) for folder in _FOREIGN) or "dist-packages" in path.parts:
+        return True
+    folders = {Path(each).resolve() for each in sys.path if each}
+    return any(path.relative_to(each).parts[0] in _listed(each) for each in folders & {*path.parents})
+
+
+@cache
+def _listed(folder: Path) -> frozenset[str]:
+    """The files and folders of packages that are installed in a folder."""
+    found = importlib.metadata.distributions(path=[str(folder)])
+    return frozenset(file.parts[0] for each in found if each.read_text("RECORD") for file in each.files or ())
 
 
 def source_files(module: ModuleType) -> list[Path]:

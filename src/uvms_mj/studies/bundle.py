@@ -32,7 +32,7 @@ HERE = "<files>/"
 """Beginning of a path in the tables of a bundle, in place of the worker's folder."""
 _PACKAGE = Path(__file__).parents[1]
 _NO_NUMBERS = (
-    *("cli", "envs", "reproduce", "views"),
+    *("cli", "envs", "examples", "reproduce", "views"),  # a wheel has the examples, a checkout has them elsewhere
     *(f"studies/{name}" for name in ("pages", "report", "tune")),
 )
 """Folders whose code does not affect a row."""

@@ -171,6 +171,7 @@ class Study:
         what: str = "overview",
         *,
         over: Sequence[str] = (),
+        metrics: Sequence[str] = (),
         width: str | float | None = None,
         fonts: str = "sans",
     ) -> "Figure":
@@ -179,6 +180,7 @@ class Study:
         Args:
             what: overview (success rates, the first distributions), distributions, map, or sensitivity.
             over: of a map, one or two varied keys; default: the keys with the greatest effect.
+            metrics: of distributions, names of kept metrics; default: all that vary.
             width, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
 
         Raises InputError if the study has not run, or has no such figure.
@@ -190,14 +192,14 @@ class Study:
         if what in ("overview", "map") and wide < NARROW_IN:
             raise InputError(f"width: a figure of {what} needs at least {NARROW_IN:g} inches")
         with typeset(fonts, wide):
-            drawn = figure(self.plan_of_results, self.frame, what, over)
+            drawn = figure(self.plan_of_results, self.frame, what, over, metrics)
         drawn.set_figwidth(wide)
         return drawn
 
     def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
-        """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5
-        and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the first three that vary.
-        Raises InputError if the study has not run, or lacks a metric."""
+        """One row a law: its runs, the share that succeeds [%] with its 95 % interval, and of each metric the median
+        and the quantiles of 5 and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the
+        first three that vary. Raises InputError if the study has not run, or lacks a metric."""
         from .report import tables
 
         return tables.statistics(self.plan_of_results, self.frame, metrics)

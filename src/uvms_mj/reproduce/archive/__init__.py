@@ -1,5 +1,6 @@
 """Archives for reviewers: one zip with the logs or rows, all that the runs read, versions and digests."""
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,7 +20,7 @@ def archive(source: Path, out: Path, secret: Path | None = None) -> tuple[contai
     """Write the archive of a log or of a folder to a file, which is replaced, and return its manifest and notes.
     ``secret`` is the file of a result's blind draws. Raises InputError if it can't be repeated."""
     found = contents_of(source, secret)
-    command = f"uvms-mj {found.kind} --from {out.name} --out repeated"
+    command = f"uvms-mj {found.kind} --from {shlex.quote(out.name)} --out repeated"
     members = {**found.members, container.README: _readme(found, command).encode()}
     empty = container.Manifest(container.FORMAT, found.kind, found.name, command, found.versions, found.about, {})
     return container.write(out, empty, members), found.notes
@@ -38,6 +39,7 @@ def _readme(found: Contents, command: str) -> str:
     here[container.MANIFEST] = members[container.MANIFEST]
     table = "\n".join(f"- `{name}`: {text}" for name, text in here.items())
     of = "\n".join(f"- {name} {version}" for name, version in found.versions.items())
+    packages = " ".join(f"{name}=={found.versions[name]}" for name in ("mujoco", "numpy", "llvmlite", "mcap"))
     notes = "".join(f"\nNote: {note}.\n" for note in found.notes)
     return f"""# {found.name}: {_WHAT[found.kind]} of uvms-mj
 
@@ -53,6 +55,10 @@ executes nothing.
 
 {table}
 {notes}
+It needs uvms-mj {found.versions["uvms-mj"]}. Where it is installed, `pip install {packages}` gives its packages the
+versions of the archive: of these NumPy decides last digits, since its OpenBLAS computes numbers of the set-up, such as
+the pseudoinverse of the thrusters.
+
 Made with:
 
 {of}

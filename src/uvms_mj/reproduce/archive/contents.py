@@ -264,13 +264,16 @@ def _rows_file(rows: Any) -> bytes:
 
 def bare_rows(rows: Any) -> Any:
     """Rows with the names of files in place of their paths."""
-    return rows.apply(
-        lambda column: (
-            column.map(lambda value: without_folders(value) if isinstance(value, str) else value)
-            if column.dtype == object or str(column.dtype).startswith("str")
-            else column
-        )
-    )
+    texts = [name for name in rows if rows[name].dtype == object or str(rows[name].dtype).startswith("str")]
+    bare = {name: rows[name].map(lambda value, told=name == "message": _bare(value, told)) for name in texts}
+    return rows.assign(**bare)
+
+
+def _bare(value: Any, told: bool) -> Any:
+    """A value without folders; a text that is ``told`` may begin with a path, any other that does is one."""
+    if not isinstance(value, str):
+        return value
+    return PurePath(value).name if not told and PurePath(value).is_absolute() else without_folders(value)
 
 
 def _packed(value: Any, then: Mapping[str, str], folder: Path, members: dict[str, bytes | Path]) -> Any:

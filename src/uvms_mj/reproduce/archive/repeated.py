@@ -24,7 +24,7 @@ def differences(kind: str, out: Path) -> list[str]:
     if kind == "run":
         return _of_logs(then / LOG, out / LOG)
     if kind == "study":
-        found = _of_rows(pd.read_parquet(out / UNPACKED / ROWS), bare_rows(frame(out)))
+        found = of_rows(pd.read_parquet(out / UNPACKED / ROWS), bare_rows(frame(out)))
         return found + _of_folders(then / "logs", out / "logs")
     if kind == "bench":
         return _of_bench((then / RESULT).read_bytes(), (out / RESULT).read_bytes())
@@ -59,7 +59,7 @@ def _of_logs(then: Path, now: Path) -> list[str]:
 def _by(name: str, then: np.ndarray, now: np.ndarray) -> str:
     """The name of a signal that differs, and by which part of its largest magnitude: rounding has some 1e-15."""
     size = np.abs(then[np.isfinite(then)]).max(initial=0.0)
-    apart = np.abs(now - then)
+    apart = np.abs(now - then)[then.view(np.uint64) != now.view(np.uint64)]  # a missing number equals itself
     if not np.isfinite(apart).all() or size == 0.0:
         return name
     return f"{name} by {apart.max() / size:.1g} of its largest magnitude"
@@ -73,13 +73,15 @@ def _compared(name: str, data: bytes | None) -> Any:
     return {key: value for key, value in json.loads(data).items() if key != free}
 
 
-def _of_rows(then: pd.DataFrame, now: pd.DataFrame) -> list[str]:
+def of_rows(then: pd.DataFrame, now: pd.DataFrame) -> list[str]:
     """Numbers are compared bit for bit."""
     if len(then) != len(now):
         return [f"{len(then)} rows then, {len(now)} now"]
     names = dict.fromkeys([*then.columns, *now.columns])
     return [
-        name
+        _by(name, then[name].to_numpy(), now[name].to_numpy())
+        if all(name in each.columns and each[name].dtype == np.float64 for each in (then, now))
+        else name
         for name in names
         if name not in then.columns or name not in now.columns or _values(then[name]) != _values(now[name])
     ]

@@ -1,6 +1,7 @@
 """The rows of a study as its report reads them: laws with their colours, factors, metrics, successes."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ...analysis.summary import COURSES
+from ...errors import InputError, suggestion
 from ...views import colours
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, Distribution, Vary
@@ -137,6 +139,15 @@ class StudyRows:
     @property
     def success_text(self) -> str:
         return in_words(self.plan.success, SETTLED in self.frame)
+
+    def named(self, names: Sequence[str]) -> list[Metric]:
+        """The metrics of these names. Raises InputError for one that the study does not keep as a number."""
+        known = {metric.name: metric for metric in self.metrics}
+        for name in names:
+            if name not in known:
+                there = "keeps it, but it is no number" if name in self.frame else "does not keep it"
+                raise InputError(f"metrics: {name!r}: the study {there}; {suggestion(name, known)}")
+        return [known[name] for name in names]
 
     @functools.cached_property
     def metrics(self) -> tuple[Metric, ...]:

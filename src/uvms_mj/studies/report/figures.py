@@ -68,9 +68,9 @@ def _rates(ax: Axes, data: StudyRows, rates: Mapping[str, Estimate]) -> None:
     ax.set_xlabel("runs that succeed [%], with 95 % interval")
 
 
-def distributions(data: StudyRows) -> Figure | None:
-    """Cumulative distributions of all metrics that vary, at most :data:`MOST_PANELS`."""
-    metrics = data.varying[:MOST_PANELS]
+def distributions(data: StudyRows, metrics: Sequence[Metric] = ()) -> Figure | None:
+    """Cumulative distributions of metrics, by default of all that vary, at most :data:`MOST_PANELS`."""
+    metrics = metrics or data.varying[:MOST_PANELS]
     if not metrics:
         return None
     with styled():
@@ -244,10 +244,11 @@ def _name_laws(figure: Figure, data: StudyRows, more: Sequence[Line2D] = (), *, 
     for i, (law, rows) in enumerate(data.rows.items()):
         completed = int(data.completed[rows].sum())
         label = law if completed == len(rows) else f"{law} ({completed} of {len(rows)} runs completed)"
-        look = stripe(i, len(data.laws)) if striped else {}
-        handles.append(Line2D([], [], color=data.colours[law], label=label, **(look | {"linewidth": 2.0 * LINE})))
+        look = stripe(i, len(data.laws)) if striped else {"linewidth": 2.0 * LINE}
+        handles.append(Line2D([], [], color=data.colours[law], label=label, **look))
     columns = max(1, min(len(handles) + len(more), 6 if len(data.laws) > 3 else 5))
-    legend = figure.legend(handles=[*handles, *more], loc="outside upper center", ncols=columns)
+    length = 3.2 if striped else None  # room for the dashes, by which a print without colours tells laws apart
+    legend = figure.legend(handles=[*handles, *more], loc="outside upper center", ncols=columns, handlelength=length)
     for text in legend.get_texts():
         text.set_parse_math(False)
 

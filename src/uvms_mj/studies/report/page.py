@@ -164,19 +164,28 @@ DRAWN = ("overview", "distributions", "map", "sensitivity")
 """What :func:`figure` can draw."""
 
 
-def figure(plan: Plan, frame: "pd.DataFrame", what: str = "overview", over: Sequence[str] = ()) -> Figure:
+def figure(
+    plan: Plan,
+    frame: "pd.DataFrame",
+    what: str = "overview",
+    over: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+) -> Figure:
     """One figure of the report: one of :data:`DRAWN`, a map over one or two of the varied keys; default: those with the
-    greatest effect. Raises InputError if the study has no such figure."""
+    greatest effect; distributions of kept metrics, by default of all that vary. Raises InputError if the study has no
+    such figure."""
     data = StudyRows(plan, frame)
     if what not in DRAWN:
         raise InputError(f"{what}: is no figure of a study; {suggestion(what, DRAWN)}")
     if over and what != "map":
         raise InputError(f"over: is for a map, not for {what!r}")
+    if metrics and what != "distributions":
+        raise InputError(f"metrics: are for distributions, not for {what!r}")
     drawn: Figure | None
     if what == "overview":
         drawn = figures.overview(data, figures.success_rates(data))
     elif what == "distributions":
-        drawn = figures.distributions(data)
+        drawn = figures.distributions(data, data.named(metrics))
     elif over:
         drawn = _map_over(data, over)
     else:

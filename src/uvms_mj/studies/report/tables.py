@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from ...errors import InputError, suggestion
+from ...errors import InputError
 from ...files import atomic_write
 from ..pages import ROUNDING, Cell, Table, keyed, marked, number
 from ..plan import Plan
@@ -228,24 +228,21 @@ _POWER = re.compile(r"\^(-?\d+)")
 
 
 def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
-    """One row a law: its runs, the share that succeeds [%], and of each metric the median and the quantiles of 5 and 95
-    %.
+    """One row a law: its runs, the share that succeeds [%] with the ends of its 95 % interval (Wilson's), and of each
+    metric the median and the quantiles of 5 and 95 %.
 
     The columns have two heads: the quantity with its unit, and the number. ``metrics`` are names of kept metrics;
     default: the first three that vary. Raises InputError for an unknown one.
     """
     data = StudyRows(plan, frame)
-    known = {metric.name: metric for metric in data.metrics}
-    for name in metrics:
-        if name not in known:
-            there = "keeps it, but it is no number" if name in frame else "does not keep it"
-            raise InputError(f"metrics: {name!r}: the study {there}; {suggestion(name, known)}")
-    chosen = [known[name] for name in metrics] or list(data.varying[:HEAD_METRICS])
+    chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
     rates = figures.success_rates(data)
     rows: dict[str, dict[tuple[str, str], float]] = {}
     for law, at in data.rows.items():
-        success = rates[law].value * 100.0 if law in rates else np.nan
-        row = {("runs", ""): float(len(at)), ("success [%]", ""): success}
+        row = {("runs", ""): float(len(at))}
+        for name in ("share", "low", "high"):
+            share = getattr(rates[law], "value" if name == "share" else name) if law in rates else np.nan
+            row["success [%]", name] = 100.0 * share
         for metric in chosen:
             values = data.values(metric)[at]
             values = values[np.isfinite(values)]
@@ -275,7 +272,9 @@ def to_latex(found: pd.DataFrame, comment: str = "") -> str:
     table = table.rename_axis(index=None).rename_axis(columns=names)
     form = "l" + "r" * len(table.columns)
     text = str(table.to_latex(escape=False, column_format=form, multicolumn_format="c"))
-    said = "".join(f"% {line}\n" for line in comment.splitlines())
+    if ("success [%]", "low") in found.columns:
+        comment += "\nlow, high: 95 % interval of the share that succeeds (Wilson)"
+    said = "".join(f"% {line}\n" for line in comment.splitlines() if line)
     return f"{said}% \\usepackage{{booktabs}}\n{text}"
 
 
