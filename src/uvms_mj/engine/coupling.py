@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.coupling import PULLED, TIE, pull_together
 from ..physics.effects import state_of
-from ..plant.coupling import Coupling, coupling_faults
-from ..setup.world import World
+from ..plant.coupling import Coupling
+from ..setup.world import World, coupling_errors
 from .native.compilation import native_function
 from .native.loop import many_runs
 from .simulation import Diverged, Simulation
@@ -52,12 +52,8 @@ class Lockstep:
         """Raises InputError for a coupling that the time step does not resolve, or that begins far from its length."""
         self._sims, self.steps, self.stopped = sims, 0, ""
         timestep = next(iter(sims.values())).scenario.simulation.timestep
-        faults = [
-            Fault(f"couplings[{i}].{fault.key}", fault.message)
-            for i, coupling in enumerate(couplings)
-            for fault in coupling_faults(coupling, [sims[name].setup for name in coupling.vehicles], timestep)
-        ]
-        if faults:
+        setups = {name: sim.setup for name, sim in sims.items()}
+        if faults := [*coupling_errors(couplings, setups, timestep)]:
             raise InputError(faults, "scenario")
         pull = native_function(pull_together, [TIE, *(_POSE, _VELOCITY) * 2, PULLED, PULLED])
         self._pull, self._kept = pull.ctypes, [coupling.tie for coupling in couplings]
