@@ -3,6 +3,7 @@
 from __future__ import annotations  # WorldSimulation is below
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.coupling import PULLED, TIE, pull_together
 from ..physics.effects import state_of
-from ..plant.coupling import Coupling
-from ..setup.world import World, coupling_errors
+from ..plant.coupling import Coupling, coupling_faults
+from ..setup.world import World
 from .native.compilation import native_function
 from .native.loop import many_runs
-from .simulation import Diverged, Simulation
+from .simulation import Diverged, Saved, Simulation
 
 _STEPS = 1000
 """Steps of all vehicles from one look at signals and rows to the next."""
@@ -52,8 +53,12 @@ class Lockstep:
         """Raises InputError for a coupling that the time step does not resolve, or that begins far from its length."""
         self._sims, self.steps, self.stopped = sims, 0, ""
         timestep = next(iter(sims.values())).scenario.simulation.timestep
-        setups = {name: sim.setup for name, sim in sims.items()}
-        if faults := [*coupling_errors(couplings, setups, timestep)]:
+        faults = [
+            Fault(f"couplings[{i}].{fault.key}", fault.message)
+            for i, coupling in enumerate(couplings)
+            for fault in coupling_faults(coupling, [sims[name].setup for name in coupling.vehicles], timestep)
+        ]
+        if faults:
             raise InputError(faults, "scenario")
         pull = native_function(pull_together, [TIE, *(_POSE, _VELOCITY) * 2, PULLED, PULLED])
         self._pull, self._kept = pull.ctypes, [coupling.tie for coupling in couplings]
@@ -116,6 +121,15 @@ class Lockstep:
             return taken - before
 
         return advance
+
+
+@dataclass(frozen=True, eq=False)
+class SavedWorld:
+    """The state of a :class:`WorldSimulation` at an instant: the states of its vehicles, and their common steps."""
+
+    world: World
+    vehicles: Mapping[str, Saved]
+    steps: int
 
 
 class WorldSimulation:
@@ -208,6 +222,21 @@ class WorldSimulation:
             raise
         finally:
             self._begin()
+
+    def save(self) -> SavedWorld:
+        """The state of all vehicles at the instant in hand, for :meth:`restore`. Raises InputError as
+        :meth:`Simulation.save` does."""
+        saved = {name: sim.save() for name, sim in self.vehicles.items()}
+        return SavedWorld(self.world, saved, 0 if self._together is None else self._together.steps)
+
+    def restore(self, saved: SavedWorld) -> None:
+        """Return to the instant of a :meth:`save`: the steps that follow have the same bits. Raises InputError as
+        :meth:`Simulation.restore` does."""
+        for name, sim in self.vehicles.items():
+            sim.restore(saved.vehicles[name])
+        self.world = saved.world
+        if self._together is not None:
+            self._together.steps, self._together.stopped = saved.steps, ""
 
     def close(self) -> None:
         """Close all Simulations. Calling it again has no effect."""
