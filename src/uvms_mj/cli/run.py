@@ -32,6 +32,8 @@ from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
     from ..engine.vehicle_run import Changes, Peer
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
@@ -106,15 +108,18 @@ def run(
             if again:
                 out, asked = _unpacked(out, asked)
             as_it_was = again and not (asked["arguments"] or asked["settings"] or asked["controller"] or deployed)
-            scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
+            found, mjcf, log_rate, recorded = _chosen(**asked, log_rate=log_rate)
+            scenario = found
+            if _is_world(found):  # a row of a study
+                sys.exit(_run_world(found, out, files, log_rate, engine or recorded, shown, console, stop))
             changes = () if asked["log"] is None or asked["row"] is not None else _changes_of(asked["log"])
             if deployed and not quiet:
-                _say_what_is_left(scenario, mjcf)
-            folder, made = output_folder(out, scenario)
+                _say_what_is_left(found, mjcf)
+            folder, made = output_folder(out, found)
             with locked(folder), contextlib.closing(shown):
                 try:
                     status = run_and_report(
-                        scenario,
+                        found,
                         mjcf,
                         folder,
                         files,
@@ -224,7 +229,24 @@ def made_of(world: "World | None" = None) -> list[str]:
     return [f"{what}.png" for what in WHATS] + [str(Path(log).with_suffix(each)) for log in logs for each in suffixes]
 
 
-def chosen(
+def _is_world(scenario: "Scenario | World") -> "TypeIs[World]":
+    from ..setup.world import World
+
+    return isinstance(scenario, World)
+
+
+def chosen(*asked: Any, **more: Any) -> "tuple[Scenario, Mjcf | None, str | None, str]":
+    """Scenario, vehicle, log rate and engine of a command for one vehicle, by its arguments. The vehicle is None unless
+    it is a log's. Raises InputError if the input is invalid."""
+    scenario, mjcf, log_rate, engine = _chosen(*asked, **more)
+    if _is_world(scenario):
+        from ..errors import InputError
+
+        raise InputError(f"{scenario.name}: is a world of several vehicles; here is one vehicle needed")
+    return scenario, mjcf, log_rate, engine
+
+
+def _chosen(
     arguments: tuple[str, ...],
     settings: tuple[str, ...],
     controller: str | None,
@@ -233,10 +255,10 @@ def chosen(
     row: int | None = None,
     as_deployed: bool = False,
     names: Mapping[str, str] = MappingProxyType({}),
-) -> "tuple[Scenario, Mjcf | None, str | None, str]":
-    """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
-    is a log's. ``names`` are the files of an archive by the keys that name them. Raises InputError if the input is
-    invalid."""
+) -> "tuple[Scenario | World, Mjcf | None, str | None, str]":
+    """Scenario, or world of a study's row, vehicle, log rate and engine of a run, by the arguments of the command. The
+    vehicle is None unless it is a log's. ``names`` are the files of an archive by the keys that name them. Raises
+    InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
@@ -438,8 +460,8 @@ def _nothing_ran(scenario: "Scenario | World | None", controller: str | None, fi
     return summary_of_none(known, files)
 
 
-def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario, str]":
-    """Scenario and engine of a run of a study, by the study's folder and the run's row.
+def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario | World, str]":
+    """Scenario, or world, and engine of a run of a study, by the study's folder and the run's row.
 
     The row names the engine; for a run that is not done yet the study chooses it. Of the files that the study names
     only the row's are imported, and only if they have not changed. Warns if the code has
@@ -464,7 +486,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     if files := sorted({file for name in names for file in changed_files(name, then["files"])}):
         raise InputError(_changed(folder, row, files))
     plan = Plan.that_ran(Path(folder, STUDY), trusted=names)
-    scenario = plan.scenario(row)
+    scenario = plan.scenario_or_world(row)
     if overrides or controller:
         scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}", note=warn)
     now = about_of(plan, StudyBundle.of(replace(plan, tables=scenario.to_dict())))

@@ -3,6 +3,7 @@
 from __future__ import annotations  # WorldSimulation is below
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..plant.coupling import Coupling, coupling_faults
 from ..setup.world import World
 from .native.compilation import NativeFunction, native_function
 from .native.loop import many_runs
-from .simulation import Diverged, Simulation
+from .simulation import Diverged, Saved, Simulation
 
 _OF_END, _CONTACTS = ("couplings", state_of("couplings")), state_of("touches")
 _STEPS = 1000
@@ -165,6 +166,15 @@ class Lockstep:
         return advance
 
 
+@dataclass(frozen=True, eq=False)
+class SavedWorld:
+    """The state of a :class:`WorldSimulation` at an instant: the states of its vehicles, and their common steps."""
+
+    world: World
+    vehicles: Mapping[str, Saved]
+    steps: int
+
+
 class WorldSimulation:
     """A world that its caller steps, a :class:`Simulation` of each vehicle::
 
@@ -255,6 +265,21 @@ class WorldSimulation:
             raise
         finally:
             self._begin()
+
+    def save(self) -> SavedWorld:
+        """The state of all vehicles at the instant in hand, for :meth:`restore`. Raises InputError as
+        :meth:`Simulation.save` does."""
+        saved = {name: sim.save() for name, sim in self.vehicles.items()}
+        return SavedWorld(self.world, saved, 0 if self._together is None else self._together.steps)
+
+    def restore(self, saved: SavedWorld) -> None:
+        """Return to the instant of a :meth:`save`: the steps that follow have the same bits. Raises InputError as
+        :meth:`Simulation.restore` does."""
+        for name, sim in self.vehicles.items():
+            sim.restore(saved.vehicles[name])
+        self.world = saved.world
+        if self._together is not None:
+            self._together.steps, self._together.stopped = saved.steps, ""
 
     def close(self) -> None:
         """Close all Simulations. Calling it again has no effect."""

@@ -84,6 +84,12 @@ class Engine(ABC):
         """Put the vehicle at the initial state."""
         put_at(setup.scenario.initial, self.qpos, self.qvel)
 
+    def saved(self) -> Any:  # noqa: B027  # free_body has nothing beside the record
+        """A copy of what a step changes beside the record; None in free_body."""
+
+    def put_back(self, saved: Any) -> None:  # noqa: B027  # free_body has nothing beside the record
+        """Put back what :meth:`saved` gave."""
+
     def sense(self) -> None:  # noqa: B027  # free_body has nothing to show
         """Set the poses that somebody may look at between two steps."""
 
@@ -263,6 +269,14 @@ class MujocoEngine(Engine):
         self.qvel[:3], self.qvel[3:] = true["R_WB"].reshape(3, 3) @ true["nu"][:3], true["nu"][3:]
         self._q[:], self._q_dot[:] = joints["q"], joints["q_dot"]
         self._data.time = t
+
+    def saved(self) -> mujoco.MjData:
+        found = mujoco.MjData(self._model)
+        mujoco.mj_copyData(found, self._model, self._data)
+        return found
+
+    def put_back(self, saved: mujoco.MjData) -> None:
+        mujoco.mj_copyData(self._data, self._model, saved)
 
     def sense(self) -> None:
         self._place()

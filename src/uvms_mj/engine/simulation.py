@@ -43,6 +43,16 @@ SLICE_STEPS = 1000
 step. A reading costs as much as some fifteen steps of a free vehicle."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Saved:
+    """The state of a :class:`Simulation` at an instant, of its :meth:`~Simulation.save`."""
+
+    of: Simulation
+    setup: Setup
+    numbers: Mapping[str, np.ndarray]
+    engine: Any
+
+
 class Simulation:
     """A scenario that is compiled and built once, and then stepped by the caller::
 
@@ -290,6 +300,41 @@ class Simulation:
             self.setup = setup
             if self._ready:
                 self._prepare()  # the water at the instant in hand
+
+    def save(self) -> Saved:
+        """The state at the instant in hand, for :meth:`restore`.
+
+        Raises:
+            InputError: a stage is plain Python, or in C, and may keep numbers that are not saved; or the run is
+                recorded.
+        """
+        self._refuse_unsaved("save")
+        with self._alone:
+            self._prepare()
+            return Saved(self, self.setup, self._memory.image.saved(), self._engine.saved())
+
+    def restore(self, saved: Saved) -> None:
+        """Return to the instant of a :meth:`save`, as often as wanted: the steps that follow have the same bits.
+
+        Raises:
+            InputError: ``saved`` is of another Simulation, or a reset or ``set`` has come in between.
+        """
+        if saved.of is not self:
+            raise InputError("restore: the state was saved by another Simulation")
+        if saved.setup is not self.setup:
+            raise InputError("restore: since the state was saved, a reset or set has changed numbers of the run")
+        self._refuse_unsaved("restore")
+        with self._alone:
+            self._memory.image.put_back(saved.numbers)
+            self._engine.put_back(saved.engine)
+            self._ready = True
+
+    def _refuse_unsaved(self, what: str) -> None:
+        if self._memory.run["row_capacity"][0]:
+            raise InputError(f"{what}: the run is recorded; step a Simulation of your own")
+        if self._foreign:
+            names = ", ".join(called(stage.stage) for stage in self._foreign)
+            raise InputError(f"{what}: {names} may keep numbers that are not saved: it is no compiled Python")
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.

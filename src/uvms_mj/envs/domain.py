@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of
 from ..scenario import Scenario
+from ..setup.world import World
 from ..studies.plan.file import Vary, entries
 from ..studies.plan.laws import KeyChecks, Law, combination_faults
 from ..studies.plan.places import overrides_at, parsed
@@ -191,6 +192,8 @@ def domain_of(randomise: Any) -> tuple[Scenario | None, dict[str, Vary]]:
     if not isinstance(randomise, str | os.PathLike):
         return None, variations_of(randomise)
     plan = Plan.load(randomise)
+    if isinstance(plan.base, World):
+        raise InputError(f"randomise: {randomise} is a study of a world; an environment has one vehicle")
     return plan.base, {f"{randomise}: vary[{i}]": each for i, each in enumerate(plan.variations)}
 
 

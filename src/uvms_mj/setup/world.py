@@ -7,7 +7,8 @@ and log of one vehicle is as it is for a vehicle alone.
 import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,17 @@ import tomli_w
 
 from ..errors import Fault, InputError, shortened, suggestion
 from ..files import tables_of, toml_path
-from ..plant.coupling import Coupling
+from ..plant.coupling import Coupling, coupling_faults
 from ..plant.settings import NAME, Stepping
 from ..quantities import overrides_of
 from ..scenario import TABLES, Scenario
+from .base import Setup
+from .checks import checked
 
 OF_WORLD = tuple(name for name, table in TABLES.items() if table.of_world)
 """The tables of water, walls, time and couplings, which all vehicles share. Every other table is of a vehicle."""
 VEHICLES = "vehicles"
-_OF_ONE = re.compile(rf"{VEHICLES}\[(\w+)\]\.(.+)")
+OF_ONE = re.compile(rf"{VEHICLES}\[(\w+)\]\.(.+)")
 """The key ``vehicles[0].controller.k_1``, or with a name, ``vehicles[left].controller.k_1``."""
 
 
@@ -57,7 +60,8 @@ class World:
             InputError: the input is invalid; it lists every error.
         """
         path = toml_path(scenario, "scenario", "scenarios")
-        return cls.from_dict(tables_of(path, "scenario"), overrides, controller, path.parent, str(scenario))
+        tables = tables_of(path, "scenario")
+        return cls.from_dict(tables, overrides, controller, path.parent, str(scenario), note=warnings.warn)
 
     @classmethod
     def from_dict(
@@ -67,6 +71,8 @@ class World:
         controller: str | None = None,
         folder: Path | None = None,
         place: str = "world",
+        note: Callable[[str], Any] = lambda said: None,
+        trusted: Container[str] | None = None,
     ) -> "World":
         """Make a world from nested tables, as TOML has them; the arguments are as of :meth:`Scenario.from_dict`.
 
@@ -86,20 +92,32 @@ class World:
             if isinstance(merged.setdefault("vehicle", {}), Mapping):
                 merged["vehicle"] = {**merged["vehicle"], "name": vehicle}
             try:
-                scenarios[vehicle] = Scenario.from_dict(merged, own[vehicle], controller, folder, place)
+                scenarios[vehicle] = Scenario.from_dict(
+                    merged, own[vehicle], controller, folder, place, note=_of_vehicle(note, vehicle), trusted=trusted
+                )
             except InputError as error:
                 faults += _placed(error.faults, i)
         if faults:
             raise InputError(list(dict.fromkeys(faults)), place)
         return _world(scenarios, place)
 
-    def updated(self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "world") -> "World":
-        """Return a copy with dotted keys replaced, as in :meth:`load`."""
+    def updated(
+        self,
+        overrides: Mapping[str, Any],
+        controller: str | None = None,
+        place: str = "world",
+        note: Callable[[str], Any] = lambda said: None,
+        trusted: Container[str] | None = None,
+    ) -> "World":
+        """Return a copy with dotted keys replaced, as in :meth:`load`; ``place``, ``note`` and ``trusted`` are as of
+        :meth:`Scenario.updated`."""
         faults, own = list[Fault](), _of_each(overrides_of(overrides), list(self.scenarios), place)
         scenarios: dict[str, Scenario] = {}
         for i, (vehicle, scenario) in enumerate(self.scenarios.items()):
             try:
-                scenarios[vehicle] = scenario.updated(own[vehicle], controller, place)
+                scenarios[vehicle] = scenario.updated(
+                    own[vehicle], controller, place, _of_vehicle(note, vehicle), trusted
+                )
             except InputError as error:
                 faults += _placed(error.faults, i)
         if faults:
@@ -114,6 +132,17 @@ class World:
     def simulation(self) -> Stepping:
         """Time step, duration and seed, which all vehicles share."""
         return next(iter(self.scenarios.values())).simulation
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps."""
+        return next(iter(self.scenarios.values())).steps
+
+    def named(self, key: str) -> str:
+        """A key of one vehicle with the vehicle's name in place of its number; another key as it is."""
+        if (found := OF_ONE.fullmatch(key)) and found[1].isdigit() and int(found[1]) < len(self.scenarios):
+            return f"{VEHICLES}[{[*self.scenarios][int(found[1])]}].{found[2]}"
+        return key
 
     @property
     def couplings(self) -> tuple[Coupling, ...]:
@@ -167,6 +196,28 @@ def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
     return World(first.name, first.description, scenarios)
 
 
+def checked_world(world: World) -> None:
+    """Check each vehicle as for its run, and the couplings. Raises InputError with every error if the world cannot
+    run."""
+    faults, setups = list[Fault](), dict[str, Setup]()
+    for i, (name, scenario) in enumerate(world.scenarios.items()):
+        try:
+            setups[name] = checked(scenario, in_world=True)
+        except InputError as error:
+            faults += _placed(error.faults, i)
+    if not faults:
+        faults += coupling_errors(world.couplings, setups, world.simulation.timestep)
+    if faults:
+        raise InputError(list(dict.fromkeys(faults)), "world")
+
+
+def coupling_errors(couplings: Sequence[Coupling], setups: Mapping[str, Setup], timestep: float) -> Iterator[Fault]:
+    """The errors of couplings of vehicles with these setups by name."""
+    for i, coupling in enumerate(couplings):
+        for fault in coupling_faults(coupling, [setups[name] for name in coupling.vehicles], timestep):
+            yield Fault(f"couplings[{i}].{fault.key}", fault.message)
+
+
 def one_world(scenarios: Sequence[Scenario]) -> bool:
     """Whether scenarios are of the vehicles of one world: they have names of their own, the same water, walls and
     time."""
@@ -208,7 +259,7 @@ def _of_each(overrides: Mapping[str, Any], names: Sequence[str], place: str) -> 
     them."""
     faults, own = list[Fault](), {name: dict[str, Any]() for name in names}
     for key, value in overrides.items():
-        found = _OF_ONE.fullmatch(key)
+        found = OF_ONE.fullmatch(key)
         if found is None and key.partition(".")[0].partition("[")[0] == VEHICLES:
             faults.append(Fault(key, f"name one vehicle and its key, {VEHICLES}[{names[0]}].controller.k_1"))
         elif found is None:
@@ -231,6 +282,11 @@ def _of_each(overrides: Mapping[str, Any], names: Sequence[str], place: str) -> 
     if faults:
         raise InputError(faults, place)
     return own
+
+
+def _of_vehicle(note: Callable[[str], Any], name: str) -> Callable[[str], Any]:
+    """What takes the notes about a vehicle, with its name."""
+    return lambda said: note(f"{name}: {said}")
 
 
 def _of_the_world(table: str) -> str:

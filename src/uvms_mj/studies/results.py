@@ -25,7 +25,7 @@ from ..errors import InputError
 from ..files import parsed_toml, tables_of, text_of
 from ..quantities import leaves
 from .bundle import changed_files
-from .plan.metrics import AFTER, BEFORE, COMPLETED, METRICS, columns_of, unit_of_column
+from .plan.metrics import AFTER, BEFORE, COMPLETED, columns_of, number_of, unit_of_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +50,7 @@ def schema_of(plan: "Plan") -> pa.Schema:
     """The columns of the rows, without the columns of a user's metrics, whose names are known when they have run."""
     varied = {key: _type([point[i] for point in plan.points]) for i, key in enumerate(plan.varied)}
     metrics = {
-        column: METRICS[place].kind for place in plan.metrics if place in METRICS for column in columns_of(place)
+        column: number.kind for place in plan.metrics if (number := number_of(place)) for column in columns_of(place)
     }
     kinds = {**BEFORE, **varied, **AFTER, **metrics}
     return pa.schema([(column, _TYPES.get(kind, kind)) for column, kind in kinds.items()])
@@ -109,8 +109,9 @@ class StudyFolder:
     def part(self, i: int) -> Path:
         return self.folder / "rows" / f"part-{i:05d}.parquet"
 
-    def log(self, index: int) -> Path:
-        return self.folder / "logs" / f"row-{index:05d}.mcap"
+    def log(self, index: int, vehicle: str = "") -> Path:
+        """The log of a run, in a world of one vehicle."""
+        return self.folder / "logs" / f"row-{index:05d}{f'.{vehicle}' if vehicle else ''}.mcap"
 
     def write(self, i: int, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the part of a block. Raises OSError, for example if the disk is full."""

@@ -35,6 +35,7 @@ import numpy as np
 
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import ending, numbers
+from ..engine.coupling import WorldSimulation
 from ..engine.engines import refusals
 from ..engine.run import simulate
 from ..engine.simulation import Simulation
@@ -46,8 +47,20 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
+from ..setup.world import World
 from ..stages.confined import confined
-from .plan.metrics import AFTER, BEFORE, METRICS, columns_of, succeeded, users_numbers
+from .plan.metrics import (
+    AFTER,
+    BEFORE,
+    COMPLETED,
+    METRICS,
+    columns_of,
+    number_of,
+    of_each,
+    parted,
+    succeeded,
+    users_numbers,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,12 +90,14 @@ def rows_of(bundle: "StudyBundle", indices: tuple[int, ...]) -> list[dict[str, A
         return [one_row(plan, index) for index in indices]
 
 
-def log_of(bundle: "StudyBundle", index: int, engine: str) -> bytes:
-    """Run one run again in a worker and return its log. Where the run fails, the log ends there."""
+def log_of(bundle: "StudyBundle", index: int, engine: str) -> dict[str, bytes]:
+    """Run one run again in a worker and return its log, in a world the log of each vehicle by its name. Where the run
+    fails, the log ends there."""
+    plan = bundle.plan()
     with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
-        path = Path(folder, "run.mcap")
-        one_row(bundle.plan(), index, engine, (McapLog(path),))
-        return path.read_bytes() if path.exists() else b""
+        paths = {name: Path(folder, f"{name}.mcap") for name in plan.vehicles or ("",)}
+        one_row(plan, index, engine, {name: (McapLog(path),) for name, path in paths.items()})
+        return {name: path.read_bytes() for name, path in paths.items() if path.exists()}
 
 
 def _blank(plan: "Plan", index: int) -> dict[str, Any]:
@@ -90,28 +105,31 @@ def _blank(plan: "Plan", index: int) -> dict[str, Any]:
     row = dict(zip(BEFORE, (index, run.draw, run.law, run.repeat, run.seed), strict=True))
     row |= {key: run.values.get(key) for key in plan.varied} | dict.fromkeys(AFTER)
     row |= {"status": "", "message": "", "success": False, "engine": plan.engine}
-    return row | {column: None for place in plan.metrics if place in METRICS for column in columns_of(place)}
+    return row | {column: None for place in plan.metrics if number_of(place) for column in columns_of(place)}
 
 
-def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] = ()) -> dict[str, Any]:
-    """Run one run of a plan and return its row by column. ``engine`` replaces the plan's."""
+def one_row(
+    plan: "Plan", index: int, engine: str = "", sinks: Mapping[str, tuple[Sink, ...]] | None = None
+) -> dict[str, Any]:
+    """Run one run of a plan and return its row by column. ``engine`` replaces the plan's, and ``sinks`` are by the
+    names of the vehicles, of a scenario by an empty name."""
     engine = engine or plan.engine
     row = _blank(plan, index) | {"engine": engine}
     try:
-        scenario = plan.scenario(index)
-        mjcf = vehicle_of(scenario.vehicle.model)
-        row["engine"] = engine = chosen_engine(scenario, mjcf) if engine in ("auto", "gpu") else engine
+        scenario = plan.scenario_or_world(index)
+        row["engine"] = engine = chosen_engine(scenario) if engine in ("auto", "gpu") else engine
         if plan.time_limit_s is not None:
-            _compile(scenario, mjcf, engine)
-        short = all(place in METRICS and not METRICS[place].of_whole_run for place in plan.metrics)
+            _compile(scenario, engine)
+        numbers_kept = [number_of(place) for place in plan.metrics]
+        short = all(number is not None and not number.of_whole_run for number in numbers_kept)
         keep_s = AROUND_THE_END_S if short else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
-            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
-            row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
-            if trace.status is Status.interrupted:
+            traces = _simulated(scenario, keep_s, engine, sinks or {}, progress)
+            row |= _ended(traces)
+            if any(trace.status is Status.interrupted for trace in traces.values()):
                 raise KeyboardInterrupt
-            row |= _of_trace(plan, row, trace)
+            row |= _of_traces(plan, row, traces)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
     except KeyboardInterrupt:
@@ -128,12 +146,38 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
     return row
 
 
-def _of_trace(plan: "Plan", row: dict[str, Any], trace: Trace) -> dict[str, Any]:
-    """The columns of a row that a trace gives."""
-    found: dict[str, Any] = {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
-    found["warnings"] = len(trace.notes) + len(ending(trace))
+def _simulated(
+    scenario: Scenario | World,
+    keep_s: float | None,
+    engine: str,
+    sinks: Mapping[str, tuple[Sink, ...]],
+    progress: Callable[[int, int], None] | None,
+) -> Mapping[str, Trace]:
+    """The traces of a run by the names of the vehicles, of a scenario by an empty name."""
+    if isinstance(scenario, World):
+        return simulate(scenario, keep_s=keep_s, engine=engine, sinks=sinks, progress=progress)
+    mjcf = vehicle_of(scenario.vehicle.model)
+    own = sinks.get("", ())
+    return {"": simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=own, progress=progress)}
+
+
+def _ended(traces: Mapping[str, Trace]) -> dict[str, Any]:
+    """How a run ended: in a world as the first vehicle that diverged, which stops others, or that did not complete."""
+    order = sorted(
+        traces.items(), key=lambda item: (item[1].status is not Status.unstable, item[1].status.name == COMPLETED)
+    )
+    name, trace = order[0]
+    message = f"{name}: {trace.message}" if name and trace.message else trace.message
+    steps = min(each.steps for each in traces.values())
+    return {"status": trace.status.name, "message": message, "steps": steps}
+
+
+def _of_traces(plan: "Plan", row: dict[str, Any], traces: Mapping[str, Trace]) -> dict[str, Any]:
+    """The columns of a row that the traces of a run give, by the names of its vehicles."""
+    found = _ended(traces)
+    found["warnings"] = sum(len(trace.notes) + len(ending(trace)) for trace in traces.values())
     if found["status"] in _MEASURED:
-        found |= _metrics(plan, trace)
+        found |= _metrics(plan, traces)
         found |= _judged(plan, row | found)
     return found
 
@@ -142,19 +186,24 @@ def row_of_trace(plan: "Plan", index: int, engine: str, trace: Trace) -> dict[st
     """The row of a run whose trace is there already; or what a metric misses in the trace."""
     row = _blank(plan, index) | {"engine": engine}
     try:
-        return row | _of_trace(plan, row, trace)
+        return row | _of_traces(plan, row, {"": trace})
     except (AttributeError, KeyError) as error:
         return str(error.args[0] if error.args else error)
     except Exception as error:  # of a metric: the other runs go on
         return row | {"status": "failed", "message": error_text(error), "success": False}
 
 
-def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
+def _compile(scenario: Scenario | World, engine: str) -> None:
     """Compile the stages of a scenario once a process: the time limit is for a run alone."""
-    kinds = tuple(type(stage) for stage in scenario.stages)
-    if kinds not in _compiled:
-        Simulation(scenario, engine=engine, mjcf=mjcf).close()
-        _compiled.add(kinds)
+    each = [*scenario.scenarios.values()] if isinstance(scenario, World) else [scenario]
+    kinds = tuple(type(stage) for own in each for stage in own.stages)
+    if kinds in _compiled:
+        return
+    if isinstance(scenario, World):
+        WorldSimulation(scenario, engine=engine).close()
+    else:
+        Simulation(scenario, engine=engine, mjcf=vehicle_of(scenario.vehicle.model)).close()
+    _compiled.add(kinds)
 
 
 _compiled: set[tuple[type, ...]] = set()
@@ -164,9 +213,11 @@ vehicle_of = functools.lru_cache(maxsize=8)(Mjcf.find)
 """The model of a vehicle."""
 
 
-def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
-    """The engine of a run with engine "auto": free_body where it can."""
-    return "mujoco" if refusals(set_up(scenario, mjcf)) else "free_body"
+def chosen_engine(scenario: Scenario | World) -> str:
+    """The engine of a run with engine "auto": free_body where it can, in a world with every vehicle."""
+    each = scenario.scenarios.values() if isinstance(scenario, World) else [scenario]
+    refused = any(refusals(set_up(own, vehicle_of(own.vehicle.model))) for own in each)
+    return "mujoco" if refused else "free_body"
 
 
 @contextlib.contextmanager
@@ -210,15 +261,17 @@ def _judged(plan: "Plan", row: dict[str, Any]) -> dict[str, Any]:
     return {"status": "failed", "message": f"success.{missing[0]}: no such number; the metric {name} gives {there}"}
 
 
-def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
+def _metrics(plan: "Plan", traces: Mapping[str, Trace]) -> dict[str, Any]:
     """The metrics of a run by column."""
     found: dict[str, Any] = {}
-    for place, value in numbers(trace, [place for place in plan.metrics if place in METRICS]).items():
-        columns = columns_of(place)
-        each = value or [None] * len(columns) if METRICS[place].size > 1 else [value]
-        found |= {column: None if x != x else x for column, x in zip(columns, each, strict=True)}  # nan is no number
+    for name, trace in traces.items():
+        own = {parted(place)[1]: place for place in plan.metrics if number_of(place) and parted(place)[0] == name}
+        for metric, value in numbers(trace, [*own]).items():
+            columns = columns_of(own[metric])
+            each = value or [None] * len(columns) if METRICS[metric].size > 1 else [value]
+            found |= {column: None if x != x else x for column, x in zip(columns, each, strict=True)}  # nan: no number
     for place in plan.metrics:
-        found |= {} if place in METRICS else users_numbers(place, trace)
+        found |= {} if number_of(place) else users_numbers(place, traces if plan.vehicles else traces[""])
     return found
 
 
@@ -266,7 +319,7 @@ def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
 
 def comparing(plan: "Plan") -> "Plan":
     """A plan with the metrics that are compared. Success may need others, and is not compared."""
-    return dataclasses.replace(plan, metrics=COMPARED, success={}, time_limit_s=None)
+    return dataclasses.replace(plan, metrics=tuple(of_each(COMPARED, plan.vehicles)), success={}, time_limit_s=None)
 
 
 def compared(bundle: "StudyBundle", index: int, engine: str) -> dict[str, Any]:
@@ -287,7 +340,8 @@ def differences(
         same = free["status"] == full["status"]
         compared = [("status", None, None, 0.0 if same else math.inf)]
         if same and full["status"] == "completed":
-            compared += list(_numbers(free, full))
+            for vehicle in plan.vehicles or ("",):
+                compared += list(_numbers(free, full, f"{vehicle}." if vehicle else ""))
         for number, ours, theirs, difference in compared:
             rows.append((index, plan.run(index).law, number, ours, theirs, difference, plan.tolerance))
     columns = ["index", "law", "number", *engines, "difference", "tolerance"]
@@ -300,13 +354,15 @@ def largest(found: "pd.DataFrame") -> "pd.DataFrame":
     return found.loc[found.groupby("number", sort=False)["difference"].idxmax()]
 
 
-def _numbers(free: Mapping[str, Any], full: Mapping[str, Any]) -> Any:
-    """The compared numbers of two runs with one status: name, values, difference."""
-    for name in columns_of("final.position_m"):
+def _numbers(free: Mapping[str, Any], full: Mapping[str, Any], of: str) -> Any:
+    """The compared numbers of two runs with one status: name, values, difference. ``of`` is the beginning of the
+    columns, the vehicle's name and a point in a world."""
+    for name in columns_of(f"{of}final.position_m"):
         yield name, free[name], full[name], abs(free[name] - full[name])
+    settled, touches, thrust = f"{of}contact.settled", f"{of}contact.touches", f"{of}thrust_peak_N"
     for name, comparable, scale in (
-        ("contact.final_N", free["contact.settled"] and full["contact.settled"], 0.0),
-        ("contact.peak_N", free["contact.touches"] == full["contact.touches"], full["thrust_peak_N"]),
+        (f"{of}contact.final_N", free[settled] and full[settled], 0.0),
+        (f"{of}contact.peak_N", free[touches] == full[touches], full[thrust]),
     ):
         ours, theirs = free[name], full[name]
         if comparable and ours is not None and theirs:

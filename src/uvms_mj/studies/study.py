@@ -15,7 +15,7 @@ from ..views.notebook import block
 from ..views.progress import following
 from .bundle import StudyBundle
 from .plan import Plan
-from .plan.metrics import SETTLED, in_words, successes
+from .plan.metrics import in_words, is_settled, successes
 from .pool.execution import Execution, Progress
 from .pool.executors import executor_of
 from .results import STUDY, StudyFolder, frame, refuse_changed, units_of, version_of
@@ -253,7 +253,7 @@ class Study:
         ran = self.folder is not None and any((self.folder / "rows").glob("part-*.parquet"))
         if not ran:
             return block(f"study {plan.name}", rows, text=plan.description)
-        success = in_words(plan.success, SETTLED in self.frame)
+        success = in_words(plan.success, any(map(is_settled, self.frame)))
         below = block("", self.table(), [self.plot()], text=success)
         return block(f"study {plan.name}, in {self.folder}", rows, text=plan.description) + below
 

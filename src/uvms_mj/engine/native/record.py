@@ -359,6 +359,10 @@ class Field:
         return Field(self.offset + i * part.itemsize, part)
 
 
+NODES = ".nodes"
+"""The end of the names of the rooms for nodes of Gauss-Markov processes."""
+
+
 class Image:
     """Memory with records by their names, and rooms of so many numbers each.
 
@@ -404,6 +408,17 @@ class Image:
         place, n = self._rooms[name]
         return place, self.numbers[place : place + n]
 
+    def saved(self) -> dict[str, np.ndarray]:
+        """Copies of what a step changes: the records, and the nodes of Gauss-Markov processes. The tables change at a
+        reset, and rows and bands belong to a run that is recorded."""
+        found = {name: self.room(name)[1].copy() for name in self._rooms if name.endswith(NODES)}
+        return {"": self.fixed.copy(), **found}
+
+    def put_back(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Put back what :meth:`saved` gave."""
+        for name, numbers in saved.items():
+            (self.room(name)[1] if name else self.fixed)[:] = numbers
+
     def check_room(self, name: str, key: str, table: np.ndarray) -> None:
         """Raise InputError if the rows (n, width) of the table of a key are more than its room takes."""
         _, room = self.room(name)
@@ -423,4 +438,4 @@ def water_rooms() -> dict[str, int]:
     rooms = {f"{name}.{field}": MOST_ROWS * width for name, each in TABLES.items() for field, width in each.items()}
     kinds: dict[str, Any] = {name: kind.fields for name, kind in EFFECTS.items()}
     processes = {name: fields["deviation"][0].shape[0] for name, fields in kinds.items() if "nodes" in fields}
-    return rooms | {f"{name}.nodes": n * ROWS for name, n in processes.items()}
+    return rooms | {f"{name}{NODES}": n * ROWS for name, n in processes.items()}

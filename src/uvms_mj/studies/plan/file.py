@@ -31,7 +31,7 @@ from ...errors import Fault, faults_of
 from ...files import is_file
 from ...quantities import STRICT, Number, doc, refusing, within
 from ...scenario import STAGE_LISTS, STAGES
-from .places import Place, parsed
+from .places import Place, of_vehicle, parsed
 
 DEFAULT_METRICS = (
     *("contact.first_s", "contact.touches", "contact.peak_N", "contact.impulse_Ns", "contact.final_N"),
@@ -112,7 +112,7 @@ _Numbers = Annotated[Any, BeforeValidator(_numbers)]
 _Varied = Annotated[
     Place,
     refusing(
-        lambda place: parsed(place)[0] == "simulation.seed",
+        lambda place: of_vehicle(parsed(place)[0])[1] == "simulation.seed",
         "is set by the study for each run; vary it by design.repeats",
     ),
 ]
@@ -443,6 +443,7 @@ def absolute(value: Any, folder: Path) -> Any:
 
 def anchored(key: str, value: Any, folder: Path) -> Any:
     """The value of a dotted key with absolute paths in the folder, if it names files."""
+    key = of_vehicle(key)[1]
     if key in PATHS or _OF_A_STAGE.fullmatch(key):
         return absolute(value, folder)
     if key in STAGE_LISTS and isinstance(value, list | tuple):

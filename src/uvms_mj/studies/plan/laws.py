@@ -18,9 +18,10 @@ from ...files import atomic_write, plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import Scenario
 from ...setup.checks import checked
+from ...setup.world import VEHICLES, World, checked_world
 from ...stages.written import module_source
 from .file import Distribution, Grid, StudyFile, Values, Vary, absolute, anchored
-from .places import missing, overlap, overrides_at
+from .places import missing, overlap, overrides_at, sets_in_vain
 
 _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
@@ -33,17 +34,29 @@ MOST_DRAWS = 20
 @dataclass(frozen=True, eq=False)
 class Law:
     """A law of a study. ``source`` is its name or ``path.py:Class``, ``overrides`` are dotted keys of this law alone,
-    ``scenario`` is the base scenario with both."""
+    ``scenario`` is the base scenario with both. In a world ``source`` is the law of all vehicles, or empty where each
+    keeps its own."""
 
     label: str
     source: str
     overrides: Mapping[str, Any]
-    scenario: Scenario
+    scenario: Scenario | World
 
     @functools.cached_property
     def tables(self) -> dict[str, Any]:
         """The tables of its scenario."""
         return self.scenario.to_dict()
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """Its entry in a study file."""
+        named = {"name": self.source} if self.source else {}
+        return {**named, "label": self.label, **plain(self.overrides)}
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """The override by which it is chosen."""
+        return {"controller.name": self.source} if self.source else {}
 
 
 def split_overrides(
@@ -86,8 +99,8 @@ def base_of(
     overrides: Mapping[str, Any],
     faults: list[Fault],
     trusted: Container[str] | None = None,
-) -> Scenario | None:
-    """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
+) -> Scenario | World | None:
+    """The base scenario, or the world. Errors are appended to ``faults``. It is then without the keys that have an
     error, so that the laws and the keys that vary can be checked; None if there is none. ``trusted`` is as in
     :meth:`.Scenario.from_dict`."""
     if any(fault.key.partition(".")[0] == "base" for fault in faults):
@@ -97,14 +110,18 @@ def base_of(
         faults.append(Fault(f"base.{word}", "is of the study, not of its base scenario: write it above [base]"))
         del rest[word]
     named = absolute(rest.pop("scenario", None), folder)
-    own = {**_flat(rest, folder), **overrides}
+    inline = rest if named is None and VEHICLES in rest else None
+    own = {**_flat({} if inline else rest, folder), **overrides}
     for attempt in range(2):
         try:
+            if inline:
+                return World.from_dict(inline, own, None, folder, trusted=trusted)
             if named is None:
                 return Scenario.from_dict({}, own, trusted=trusted)
             path = toml_path(named, "scenario", "scenarios")
             tables, place = tables_of(path, "scenario"), str(named)
-            return Scenario.from_dict(tables, own, None, path.parent, place, note=warnings.warn, trusted=trusted)
+            kind = World if VEHICLES in tables else Scenario
+            return kind.from_dict(tables, own, None, path.parent, place, note=warnings.warn, trusted=trusted)
         except InputError as error:
             wrong = error
         if attempt == 0:
@@ -116,7 +133,7 @@ def base_of(
 
 def laws_of(
     given: list[Any] | None,
-    base: Scenario,
+    base: Scenario | World,
     folder: Path,
     faults: list[Fault],
     notes: list[str],
@@ -171,7 +188,7 @@ def _law(
     source: Any,
     label: Any,
     overrides: dict[str, Any],
-    base: Scenario,
+    base: Scenario | World,
     place: str,
     faults: list[Fault],
     left_out: list[str],
@@ -196,10 +213,15 @@ def _law(
         prefixed = [_prefixed(fault, place) for fault in error.faults]
         faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]
         return None
-    for stage in (scenario.controller, scenario.actuation):
+    each = [*scenario.scenarios.values()] if isinstance(scenario, World) else [scenario]
+    for stage in (stage for own in each for stage in (own.controller, own.actuation)):
         if stage.by_caller:
             out = f"{stage.label()} gets {stage.by_caller} from outside of the run"
             faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
+    if isinstance(scenario, World):
+        overrides = {scenario.named(key): value for key, value in overrides.items()}
+        label = label or " and ".join(dict.fromkeys(own.controller.label() for own in each))
+        return Law(label, source or "", plain(overrides), scenario)
     law = scenario.controller
     return Law(label or law.label(), law.source(), plain(overrides), scenario)
 
@@ -218,9 +240,12 @@ def combination_faults(
             twice = next((other for other in seen if overlap(place, other)), None)
             if twice is not None:
                 yield Fault(where, f"{place} varies in {seen[twice]} already, as {twice}")
-            given = [place] if place in overrides else []
+            given = [key for key in overrides if sets_in_vain(key, place)]
             given += [
-                f"laws[{i}].{place}" for i, law in enumerate(laws) if place in law.overrides and each.covers(law.label)
+                f"laws[{i}].{key}"
+                for i, law in enumerate(laws)
+                for key in law.overrides
+                if sets_in_vain(key, place) and each.covers(law.label)
             ]
             yield from (Fault(key, f"{where} varies this key: setting it has no effect") for key in given)
             seen[place] = where
@@ -265,7 +290,7 @@ class KeyChecks:
                     found.setdefault(f"{fault}{self._hint(fault, law) or bounded}", []).append(end)
                 continue
             try:
-                checked(scenario)
+                _check(scenario)
             except InputError as error:
                 if not self._runs_as_drawn(law, drawn, values):
                     for fault in error.faults:
@@ -276,7 +301,7 @@ class KeyChecks:
     def _hint(self, fault: Fault, law: Law) -> str:
         """Which laws have a gain that this law lacks."""
         table, _, word = fault.key.partition(".")
-        if table != "controller" or word in law.tables["controller"]:
+        if table != "controller" or "controller" not in law.tables or word in law.tables["controller"]:
             return ""
         having = [f'"{other.label}"' for other in self.laws if word in other.tables["controller"]]
         return f"; to vary it for the laws that have it, give laws = [{', '.join(having)}]" if having else ""
@@ -299,7 +324,7 @@ class KeyChecks:
         places = [(place, each.covers(law.label)) for each in self.variations.values() for place in each.places]
         given = {place: x for (place, covered), x in zip(places, self.points[draw], strict=True) if covered}
         try:
-            checked(law.scenario.updated(overrides_at(given, law.tables)))
+            _check(law.scenario.updated(overrides_at(given, law.tables)))
         except InputError as error:
             return error.faults
         return ()
@@ -313,6 +338,14 @@ class KeyChecks:
             if not faults:
                 break
         return [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in faults]
+
+
+def _check(scenario: Scenario | World) -> None:
+    """Raise InputError if a scenario or a world can't run."""
+    if isinstance(scenario, World):
+        checked_world(scenario)
+    else:
+        checked(scenario)
 
 
 def _extremes(each: Vary, drawn: list[tuple[Any, ...]]) -> Iterator[tuple[str, tuple[Any, ...]]]:

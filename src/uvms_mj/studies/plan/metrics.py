@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.summary import NUMBERS
+from ...analysis.summary import NUMBERS, Number
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import is_file
 from ...quantities import leaves
@@ -30,16 +30,18 @@ SETTLED = "contact.settled"
 Limit = bool | tuple[float, float]
 
 
-def metric_of(name: str) -> "Callable[[Trace], Any]":
-    """The function of a trace that gives a metric, by its place in a summary or from ``path/to/file.py:function``.
+def metric_of(name: str) -> "Callable[[Any], Any]":
+    """The function of a trace that gives a metric, by its place in a summary or from ``path/to/file.py:function``. A
+    function for a world is given the traces of all vehicles by their names.
 
     Raises:
         InputError: there is no such metric, or the file can't be loaded.
     """
-    if name in NUMBERS and NUMBERS[name].not_kept:
-        raise InputError(f"{name!r} {NUMBERS[name].not_kept}")
-    if name in METRICS:
-        return METRICS[name].of
+    _, own = parted(name)
+    if own in NUMBERS and NUMBERS[own].not_kept:
+        raise InputError(f"{name!r} {NUMBERS[own].not_kept}")
+    if (number := number_of(name)) is not None:
+        return number.of
     file, colon, word = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         hint = suggestion(name, METRICS)
@@ -69,9 +71,34 @@ METRICS = {name: each for name, each in NUMBERS.items() if not each.not_kept}
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``."""
 
 
+def parted(name: str) -> tuple[str, str]:
+    """The vehicle of a metric in a world, ``left.contact.peak_N``, and the metric's name of one vehicle; no vehicle for
+    a metric of a single vehicle, and for a function."""
+    vehicle, _, own = name.partition(".")
+    return (vehicle, own) if name not in NUMBERS and own in NUMBERS else ("", name)
+
+
+def number_of(place: str) -> Number | None:
+    """The number of a run that a metric is, also of one vehicle of a world; None for a function of the user's."""
+    return METRICS.get(parted(place)[1])
+
+
+def of_each(metrics: Sequence[str], vehicles: Sequence[str]) -> list[str]:
+    """The metrics of a world: one without the name of a vehicle is of each vehicle."""
+    many = [[f"{each}.{name}" for each in vehicles] if name in NUMBERS and vehicles else [name] for name in metrics]
+    return [name for names in many for name in names]
+
+
+def is_settled(column: str) -> bool:
+    """Whether a column says that the force of a vehicle has settled."""
+    return parted(column)[1] == SETTLED
+
+
 def columns_of(place: str) -> list[str]:
-    """The columns of a metric of :data:`METRICS`."""
-    size = METRICS[place].size
+    """The columns of a metric that is a :func:`number_of` a run."""
+    number = number_of(place)
+    assert number is not None
+    size = number.size
     if size == 1:
         return [place]
     return [f"{place}.{each}" for each in COMPONENTS.get(size) or [f"{i:02d}" for i in range(size)]]
@@ -80,7 +107,7 @@ def columns_of(place: str) -> list[str]:
 def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
     """Whether a user's metric could have a column of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]
-    tables = {place.partition(".")[0] for place in (*METRICS, *varied)}
+    tables = {place.partition(".")[0] for place in (*METRICS, *varied, *filter(number_of, others))}
     return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
 
 
@@ -93,15 +120,16 @@ def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, s
         for written, called in ((name, function), (absolute(name, folder), metric)):
             if written == called or written.startswith(f"{called}."):
                 column = function + written.removeprefix(called)
-                if metric in METRICS and column not in (metric, *columns_of(metric)):
+                if number_of(metric) and column not in (metric, *columns_of(metric)):
                     raise InputError(f"is not a component of {metric}: {', '.join(columns_of(metric))}")
                 return metric, column
     raise InputError(f"is not one of keep.metrics; {suggestion(name, [each.rpartition(':')[2] for each in metrics])}")
 
 
-def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
+def users_numbers(place: str, trace: "Trace | Mapping[str, Trace]") -> dict[str, float | None]:
     """The numbers of a user's metric by column: the function's name, or ``name.key`` for each key of a dictionary. The
-    function is loaded anew, since what its file has kept is of another run."""
+    function is given a trace, or of a world the traces by the vehicles' names. It is loaded anew, since what its file
+    has kept is of another run."""
     name = place.rpartition(":")[2]
     value = metric_of(place)(trace)
     each = {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, Mapping) else {name: value}
@@ -125,7 +153,7 @@ _UNITS = {
     **{"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"},
     **{"N_per_s": "N/s", "m_per_s3": "m/s³"},
 }
-_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|$)")
+_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=(?:\.[^.]*)?$)")
 
 
 def unit_of_column(column: str) -> str:
@@ -149,7 +177,7 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, fault
         place = f"success.{name}"
         try:
             metric, column = kept_column(name, metrics, folder)
-            if metric in METRICS and column not in columns_of(metric):
+            if number_of(metric) and column not in columns_of(metric):
                 raise InputError(f"has components: give {' or '.join(columns_of(metric))}")
             if column in found:
                 raise InputError("is given twice")
@@ -161,7 +189,8 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, fault
 
 def _limit(value: Any, metric: str) -> Limit:
     """A limit of a metric. Raises InputError if it is not one."""
-    kind = METRICS[metric].kind if metric in METRICS else None
+    number = number_of(metric)
+    kind = None if number is None else number.kind
     wanted = "true or false" if kind is bool else "a range [low, high]"
     if kind is str:
         raise InputError("is a text, which has no limits")
@@ -185,7 +214,7 @@ def succeeded(row: Mapping[str, Any], given: Mapping[str, Limit]) -> bool:
     if row["status"] != COMPLETED:
         return False
     if not given:
-        return bool(row.get(SETTLED, True) == True)  # noqa: E712  # None and nan are not
+        return all(value == True for column, value in row.items() if is_settled(column))  # noqa: E712  # not nan
     return all(_within(row.get(column), limit) for column, limit in given.items())
 
 

@@ -12,10 +12,12 @@ from typing import Annotated, Any
 from ...errors import suggestion
 from ...quantities import refusing
 from ...scenario import LISTS, Scenario
+from ...setup.world import OF_ONE, VEHICLES, World
 from ...stages.signals import OWN_UNIT
 
 _LIST = rf"({'|'.join(LISTS)})\[(\d+)\]"
-_PLACE = re.compile(rf"((?:{_LIST.replace('(', '(?:')}|[\w-]+)\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
+_OF_VEHICLE = rf"(?:{VEHICLES}\[\w+\]\.)?"
+_PLACE = re.compile(rf"({_OF_VEHICLE}(?:{_LIST.replace('(', '(?:')}|[\w-]+)\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
 _LISTED = re.compile(_LIST)
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
 
@@ -37,13 +39,34 @@ def parsed(place: str) -> tuple[str, list[int | str]]:
     return found[1], [int(index) if index else word for index, word in _PART.findall(found[2])]
 
 
+def of_vehicle(place: str) -> tuple[str, str]:
+    """The vehicle of a place in a world, and the place in its scenario; no vehicle for a place of the world, of every
+    vehicle, or in the scenario of one."""
+    found = OF_ONE.fullmatch(place)
+    return (found[1], found[2]) if found else ("", place)
+
+
 def overlap(one: str, other: str) -> bool:
-    """Whether two places are the same, or one is a component of the other."""
+    """Whether two places are the same, or one is a component of the other. A place of every vehicle is one of each."""
+    (vehicle, one), (another, other) = of_vehicle(one), of_vehicle(other)
+    if vehicle and another and vehicle != another:
+        return False
     return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
 
 
+def sets_in_vain(key: str, place: str) -> bool:
+    """Whether a key has no effect where a place varies: it is the same one, or of one vehicle, and every vehicle's
+    varies."""
+    return key == place or (of_vehicle(place)[0] == "" and of_vehicle(key)[1] == place)
+
+
 def table_in(name: str, tables: Mapping[str, Any]) -> Any:
-    """The table of a key's first word, also of one wall, ``walls[0]``; None if there is none."""
+    """The table of a key without its last word, also of one wall, ``walls[0]``, or of a vehicle,
+    ``vehicles[left].controller``; None if there is none."""
+    vehicle, name = of_vehicle(name)
+    if vehicle:
+        own = {each["name"]: each for each in tables.get(VEHICLES, ())}
+        return table_in(name, own[vehicle]) if vehicle in own else None
     if (found := _LISTED.fullmatch(name)) is None:
         return tables.get(name)
     listed = tables.get(found[1], [])
@@ -53,7 +76,7 @@ def table_in(name: str, tables: Mapping[str, Any]) -> Any:
 def value_at(place: str, tables: Mapping[str, Any]) -> Any:
     """The value of a place in the tables of a scenario."""
     key, parts = parsed(place)
-    table, _, word = key.partition(".")
+    table, _, word = key.rpartition(".")
     return functools.reduce(operator.getitem, parts, table_in(table, tables)[word])
 
 
@@ -66,7 +89,7 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
         if not parts:
             overrides[key] = value
             continue
-        table, _, word = key.partition(".")
+        table, _, word = key.rpartition(".")
         whole = overrides.setdefault(key, copy.deepcopy(table_in(table, tables)[word]))
         functools.reduce(operator.getitem, parts[:-1], whole)[parts[-1]] = value
     return overrides
@@ -75,12 +98,19 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
 def missing(place: str, tables: Mapping[str, Any]) -> str:
     """The reason why the tables of a scenario lack a component; empty for a whole key, which the scenario checks."""
     key, parts = parsed(place)
-    table, _, word = key.partition(".")
+    table, _, word = key.rpartition(".")
     own = table_in(table, tables)
+    vehicle, _ = of_vehicle(key)
+    names = [each["name"] for each in tables.get(VEHICLES, ())]
+    if vehicle and vehicle not in names:
+        return f"the world has {', '.join(names)}" if names else "the base scenario is of one vehicle"
     if own is None and (found := _LISTED.fullmatch(table)):
         return f"the scenario has {len(tables.get(found[1], []))} [[{found[1]}]]"
     if not parts:
         return ""
+    if own is None and names:
+        of_one = f"{VEHICLES}[{vehicle or names[0]}].{of_vehicle(place)[1]}"
+        return f"no table {table!r} of the world; of one vehicle it is {of_one}"
     if own is None:
         return f"no table {table!r}; {suggestion(table, (t for t in tables if isinstance(tables[t], dict)))}"
     if word not in own:
@@ -100,11 +130,14 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
     return ""
 
 
-def unit_of(place: str, scenario: Scenario) -> str:
+def unit_of(place: str, scenario: Scenario | World) -> str:
     """The unit of a place; empty if its number has none. Of two units, "N, N m", the first belongs to the first three
     components of six."""
+    vehicle, place = of_vehicle(place)
+    if isinstance(scenario, World):
+        scenario = scenario.scenarios.get(vehicle) or next(iter(scenario.scenarios.values()))
     key, parts = parsed(place)
-    table, _, word = key.partition(".")
+    table, _, word = key.rpartition(".")
     found = _LISTED.fullmatch(table)
     own = getattr(scenario, found[1])[int(found[2])] if found else getattr(scenario, table, None)
     field = getattr(own, "__dataclass_fields__", {}).get(word)

@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Fault, InputError
+from ...errors import Fault, InputError, suggestion
 from ...files import plain, shortened, tables_of, toml_path
 from ...scenario import Scenario
+from ...setup.world import VEHICLES, World
 from .file import (
     PATHS,
     Distribution,
@@ -34,8 +35,8 @@ from .file import (
     with_absolute_values,
 )
 from .laws import KeyChecks, Law, base_of, combination_faults, laws_of, split_overrides
-from .metrics import METRICS, Limit, column_is_taken, kept_column, limits, metric_of
-from .places import overrides_at, unit_of
+from .metrics import Limit, column_is_taken, kept_column, limits, metric_of, number_of, of_each, parted
+from .places import of_vehicle, overrides_at, table_in, unit_of
 
 MOST_RUNS = 10_000_000
 
@@ -67,6 +68,7 @@ class Plan:
     Attributes:
         tables: the study file with absolute paths and its base scenario inline: ``Plan.from_dict(plan.tables)`` gives
             the same plan.
+        base: the base scenario, or the world.
         laws: at least one; labels are unique.
         variations: the entries of ``[[vary]]``; places of one entry move together.
         varied: the dotted keys that vary, or components of them, in order.
@@ -74,7 +76,7 @@ class Plan:
         points: the values of each draw, in the order of ``varied``.
         design: "grid", "random", "sobol", "latin_hypercube" or "sobol_indices".
         repeats: runs of each draw and law, which differ in their seed.
-        metrics: places in a run's summary, or path/to/file.py:function.
+        metrics: places in a run's summary, in a world behind the name of a vehicle, or path/to/file.py:function.
         engine: "auto", "mujoco", "free_body" or "gpu".
         tolerance: largest relative difference of a metric between the engines [1].
         time_limit_s: wall time after which a run ends [s]; None without a limit.
@@ -87,7 +89,7 @@ class Plan:
     name: str
     description: str
     tables: dict[str, Any]
-    base: Scenario
+    base: Scenario | World
     laws: tuple[Law, ...]
     variations: tuple[Vary, ...]
     varied: tuple[str, ...]
@@ -147,6 +149,11 @@ class Plan:
         return len(self.points)
 
     @property
+    def vehicles(self) -> tuple[str, ...]:
+        """The names of the vehicles of a world; none of a scenario."""
+        return _vehicles(self.base)
+
+    @property
     def runs(self) -> int:
         """Number of runs: draws x laws x repeats. The index of a run is (draw * laws + law) * repeats + repeat."""
         return self.draws * len(self.laws) * self.repeats
@@ -184,7 +191,7 @@ class Plan:
         values = self._values(index)
         given = {key: value for key, value in values.items() if value is not None}
         seed = run_seed(self.seed, draw, repeat)
-        own = {"controller.name": law.source, **law.overrides}
+        own = {**law.chosen, **law.overrides}
         overrides = {**own, **overrides_at(given, law.tables), "simulation.seed": seed}
         return Run(index, draw, law.label, repeat, seed, values, overrides)
 
@@ -197,12 +204,25 @@ class Plan:
     def names(self, index: int) -> dict[str, str]:
         """The names of the stages and of the files of a run, by dotted key."""
         tables, values = self._law(index).tables, self._values(index)
-        places = [(key, *key.split(".")) for key in PATHS]
-        named = {key: tables[table][word] for key, table, word in places if word in tables[table]}
-        return named | {key: value for key, value in values.items() if key in PATHS and value is not None}
+        given = {key: value for key, value in values.items() if of_vehicle(key)[1] in PATHS and value is not None}
+        if isinstance(self.base, World):
+            own = self.base.overrides_of_each(given)
+            given = {f"{VEHICLES}[{name}].{key}": value for name in own for key, value in own[name].items()}
+        keys = [f"{VEHICLES}[{name}].{key}" for name in self.vehicles for key in PATHS] or PATHS
+        places = [(key, *key.rpartition(".")[::2]) for key in keys]
+        named = {key: found[word] for key, table, word in places if word in (found := table_in(table, tables))}
+        return named | given
 
     def scenario(self, index: int) -> Scenario:
-        """The scenario of a run. Raises InputError if its values can't be used together."""
+        """The scenario of a run of one vehicle. Raises InputError if its values can't be used together, or the run is
+        of a world."""
+        found = self.scenario_or_world(index)
+        if isinstance(found, World):
+            raise InputError(f"{self.name}: run {index} is of a world of several vehicles; here is one vehicle needed")
+        return found
+
+    def scenario_or_world(self, index: int) -> Scenario | World:
+        """The scenario of a run, or its world. Raises InputError if its values can't be used together."""
         overrides = self.run(index).overrides
         return self._law(index).scenario.updated(overrides, place=f"run {index}", trusted=self.trusted)
 
@@ -305,9 +325,16 @@ def plan_of(
     ran = trusted is not None
     faults: list[Fault] = []
     changed, of_base = split_overrides(tables, overrides, faults)
-    study = _completed(read(changed, faults), folder)
-    variations = entries(study.vary, faults)
+    study = read(changed, faults)
+    of_tables = [*faults]
     base = base_of(study.base, folder, of_base, faults, trusted)
+    faults, of_its_base = of_tables, faults[len(of_tables) :]
+    study = _completed(study, folder, base)
+    variations = entries(study.vary, faults)
+    faults += of_its_base
+    if isinstance(base, World):
+        of_base = {base.named(key): value for key, value in of_base.items()}
+        faults += [Fault("run.engine", _NO_GPU)] if study.run.engine == "gpu" else []
     left_out: list[str] = []
     laws = laws_of(study.laws, base, folder, faults, left_out, trusted) if base is not None else []
     faults += combination_faults(variations, laws, of_base, _none(faults, "laws"))
@@ -317,7 +344,7 @@ def plan_of(
     if runs > MOST_RUNS:
         faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
     varied = tuple(place for each in variations.values() for place in each.places)
-    faults += [] if ran else _keep_faults(study.keep, runs, varied)
+    faults += [] if ran else _keep_faults(study.keep, runs, varied, base)
     success = limits(study.success, study.keep.metrics, folder, faults)
     faults += [] if ran else KeyChecks(variations, laws, drawn).faults()
     if faults or base is None:
@@ -330,7 +357,7 @@ def plan_of(
             "description": study.description,
             **({"about": plain(study.about)} if study.about else {}),
             "base": base.to_dict(),
-            "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
+            "laws": [law.written for law in laws],
             **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
             "success": plain(success),
         },
@@ -360,12 +387,33 @@ def _none(faults: list[Fault], table: str) -> bool:
     return not any(fault.key.replace("[", ".").partition(".")[0] == table for fault in faults)
 
 
-def _completed(study: StudyFile, folder: Path) -> StudyFile:
-    """A study file with absolute paths, the kind of its design, and the column of the metric of the worst logs."""
+def _vehicles(base: Scenario | World | None) -> tuple[str, ...]:
+    return tuple(base.scenarios) if isinstance(base, World) else ()
+
+
+_NO_GPU = "a GPU runs one vehicle, and the base is a world of several; take auto"
+
+
+def _with_names(table: Any, world: World) -> Any:
+    """An entry of ``[[vary]]`` whose keys have the names of vehicles in place of their numbers."""
+    if not isinstance(table, Mapping):
+        return table
+    named = {**table, "key": world.named(key)} if isinstance(key := table.get("key"), str) else dict(table)
+    if isinstance(keys := table.get("keys"), list):
+        named["keys"] = [world.named(key) if isinstance(key, str) else key for key in keys]
+    return named
+
+
+def _completed(study: StudyFile, folder: Path, base: Scenario | World | None) -> StudyFile:
+    """A study file with absolute paths, the kind of its design, the metrics and keys of a world with the names of its
+    vehicles, and the column of the metric of the worst logs."""
     vary = [with_absolute_values(each, folder) for each in study.vary]
+    if isinstance(base, World):
+        vary = [_with_names(each, base) for each in vary]
     grid = all(isinstance(each, Mapping) and ("values" in each or "number" in each) for each in vary)
     design = dataclasses.replace(study.design, kind=study.design.kind or ("grid" if grid else "random"))
     metrics, logs = [absolute(name, folder) for name in study.keep.metrics], study.keep.logs
+    metrics = of_each(metrics, _vehicles(base))
     if logs.metric is not None:
         with contextlib.suppress(InputError):  # said with the other errors of keep
             logs = dataclasses.replace(logs, metric=kept_column(logs.metric, metrics, folder)[1])
@@ -384,15 +432,18 @@ def _drawn(
     return (), []
 
 
-def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault]:
+def _keep_faults(keep: Keep, runs: int, varied: Sequence[str], base: Scenario | World | None) -> Iterator[Fault]:
     """Errors of the table keep."""
-    metrics, logs = keep.metrics, keep.logs
+    metrics, logs, vehicles = keep.metrics, keep.logs, _vehicles(base)
     for i, name in enumerate(metrics):
         try:
             if name in metrics[:i]:
                 raise InputError(f"{name!r} is given twice")
             metric_of(name)
-            if name not in METRICS and column_is_taken(name, metrics[:i], varied):
+            if (vehicle := parted(name)[0]) and vehicle not in vehicles and base is not None:
+                there = suggestion(vehicle, vehicles) if vehicles else "the base scenario is of one"
+                raise InputError(f"{name!r}: no vehicle {vehicle!r}; {there}")
+            if not number_of(name) and column_is_taken(name, metrics[:i], varied):
                 raise InputError(f"{name!r}: a column of the rows has this name already; rename the function")
         except InputError as error:
             yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)

@@ -1,19 +1,19 @@
 """A study from its first missing block to its last log; and its time and size, estimated from a short run of each
 law."""
 
-import dataclasses
 import functools
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from ...engine.run import simulate
 from ...engine.vehicle_run import LawError
 from ...errors import InputError
 from ...scenario import Scenario
+from ...setup.world import World
 from ..bundle import StudyBundle
 from ..fleets import GPU, CpuWarning, Fleets
 from ..results import StudyFolder, blocks, frame, put, schema_of
@@ -144,12 +144,17 @@ class Execution:
     def _logs(self, rows: Any) -> None:
         """Run those runs again whose logs are kept. A run is the same each time."""
 
-        def keep(log: Any, index: int, _: str) -> None:
-            if log:
-                put(self.results.log(index), lambda file: file.write(log))
+        def keep(logs: Any, index: int, _: str) -> None:
+            for name, log in (logs or {}).items():
+                put(self.results.log(index, name), functools.partial(_write, log))
 
         engines = dict(zip(rows["index"].tolist(), rows["engine"].tolist(), strict=True))
-        missing = [index for index in kept(self.plan, rows) if not self.results.log(index).exists()]
+        names = self.plan.vehicles or ("",)
+        missing = [
+            index
+            for index in kept(self.plan, rows)
+            if not all(self.results.log(index, name).exists() for name in names)
+        ]
         self._repeat("writing logs", log_of, [(index, engines[index]) for index in missing], keep)
 
     def _repeat(
@@ -164,6 +169,10 @@ class Execution:
             self.done += 1
 
         each_call(self.executor, task, ((self.bundle, *run) for run in runs), take, self._tick)
+
+
+def _write(data: bytes, file: IO[bytes]) -> None:
+    file.write(data)
 
 
 def _by_index(pairs: dict[tuple[int, str], dict[str, Any]], indices: Sequence[int], rows: Sequence[dict]) -> None:
@@ -223,7 +232,7 @@ def estimate(plan: "Plan", workers: int) -> Estimate:
     seconds, log_bytes = 0.0, 0
     for law in range(len(plan.laws)):
         try:
-            scenario = plan.scenario(law * plan.repeats)
+            scenario = plan.scenario_or_world(law * plan.repeats)
             engine = chosen_engine(scenario) if plan.engine in ("auto", GPU) else plan.engine
             fixed_s, step_s, row_bytes = _probe(scenario, engine)
             if plan.engine == GPU and engine == "free_body":
@@ -240,15 +249,16 @@ def estimate(plan: "Plan", workers: int) -> Estimate:
     return Estimate(seconds / workers, columns * (parts * _PART_BYTES + plan.runs * _ROW_BYTES), log_bytes)
 
 
-def _probe(scenario: Scenario, engine: str) -> tuple[float, float, int]:
+def _probe(scenario: Scenario | World, engine: str) -> tuple[float, float, int]:
     """Wall times of a run besides its steps and of a step [s], and the size of a row of its log [bytes]. The first of
     two short runs loads what both need."""
-    stepping = scenario.simulation
-    short = dataclasses.replace(stepping, duration=min(_PROBE_S, stepping.duration))
+    short = scenario.updated({"simulation.duration": min(_PROBE_S, scenario.simulation.duration)})
     for _ in range(2):
         start = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            trace = simulate(dataclasses.replace(scenario, simulation=short), keep_s=0.0, engine=engine)
-        whole_s = time.perf_counter() - start
-    return whole_s - trace.wall_time_s, trace.wall_time_s / max(1, trace.steps), 8 * trace.header.width
+            found = simulate(short, keep_s=0.0, engine=engine)
+        traces = [*found.values()] if isinstance(found, dict) else [found]
+        whole_s, stepping_s = time.perf_counter() - start, sum(trace.wall_time_s for trace in traces)
+    width = sum(trace.header.width for trace in traces)
+    return whole_s - stepping_s, stepping_s / max(1, min(trace.steps for trace in traces)), 8 * width

@@ -13,7 +13,17 @@ from ...errors import InputError, suggestion
 from ...views import colours
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, Distribution, Vary
-from ..plan.metrics import COMPLETED, OF_ROWS, SETTLED, columns_of, in_words, successes, unit_of_column, without_unit
+from ..plan.metrics import (
+    COMPLETED,
+    OF_ROWS,
+    columns_of,
+    in_words,
+    is_settled,
+    of_each,
+    successes,
+    unit_of_column,
+    without_unit,
+)
 
 PREFERRED = (
     "contact.peak_N",
@@ -138,7 +148,7 @@ class StudyRows:
 
     @property
     def success_text(self) -> str:
-        return in_words(self.plan.success, SETTLED in self.frame)
+        return in_words(self.plan.success, any(map(is_settled, self.frame)))
 
     def named(self, names: Sequence[str]) -> list[Metric]:
         """The metrics of these names. Raises InputError for one that the study does not keep as a number."""
@@ -153,8 +163,10 @@ class StudyRows:
     def metrics(self) -> tuple[Metric, ...]:
         """The columns of numbers but for the courses over time, the columns of :data:`PREFERRED` first unless the study
         file lists its metrics."""
-        known = {*OF_ROWS, *self.plan.varied, SETTLED, *(column for each in COURSES for column in columns_of(each))}
-        names = [name for name in self.frame if name not in known and self._numbers(name).notna().any()]
+        courses = {*of_each(COURSES, self.plan.vehicles)}
+        known = {*OF_ROWS, *self.plan.varied, *(column for each in courses for column in columns_of(each))}
+        names = [name for name in self.frame if name not in known and not is_settled(name)]
+        names = [name for name in names if self._numbers(name).notna().any()]
         if tuple(self.plan.metrics) == DEFAULT_METRICS:
             names.sort(key=lambda name: PREFERRED.index(name) if name in PREFERRED else len(PREFERRED))
         return tuple(Metric(name) for name in names)

@@ -17,11 +17,12 @@ from pydantic import dataclasses as pydantic_dataclasses
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import plain
 from ...quantities import STRICT, Number, Real, doc, overrides_of, within
+from ...setup.world import VEHICLES, World
 from ..bundle import StudyBundle
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, absolute, below_high, entries, read, used_with, valid, words_of
 from ..plan.laws import Law, base_of, laws_of, split_overrides
-from ..plan.metrics import METRICS, columns_of, kept_column, metric_of
+from ..plan.metrics import METRICS, columns_of, kept_column, metric_of, number_of, parted
 from ..plan.places import Place, missing, overlap, overrides_at, parsed, table_in, unit_of, value_at
 from ..pool.execution import run_by_run
 from ..pool.executors import WorkerLost, each_call, size_of
@@ -145,9 +146,8 @@ def with_gains(plan: Plan, values: Mapping[str, float]) -> Plan:
     (law,) = plan.laws
     overrides = overrides_at(values, law.tables)
     changed = {**law.overrides, **overrides}
-    named = {"name": law.source, "label": law.label, **changed}
     law = dataclasses.replace(law, overrides=changed, scenario=law.scenario.updated(overrides))
-    return dataclasses.replace(plan, laws=(law,), tables={**plan.tables, "laws": [named]})
+    return dataclasses.replace(plan, laws=(law,), tables={**plan.tables, "laws": [law.written]})
 
 
 def rows_of(bundle: StudyBundle, values: Mapping[str, float], indices: tuple[int, ...]) -> list[dict[str, Any]]:
@@ -295,7 +295,17 @@ def fields_of(
     if plan is not None and len(plan.laws) > 1:
         laws = ", ".join(law.label for law in plan.laws)
         faults.append(Fault("laws", f"has {laws}; a tuning is of one law"))
+    faults += [
+        Fault(f"{place}.metric", f"name a vehicle: {plan.vehicles[0]}.{each.metric}")
+        for place, each in measures
+        if plan is not None and plan.vehicles and each.metric in {c for m in METRICS for c in columns_of(m)}
+    ]
     law, varied = _law(study, folder, of_study)
+    if law is not None and isinstance(law.scenario, World):
+        varied = [law.scenario.named(place) for place in varied]
+        found["gain"] = [
+            (place, dataclasses.replace(gain, key=law.scenario.named(gain.key))) for place, gain in found["gain"]
+        ]
     faults += _gain_faults(found["gain"], law, varied) if law is not None else []
     if faults or plan is None:
         raise InputError(faults, place)
@@ -362,14 +372,15 @@ def _with_metrics(
     for place, each in measures:
         try:
             metric = _metric(each.metric, kept, folder)
-            if metric in METRICS and each.metric not in columns_of(metric):
+            number = number_of(metric)
+            if number and each.metric not in columns_of(metric):
                 raise InputError(f"{each.metric!r} has components; {suggestion(each.metric, columns_of(metric))}")
-            if metric in METRICS and METRICS[metric].kind is str:
+            if number and number.kind is str:
                 raise InputError(f"{metric!r} is a text, not a number")
         except InputError as error:
             faults += [Fault(f"{place}.metric", fault.message) for fault in error.faults]
             continue
-        kept += [metric] if metric not in kept else []
+        kept += [metric] if metric not in kept and parted(metric)[1] not in kept else []
     return {**study, "keep": {**keep, "metrics": kept}}
 
 
@@ -381,7 +392,7 @@ def _metric(name: str, kept: list[str], folder: Path) -> str:
     file, colon, word = name.rpartition(":")
     whole = f"{file}:{word.partition('.')[0]}" if colon else name
     parent = name.rpartition(".")[0]
-    metric_of(metric := parent if parent in METRICS else whole)
+    metric_of(metric := parent if number_of(parent) else whole)
     return metric
 
 
@@ -419,8 +430,10 @@ def _range_faults(place: str, gain: Gain, law: Law) -> list[Fault]:
         except InputError as error:
             found |= {fault.message: end for fault in error.faults if fault.message not in found}
     key = parsed(gain.key)[0]
-    table, _, word = key.partition(".")
+    table, _, word = key.rpartition(".")
     own = table_in(table, law.tables)
+    if own is None and VEHICLES in law.tables:
+        return [Fault(f"{place}.key", f"name a vehicle: {VEHICLES}[{law.tables[VEHICLES][0]['name']}].{gain.key}")]
     if own is None or word not in own:
         return [Fault(f"{place}.key", f"{key}: {message}") for message in found] or [
             Fault(f"{place}.key", f"{gain.key} has no value in the base scenario, where the search begins: give it one")
