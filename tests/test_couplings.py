@@ -528,6 +528,21 @@ def test_a_demanded_internal_force_is_the_force_in_the_bar(F):
 
 
 @pytest.mark.parametrize(
+    ("law", "tolerance"),
+    [("gsta", 1e-4), ("sta", 1e-4), ("admittance", 1e-9), ("dob_impedance", 1e-9), ("aismc", 1e-9), ("ideal", 1e-9)],
+)
+def test_the_loads_under_each_law_are_those_of_its_closed_form(law, tolerance):
+    """Two vehicles squeeze a bar with 10 N; the yardstick feels a force that it does not demand. Super-twisting laws
+    chatter by the boundary of their sampling."""
+    world = squeezed(10.0, **{f"vehicles[{name}].controller.name": law for name in ("left", "right")})
+    world = world.updated({"simulation.duration": 25.0, "simulation.timestep": 2e-4})
+    rest, traces = coupled_rest(world), simulate(world, engine="free_body", keep_s=1.0)
+    load = np.abs(rest.forces).max()
+    assert load == pytest.approx(10.0, rel=1e-9) or law == "ideal"
+    assert traces["bar"].f_couplings_W[-1] == pytest.approx(rest.on("bar"), abs=tolerance * load)
+
+
+@pytest.mark.parametrize(
     ("case", "tolerance"),
     [("pressed", 1e-8), ("hanging", 1e-9), ("yielding", 1e-9), ("in a current", 1e-9)],
 )
