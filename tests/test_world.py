@@ -1,5 +1,6 @@
 """Worlds: several vehicles in one scenario, alone or coupled."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -16,13 +17,16 @@ from click.testing import CliRunner
 import uvms_mj
 from uvms_mj import Diverged, InputError, McapLog, Scenario, Simulation, Trace, WorldSimulation, simulate, still
 from uvms_mj.cli import main
-from uvms_mj.engine.run import EncounterWarning
+from uvms_mj.engine.world_run import EncounterWarning
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant import encounter
 from uvms_mj.plant.geometry import Geometry, Shape
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.plant.settings import EffectTable
 from uvms_mj.records.header import Status
-from uvms_mj.setup.world import World, vehicles_of
+from uvms_mj.scenario import TABLES
+from uvms_mj.setup.world import OF_WORLD, World, vehicles_of
+from uvms_mj.stages.base import Stage
 
 ENGINES = ("free_body", "mujoco")
 BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
@@ -77,6 +81,20 @@ def bodies(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
         "vehicles": vehicles,
     }
     return World.from_dict(given | tables)
+
+
+def test_every_table_says_whether_all_vehicles_share_it():
+    """No class of a table inherits the answer but a stage, which is of a vehicle; and two vehicles share the tables
+    that say so, and no other one."""
+    fields = {f.name for f in dataclasses.fields(Scenario)} - {"name", "description"}
+    assert fields == TABLES.keys()
+    for name, table in TABLES.items():
+        assert "of_world" in vars(table) or (issubclass(table, Stage) and not table.of_world), name
+    assert not hasattr(EffectTable, "of_world")
+    tables = row(2).to_dict()
+    assert {*OF_WORLD} == tables.keys() - {"name", "description", "vehicles"}
+    for each in tables["vehicles"]:
+        assert each.keys() == fields - {*OF_WORLD} | {"name"}
 
 
 # vehicles that do not touch

@@ -17,8 +17,9 @@ _NAMES = {
     "engine.fleet": "Fleet",
     "engine.native.attachment": "Attachment attach",
     "engine.native.plain_stage": "StageFault",
-    "engine.run": "LawError SinkError simulate",
+    "engine.run": "simulate",
     "engine.simulation": "Diverged Simulation",
+    "engine.vehicle_run": "LawError SinkError",
     "errors": "InputError",
     "guidance": "Guidance",
     "navigation": "Encoder Navigation Observer Wrist",
@@ -70,11 +71,11 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .engine.native.attachment import Attachment as Attachment
     from .engine.native.attachment import attach as attach
     from .engine.native.plain_stage import StageFault as StageFault
-    from .engine.run import LawError as LawError
-    from .engine.run import SinkError as SinkError
     from .engine.run import simulate as simulate
     from .engine.simulation import Diverged as Diverged
     from .engine.simulation import Simulation as Simulation
+    from .engine.vehicle_run import LawError as LawError
+    from .engine.vehicle_run import SinkError as SinkError
     from .errors import InputError as InputError
     from .guidance import Guidance as Guidance
     from .navigation import Encoder as Encoder

@@ -120,9 +120,9 @@ class Scenario:
         return [each for table in given for each in (table if isinstance(table, tuple) else (table,))]
 
     @property
-    def water_tables(self) -> Sequence[str]:
-        """The names of the tables of the effects of the water."""
-        return tuple(EFFECT_TABLES)
+    def balanced_tables(self) -> Sequence[str]:
+        """The names of the tables of those effects of the water whose records are in a balance at rest."""
+        return tuple(name for name, table in EFFECT_TABLES.items() if table.balanced)
 
     @property
     def unsteady_flow(self) -> str:
@@ -378,6 +378,8 @@ LISTS: dict[str, Any] = {
     "effects": Effect,
 }
 """The tables of each list of tables."""
+TABLES: dict[str, Any] = {f.name: _TABLES.get(f.name) or LISTS[f.name] for f in dataclasses.fields(Scenario)[2:]}
+"""The class of each table, or of the tables of each list, by name. Its ``of_world`` says whose it is."""
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, **LISTS, **OF_COUPLINGS, "buoyancy.shapes": Volume}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""

@@ -14,7 +14,7 @@ from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.effects import add_fin, deflected
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.plant.effects import effect_records
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 
 RUDDER = {"area": 0.01, "position": [-0.3, 0.0, 0.0], "mixing_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 2.0], "lag": 0.05}
 MOVING = {
@@ -27,7 +27,7 @@ MOVING = {
 
 
 def fin_record(fin: Fin):
-    return record_of(effect_records({"fins": (fin,)}, World())["fins"][0])
+    return record_of(effect_records({"fins": (fin,)}, Situation())["fins"][0])
 
 
 def deflections(scenario: Scenario, yaw, engine: str = "free_body") -> np.ndarray:

@@ -17,7 +17,7 @@ from tree_run import AT_TOOL, MOVING, OF_JOINTS
 from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.engine.native import pipeline
 from uvms_mj.engine.native.compilation import NotCompiled
-from uvms_mj.engine.run import PlainPythonWarning
+from uvms_mj.engine.vehicle_run import PlainPythonWarning
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.signals import BAND
 

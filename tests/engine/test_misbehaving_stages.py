@@ -24,7 +24,7 @@ def quiet_run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 def test_a_stage_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
     case, log = CASES[name], tmp_path / "run.mcap"
     with pytest.raises((InputError, LawError)) as caught:

@@ -238,7 +238,7 @@ class Late(Controller):
 """
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize("plain", [False, True])
 def test_a_setting_of_a_users_stage_changes_during_a_run(tmp_path, request, plain):
     """The mistake of Late comes at the time in force, not at that of the start."""
@@ -254,7 +254,7 @@ def test_a_setting_of_a_users_stage_changes_during_a_run(tmp_path, request, plai
         assert sim.steps == 101
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize("plain", [False, True])
 def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, request, plain):
     (tmp_path / "late.py").write_text(LATE)
@@ -380,7 +380,7 @@ class Interrupted(Guidance):
 """
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 def test_a_plain_stage_that_was_interrupted_begins_its_instant_again(tmp_path, plain_python):
     """Its states advance once, and its instants are counted once."""
     (tmp_path / "stage.py").write_text(INTERRUPTED)
@@ -419,7 +419,7 @@ ATTITUDES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize("plain", [False, True])
 @pytest.mark.parametrize("mistake", ATTITUDES)
 def test_an_attitude_that_is_none_is_named(tmp_path, request, mistake, plain):

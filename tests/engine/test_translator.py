@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from compiled import Compiled
 from traces import assert_rounded_alike
+from uvms_mj.compiler.refusals import Mistake
 from uvms_mj.compiler.libm import exp, sin
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
@@ -93,6 +95,33 @@ def test_machine_code_is_plain_python_bit_for_bit(kernel):
             np.testing.assert_array_equal(out[name], expected[name])
             if name == "x":
                 np.testing.assert_array_equal(np.signbit(out[name]), np.signbit(expected[name]), str(data))
+
+
+def sum_of_parts(data, out):
+    for k in range(data.parts.shape[0]):
+        out[0] += first_above(data.parts[k].v, 0.5)
+
+
+def sum_of_unknown(data, out):
+    for k in range(data.parts.shape[0]):
+        out[0] += data.parts[k].unknown
+
+
+def test_a_kernel_is_translated_without_the_loops_over_its_empty_arrays():
+    """What a plant has not costs its machine code nothing, not even the time of the compiler. A user's loop, which may
+    be wrong, is looked at in any case."""
+    texts = []
+    for n in (2, 0):
+        data = np.zeros(1, np.dtype([("parts", PART, (n,))], align=True))
+        data["parts"]["v"], out, expected = 1.5, np.array([0.25]), np.array([0.25])
+        kernel = Compiled(sum_of_parts, [data.dtype, (float, (1,))], checked=False)
+        kernel(data, out)
+        sum_of_parts(data.view(np.recarray)[0], expected)
+        assert out == expected == 0.25 + 1.5 * n
+        texts.append(kernel.text)
+    assert [text.count("first_above") > 0 for text in texts] == [True, False]
+    with pytest.raises(Mistake, match="unknown"):
+        Compiled(sum_of_unknown, [data.dtype, (float, (1,))])
 
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))

@@ -11,7 +11,8 @@ from law_files import HEADER, law_file, one_liner
 from page_numbers import page
 from uvms_mj import InputError, LawError, Scenario, simulate
 from uvms_mj.engine.native import compilation
-from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
+from uvms_mj.engine.vehicle_run import PlainPythonWarning
+from uvms_mj.setup.checks import SamplingWarning
 
 SHORT = {"simulation.duration": 0.2}
 COPY_OF_GSTA = '''
@@ -169,7 +170,7 @@ def test_a_law_that_is_wrong_is_refused_before_the_run_with_its_line(tmp_path, b
         ("if signals.t > 0.01:\n    raise KeyError(eval('1'))", "KeyError: 1"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path, body, what):
     body = f"tau_cmd[:] = 0.0\n{body}"
     path = law_file(tmp_path, one_liner("Wrong", body))
@@ -239,7 +240,7 @@ def turned(quat, v):
     assert trace.status.name == "completed"
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 def test_a_plain_law_that_changes_its_signals_is_refused_also_where_no_array_tells(tmp_path):
     slip = "tau_cmd[:] = signals.g_hat\nmemoryview(signals.nu).cast('B').cast('d')[0] = eval('3.0')"
     path = law_file(tmp_path, one_liner("Hidden", slip))

@@ -10,7 +10,7 @@ from uvms_mj.analysis.metrics import final_force
 from uvms_mj.physics.effects import add_effects
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.plant.effects import effect_records
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 from uvms_mj.setup.base import set_up
 
 
@@ -51,7 +51,7 @@ def test_the_fins_of_the_lauv_are_the_derivatives_of_its_source_to_first_order()
     def wrench(nu=(0.0,) * 6, rudder_deg=0.0):
         given = tuple(replace(fin, deflection_deg=rudder_deg if i < 2 else 0.0) for i, fin in enumerate(fins))
         tau = np.zeros(6)
-        add_effects(record_of(effect_records({"fins": given}, World())), np.array([u, *nu[1:]]), tau)
+        add_effects(record_of(effect_records({"fins": given}, Situation())), np.array([u, *nu[1:]]), tau)
         return tau
 
     small = 1e-4

@@ -10,7 +10,7 @@ from uvms_mj import Scenario, Sea, Simulation, simulate
 from uvms_mj.physics.kernels import called_on, kernel
 from uvms_mj.physics.waves import WAVE, add_waves
 from uvms_mj.plant.sea import spectral_density, wave_number
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 from uvms_mj.setup.base import set_up
 
 REGULAR = {
@@ -103,7 +103,7 @@ def test_irregular_waves_give_a_held_sensor_the_deviation_of_their_spectrum():
     variances = []
     for seed in range(10):
         sea = Sea(height=height, period=period, depth=d, surface=0.0, spectrum="jonswap", components=200)
-        waves, found = np.array(sea.records(World(seed, g)), WAVE), np.zeros(len(instants))
+        waves, found = np.array(sea.records(Situation(seed, g)), WAVE), np.zeros(len(instants))
         called_on(head_at, waves, instants, found)()
         variances.append(found.var())
     assert np.std(variances) < 0.05 * expected

@@ -18,7 +18,7 @@ from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.physics.surfaces import BOX, CAPSULE, SPHERE
 from uvms_mj.plant.effects import effect_records
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 from uvms_mj.setup.checks import checked
 from vehicles import load, place
 
@@ -152,8 +152,8 @@ def test_the_waterplane_is_the_slope_of_the_volume_and_the_limits_are_dry_and_wh
 def shapes_of(*given, displaced_mass=8.0, r_b=(0.01, 0.0, 0.03), surface=0.0, sea=None):
     """Records of shapes for kernels."""
     table = Buoyancy(shapes=tuple(Volume(**each) for each in given))
-    world = World(displaced_mass=displaced_mass, r_b=np.array(r_b), surface=surface)
-    return record_of(effect_records({"buoyancy": table} | ({} if sea is None else {"sea": sea}), world))
+    situation = Situation(displaced_mass=displaced_mass, r_b=np.array(r_b), surface=surface)
+    return record_of(effect_records({"buoyancy": table} | ({} if sea is None else {"sea": sea}), situation))
 
 
 def wet_at(records, p, R, t=0.0):

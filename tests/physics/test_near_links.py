@@ -27,7 +27,7 @@ from twin import rotation
 from uvms_mj import InputError, NearWall, Scenario, attach, simulate
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.physics.near_wall import HULL, cylinder_mass, sphere_mass, tensor
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 
 TABLE = {  # h/a, design numbers of the project
     1.01: 2.034029,
@@ -113,7 +113,7 @@ def mass(table, tree, link, p, R, q):
 def of_spheroid(table, s, h):
     """A, B, C and D [kg] at the distance h from the wall, whose normal has the part s along the axis."""
     W = np.zeros((4, 3))
-    tensor(record_of(np.array(replace(table, link=None).records(World()), HULL)), s, h, W)
+    tensor(record_of(np.array(replace(table, link=None).records(Situation()), HULL)), s, h, W)
     return W[:, 0]
 
 

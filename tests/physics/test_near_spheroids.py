@@ -9,13 +9,13 @@ import spheroid_table
 from uvms_mj import NearWall
 from uvms_mj.physics.kernels import record_of
 from uvms_mj.physics.near_wall import HULL, sphere_mass, tensor
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 
 
 def record(length):
     """Of the radius 1 and the half length ``length``."""
     table = NearWall(shape="spheroid", radius=1.0, length=2.0 * length, point=(0.0, 0.0, 0.0), least_gap=1e-3)
-    return record_of(np.array(table.records(World()), HULL))
+    return record_of(np.array(table.records(Situation()), HULL))
 
 
 def reach(length, s):

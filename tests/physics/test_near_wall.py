@@ -39,7 +39,7 @@ from uvms_mj.physics.near_wall import (
     sphere_mass,
 )
 from uvms_mj.physics.near_wall import PAD as PAD_RECORD
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 from vehicles import load
 
 PORTS = (add_flows, add_sea, add_pushes, add_inertias, add_inertia_wrenches, add_effects, find_pulls, add_pulls)
@@ -187,7 +187,7 @@ def water(name, gap, nu, **changed):
     """Inertia (6, 6) and wrench (6,) of the water about one body at a gap, with the velocity nu (6,)."""
     M, tau, V = np.zeros((6, 6)), np.zeros(6), np.array(nu, float)
     p, table = np.array([1.0 - RADII[name] - gap, 0.0, 0.0]), dataclasses.replace(BODIES[name], **changed)
-    record = record_of(np.array(table.records(World()), PAD_RECORD if name == "pad" else HULL))
+    record = record_of(np.array(table.records(Situation()), PAD_RECORD if name == "pad" else HULL))
     if name == "pad":
         add_pad_inertia(record, p, np.eye(3), M)
         add_pad_wrench(record, p, np.eye(3), V, tau)

@@ -13,7 +13,7 @@ from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.kernels import called_on, kernel
 from uvms_mj.physics.waves import WAVE, add_waves, decayed, turned
 from uvms_mj.plant.sea import sea_notes, spectral_density, wave_number
-from uvms_mj.plant.settings import World
+from uvms_mj.plant.settings import Situation
 from uvms_mj.setup.checks import checked
 from vehicles import load
 
@@ -34,7 +34,7 @@ OBLIQUE = Sea(height=0.4, period=2.5, depth=3.0, surface=0.7, direction_deg=35.0
 def motion(sea, t, p, face=None, gravity=G):
     """v (3,), v_dot (3,) and gradient (3, 3) of the water."""
     v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    records = np.array(sea.records(World(0, gravity, face)), WAVE).view(np.recarray)
+    records = np.array(sea.records(Situation(0, gravity, face)), WAVE).view(np.recarray)
     add_waves(records, t, np.asarray(p, float), v, v_dot, gradient)
     return v, v_dot, gradient
 
@@ -107,7 +107,7 @@ def sea_at(waves, instant, found):
 def test_machine_code_has_the_bits_of_plain_python_for_any_number_of_components(components):
     """Also where a processor computes several of them at once, and some alone."""
     sea = Sea(height=0.5, period=4.0, spectrum="jonswap", spreading=3.0, depth=12.0, components=components)
-    waves = np.array(sea.records(World(5, G)), WAVE)
+    waves = np.array(sea.records(Situation(5, G)), WAVE)
     for t in np.linspace(0.0, 600.0, 13):
         instant = np.array([t, 0.3, -1.0, -0.1 * t])
         compiled, plain = np.zeros((5, 3)), np.zeros((5, 3))
@@ -129,17 +129,16 @@ def test_moments_of_spectra(gamma, height, ratio):
 
 def test_components_have_the_energy_of_the_spectrum_and_are_those_of_the_seed():
     sea = Sea(height=1.2, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0)
-    one, same, other = (np.array(sea.records(World(seed, G)), WAVE) for seed in (3, 3, 4))
+    one, same, other = (np.array(sea.records(Situation(seed, G)), WAVE) for seed in (3, 3, 4))
     assert one.tobytes() == same.tobytes() != other.tobytes()
     amplitude = one["rate"] * (1.0 - one["bottom"]) / one["omega"]
     assert 4.0 * math.sqrt((amplitude**2).sum() / 2.0) == pytest.approx(1.2, rel=1e-12)
     assert len(np.unique(one["omega"])) == sea.components
     headings = np.arctan2(one["e"][:, 1], one["e"][:, 0])
     assert 0.1 < headings.std() < 0.8
-    again = sea.records(World(3, G))
-    assert Sea(height=2.4, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0).records(World(3, G))[0][0] == (
-        pytest.approx(2.0 * again[0][0])
-    )
+    again = sea.records(Situation(3, G))
+    higher = Sea(height=2.4, period=6.0, spectrum="jonswap", spreading=4.0, depth=15.0).records(Situation(3, G))
+    assert higher[0][0] == pytest.approx(2.0 * again[0][0])
 
 
 def rider(mass: float, h: float):
@@ -161,7 +160,7 @@ def ridden(mass: float, h: float, seconds: float, height: float = 0.4) -> tuple[
 
     def water(t, p):
         v, v_dot, gradient = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-        add_waves(np.array(sea.records(World(0, g)), WAVE).view(np.recarray), t, p, v, v_dot, gradient)
+        add_waves(np.array(sea.records(Situation(0, g)), WAVE).view(np.recarray), t, p, v, v_dot, gradient)
         return v
 
     p, k = data.qpos[:3].copy(), h

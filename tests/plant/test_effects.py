@@ -9,7 +9,7 @@ from twin import TwinParameters
 from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach
 from uvms_mj.physics.effects import EFFECTS, FLOWS, PUSHES, TABLES, counted
 from uvms_mj.plant.effects import each_table, effect_records, effect_tables
-from uvms_mj.plant.settings import Surface, World
+from uvms_mj.plant.settings import Situation, Surface
 from uvms_mj.plant.water import EFFECT_TABLES
 from uvms_mj.setup.base import set_up
 from vehicles import load
@@ -34,7 +34,7 @@ ALWAYS = {"current", "disturbance"}
 
 
 def test_each_effect_has_records_a_table_and_a_field():
-    further = {"products", "cable", "nodes", "pulls"}  # a tether has a cable, and a coupling a pull
+    further = {"products", "cable", "nodes", "pulls", "touches"}  # a tether has a cable, a coupling a pull and a touch
     of_two = {"couplings"}  # tests/test_world.py
     assert set(EFFECT_TABLES) == set(EFFECTS) - further == set(SOME) | of_two
     fields = {field.name for field in dataclasses.fields(Scenario)}
@@ -43,7 +43,7 @@ def test_each_effect_has_records_a_table_and_a_field():
     for name, _, table in each_table(effect_tables(scenario)):
         assert isinstance(table, EFFECT_TABLES[name])
         assert set(table.tables) == set(TABLES.get(name, ()))
-        records = effect_records({name: table}, World(face=0.5, walls={"wall": Surface("plane", (1.0, 0.0, 0.0))}))
+        records = effect_records({name: table}, Situation(face=0.5, walls={"wall": Surface("plane", (1.0, 0.0, 0.0))}))
         assert dict(counted(records)) == {name: 1}
     assert all(hasattr(EFFECT_TABLES[name], "velocity_W") for name in FLOWS)
     assert all(hasattr(EFFECT_TABLES[name], "rate") for name in PUSHES)

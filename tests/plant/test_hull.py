@@ -11,7 +11,7 @@ from uvms_mj.engine.simulation import Simulation
 from uvms_mj.physics.surfaces import SURFACE, move
 from uvms_mj.plant.hull import response, swell
 from uvms_mj.plant.sea import spectral_density, wave_number
-from uvms_mj.plant.settings import Surface, World
+from uvms_mj.plant.settings import Situation, Surface
 from uvms_mj.setup.base import set_up
 
 REACH = set_up(Scenario()).plant.geometry.reach
@@ -41,7 +41,7 @@ def hull(**keys):
 
 def moved(wall, sea, times, seed=0, gravity=G):
     """Places (n, 3) and velocities (n, 3) of a wall in the sea, by the kernel."""
-    rows = swell(wall, sea, World(seed, gravity))[0]
+    rows = swell(wall, sea, Situation(seed, gravity))[0]
     surface = np.zeros(1, SURFACE)
     surface["start_W"], surface["swell_rows"] = wall.position, len(rows)
     surface = surface.view(np.recarray)[0]
@@ -114,7 +114,7 @@ def test_the_variance_is_the_integral_of_the_spectrum_times_the_square_of_the_re
     integral = np.trapezoid(np.abs(response(wall.heave, fine)) ** 2 * S, fine)
     variances = []
     for seed in range(20):
-        rows = swell(wall, sea, World(seed, G))[0]
+        rows = swell(wall, sea, Situation(seed, G))[0]
         variances.append(0.5 * float(np.sum(rows[:, 3] ** 2 + rows[:, 6] ** 2)))
     assert np.mean(variances) == pytest.approx(integral, rel=2e-3)
     assert integral < 0.9 * 0.8**2 / 16.0
@@ -125,7 +125,7 @@ def test_a_hull_with_the_response_one_rides_the_surface():
     wall = hull(heave=FLAT, roll=[], pitch=[], pivot=None, heading_deg=0.0)
     times = np.linspace(0.0, 20.0, 50)
     surface = sum(
-        a * np.cos(k * (e_x * 1.4 + e_y * 0.3) - w * times + p) for a, w, k, e_x, e_y, p in sea.waves(World(3, G))
+        a * np.cos(k * (e_x * 1.4 + e_y * 0.3) - w * times + p) for a, w, k, e_x, e_y, p in sea.waves(Situation(3, G))
     )
     np.testing.assert_allclose(moved(wall, sea, times, seed=3)[0][:, 2] + 0.2, surface, atol=1e-12)
 
@@ -203,21 +203,21 @@ OWN = {"shape": "plane", "position": [1.4, 0.3, -0.2], "swell_height": 0.8, "swe
 def test_a_wall_with_waves_of_its_own_heaves_by_their_spectrum():
     """Hs is four standard deviations, of the components and over an hour; the seed and no sea decides it."""
     calm, rough = Sea(), Sea(height=2.0, period=9.0)
-    rows = swell(hull_of(OWN), calm, World(3, G))[0]
+    rows = swell(hull_of(OWN), calm, Situation(3, G))[0]
     assert 4.0 * math.sqrt(0.5 * np.sum(rows[:, 3] ** 2 + rows[:, 6] ** 2)) == pytest.approx(0.8, rel=1e-12)
     assert not rows[:, [1, 2, 4, 5]].any()
     places, _ = moved(hull_of(OWN), calm, np.arange(0.0, 3600.0, 0.5), seed=3)
     assert 4.0 * places[:, 2].std() == pytest.approx(0.8, rel=0.05)
-    assert np.array_equal(rows, swell(hull_of(OWN), rough, World(3, G))[0])
-    assert not np.array_equal(rows, swell(hull_of(OWN), calm, World(4, G))[0])
+    assert np.array_equal(rows, swell(hull_of(OWN), rough, Situation(3, G))[0])
+    assert not np.array_equal(rows, swell(hull_of(OWN), calm, Situation(4, G))[0])
     seeded = hull_of(OWN | {"swell_seed": 3})
-    assert np.array_equal(rows, swell(seeded, calm, World(4, G))[0])
+    assert np.array_equal(rows, swell(seeded, calm, Situation(4, G))[0])
 
 
 def test_its_operators_answer_its_own_waves_as_those_of_a_sea():
     own = hull(swell_height=0.6, swell_period=6.0, swell_spectrum="pierson_moskowitz")
     sea = Sea(height=0.6, period=6.0, spectrum="pierson_moskowitz")
-    assert np.array_equal(swell(own, Sea(), World(1, G))[0], swell(hull(), sea, World(1, G))[0])
+    assert np.array_equal(swell(own, Sea(), Situation(1, G))[0], swell(hull(), sea, Situation(1, G))[0])
 
 
 def test_both_engines_press_on_a_wall_that_heaves_by_itself_in_still_water():

@@ -357,7 +357,7 @@ class Counts(Effect):
 DRAWS = effect("Draws", "tau[:] = 0.0\ntau[0] = np.random.normal()")
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize(("name", "body"), [("Counts", COUNTS), ("Draws", DRAWS)])
 def test_an_effect_that_is_no_function_of_what_it_is_given_has_no_closed_form(tmp_path, name, body):
     """And no slopes at rest, of which a note would speak. Calls for either are in no run: a run and its repetition

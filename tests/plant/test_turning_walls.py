@@ -14,7 +14,7 @@ from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.contacts import PAIR, pair_force
 from uvms_mj.physics.surfaces import SHAPES, SURFACE, move, quaternion_of, signed_distance, surface_velocity
 from uvms_mj.plant.hull import swell
-from uvms_mj.plant.settings import Surface, World
+from uvms_mj.plant.settings import Situation, Surface
 from uvms_mj.setup.base import set_up
 
 REACH = set_up(Scenario()).plant.geometry.reach
@@ -208,7 +208,7 @@ def test_a_hull_turns_with_its_roll_and_pitch():
         sea, found = Sea(height=height, period=5.0), []
         for turned in (False, True):
             wall, surface = Surface(**HULL, turns=turned), np.zeros(1, SURFACE)
-            moved, tilt = swell(wall, sea, World(0, 9.81))
+            moved, tilt = swell(wall, sea, Situation(0, 9.81))
             wall.place(surface[0])
             surface["turns"], surface["swell_rows"], surface["tilt_rows"] = turned, len(moved), len(tilt)
             surface["tilt"] = moved.size

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from recorded import LAW, decoded, same
 from uvms_mj import InputError, McapLog, Scenario, Status, Trace, simulate
 from uvms_mj.cli import main
-from uvms_mj.engine.run import Again
+from uvms_mj.engine.vehicle_run import Again
 from uvms_mj.records.mcap.attachments import outcome_of, without_paths
 
 ROOT = Path(__file__).parents[2]

@@ -22,7 +22,7 @@ from strict_json import no_constants
 from uvms_mj import InputError
 from uvms_mj.cli import main
 from uvms_mj.control import BUILT_IN
-from uvms_mj.engine.run import PlainPythonWarning
+from uvms_mj.engine.vehicle_run import PlainPythonWarning
 from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
 from uvms_mj.reproduce.bench.draws import KNOWN, Draws
 from uvms_mj.reproduce.bench.execution import jobs, warn_of_slow_laws

@@ -17,14 +17,14 @@ import pytest
 
 from law_files import HEADER, law_file, one_liner
 from uvms_mj import InputError, LawError, Scenario, Simulation, simulate
-from uvms_mj.engine.run import PlainPythonWarning
+from uvms_mj.engine.vehicle_run import PlainPythonWarning
 from uvms_mj.stages.namespace import PREFIX, source_files
 from uvms_mj.studies.bundle import StudyBundle
 from uvms_mj.studies.study import Study
 
 SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
 PD = "tau_cmd[:] = signals.g_hat - {gain} * signals.eta_e - 150.0 * signals.nu_e"
-plainly = pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+plainly = pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 
 
 def end(source: str, **overrides: object) -> list[float]:

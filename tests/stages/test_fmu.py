@@ -107,7 +107,7 @@ def test_outputs_before_the_step_are_one_sample_late(pd, in_python):
     np.testing.assert_array_equal(ours.nu, theirs.nu)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 def test_plain_python_gives_the_same(pd, monkeypatch):
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.02, "controller.name": pd})
     compiled = simulate(scenario, engine="free_body")
@@ -478,7 +478,7 @@ def test_ranges_of_parameters_are_those_of_the_settings(tmp_path):
 
 
 @pytest.mark.parametrize("plain", ["", "1"])
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize(
     ("named", "limits", "words"),
     [

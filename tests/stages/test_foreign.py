@@ -530,7 +530,7 @@ def test_a_damaged_library_that_is_kept_is_compiled_again(tmp_path, monkeypatch)
         assert kept.read_bytes() == whole
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.vehicle_run.PlainPythonWarning")
 @pytest.mark.parametrize("plain", ["", "1"])
 def test_floating_point_modes_that_a_stage_changes_are_its_own(tmp_path, monkeypatch, plain):
     monkeypatch.setenv("UVMS_MJ_PLAIN", plain)

@@ -24,7 +24,7 @@ from uvms_mj.analysis.metrics import steady_force_error
 from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.analysis.summary import NUMBERS, ending
 from uvms_mj.cli import main
-from uvms_mj.engine.run import Again
+from uvms_mj.engine.vehicle_run import Again
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.views.foxglove import Foxglove, numbers_of
 

@@ -184,7 +184,7 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
     stop = Stop()
     console = Console(as_json, quiet)
     with bad_input():
-        from ..engine.run import LawError
+        from ..engine.vehicle_run import LawError
         from ..studies.convergence import CONVERGING, DEFAULT, NotCompletedError
         from ..studies.convergence import converge as runs_of
 

@@ -11,7 +11,7 @@ from .common import Stop
 from .options import number
 
 if TYPE_CHECKING:
-    from ..engine.run import Guide
+    from ..engine.vehicle_run import Guide
     from ..records.header import Sink
 
 VIEWERS = ("foxglove", "rerun")

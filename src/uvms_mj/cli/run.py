@@ -31,7 +31,7 @@ from .live import Live, live_options
 from .options import asked_for, command, output_options, path_option, run_options, scenario_argument, set_option
 
 if TYPE_CHECKING:
-    from ..engine.run import Changes, Peer
+    from ..engine.vehicle_run import Changes, Peer
     from ..plant.mjcf import Mjcf
     from ..records.header import Header, Sink
     from ..scenario import Scenario
@@ -171,7 +171,8 @@ def _run_world(
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
     from ..control.base import NoClosedForm
-    from ..engine.run import LawError, SinkError, simulate
+    from ..engine.run import simulate
+    from ..engine.vehicle_run import LawError, SinkError
     from ..errors import InputError
     from ..files import locked
     from ..records.mcap import McapLog
@@ -375,7 +376,8 @@ def run_and_report(
     that of :func:`uvms_mj.engine.run.simulate`, and ``changes`` are made in the run as :class:`.Again` does."""
     from ..analysis.metrics import AROUND_THE_END_S
     from ..analysis.summary import ending, fluctuates, summary
-    from ..engine.run import Again, LawError, SinkError, simulate
+    from ..engine.run import simulate
+    from ..engine.vehicle_run import Again, LawError, SinkError
     from ..errors import InputError
     from ..records.header import Status
     from ..records.mcap import McapLog

@@ -397,6 +397,8 @@ class Function(Assignments):
         n = None
         if isinstance(start, ir.Constant) and isinstance(stop, ir.Constant):
             n = len(range(start.constant, stop.constant, step))
+        if n == 0 and not self.unit.checked:  # as of an effect that a plant has not
+            return
         few = n is not None and n <= MOST_TURNS
         before, ways = set(self.assigned), list[set[str]]()
 

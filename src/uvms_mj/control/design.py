@@ -5,7 +5,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator
@@ -33,6 +33,7 @@ from .task import Change, in_order
 
 @table(frozen=True, config=STRICT)
 class Impedance:
+    of_world: ClassVar[bool] = False
     K_d: Stiffnesses = doc("desired stiffness, diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
     M_d: Inertia = doc(
         'desired inertia, diagonal or 6x6, or "natural": M_hat of each instant; default: M of the vehicle\'s file', None
@@ -84,6 +85,7 @@ class LinkEstimates:
 
 @table(frozen=True, config=STRICT)
 class Estimates:
+    of_world: ClassVar[bool] = False
     inertia: PositiveFactor = doc("M_hat = f M of the vehicle's file; f is this key [1]", 1.0)
     coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu of the vehicle's file; f is this key [1]", 1.0)
     damping: Factor = doc("D_hat(nu) nu = f D(nu) nu of the vehicle's file; f is this key [1]", 1.0)

@@ -38,6 +38,7 @@ _List = refusing(lambda order: not isinstance(order, list | tuple), _LEVELS, Bef
 class Posture:
     """Levels below the task, each with the motion that those before it leave."""
 
+    of_world: ClassVar[bool] = False
     order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], _List, _Once] = doc(
         'levels of the posture, the most important one first: any of "attitude", "station" and "joints"',
         ("attitude", "joints"),

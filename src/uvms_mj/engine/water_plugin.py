@@ -18,7 +18,7 @@ from ..physics.current import CURRENT
 from ..plant.effects import effect_records
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
-from .native.attachment import STILL, WORLD, immerse
+from .native.attachment import SITUATION, STILL, immerse
 from .native.other_targets import water_for
 from .native.record import Field, alone_dtype, integers_of
 from .native.shared_library import compiler
@@ -30,7 +30,7 @@ _BORDER = ("time_at", "R_at", "qpos_at", "qvel_at", "qacc_at", "M_at", "passive_
 
 def kind_of(vehicle: Vehicle) -> np.dtype:
     """The record of a vehicle: its numbers of joints and of products of velocities decide its kernels."""
-    return alone_dtype(len(vehicle.arm.links), effect_records(STILL, WORLD, vehicle.products).dtype)
+    return alone_dtype(len(vehicle.arm.links), effect_records(STILL, SITUATION, vehicle.products).dtype)
 
 
 def name_of(vehicle: Vehicle) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.run import header_of
 from ..engine.simulation import Simulation
+from ..engine.vehicle_run import header_of
 from ..errors import Fault, InputError
 from ..views.video import LivePictures
 from ..views.video.underwater import view_of

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -12,7 +12,7 @@ from ..physics.effects import RHO
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.surfaces import BOX, CAPSULE, SHAPES, SPHERE
 from ..quantities import STRICT, Angles, Lowercase, Number, Position, doc, within
-from .settings import EffectTable, Length, World, wrong_size
+from .settings import EffectTable, Length, Situation, wrong_size
 
 KINDS = {"sphere": SPHERE, "box": BOX, "capsule": CAPSULE}
 """The shapes whose volume below a plane is known."""
@@ -50,14 +50,17 @@ class Volume:
             return 8.0 * a * b * c
         return 4.0 / 3.0 * math.pi * a**3 + 2.0 * math.pi * a * a * b
 
-    def place(self, world: World) -> np.ndarray:
+    def place(self, situation: Situation) -> np.ndarray:
         """Centre (3,) in B [m]."""
-        return np.array(world.r_b if self.position is None else self.position, float)
+        return np.array(situation.r_b if self.position is None else self.position, float)
 
 
 @dataclass(frozen=True, config=STRICT)
 class Buoyancy(EffectTable):
     """The displaced volume of the vehicle, of which the part below the surface counts."""
+
+    of_world: ClassVar[bool] = False
+    balanced: ClassVar[bool] = False  # what is above the surface loses its added mass, drag and thrust, too
 
     shapes: tuple[Volume, ...] = doc(
         "shapes whose volumes the vehicle displaces: [{shape = 'box', edges = [0.5, 0.3, 0.2]}, ...]; empty: all of it "
@@ -78,38 +81,38 @@ class Buoyancy(EffectTable):
         """The share of the shapes' volume with which they displace a mass of water [kg]; 0 without shapes."""
         return displaced_mass / (self.density * self.volume) if self.shapes else 0.0
 
-    def centroid(self, world: World) -> np.ndarray:
+    def centroid(self, situation: Situation) -> np.ndarray:
         """The centroid (3,) of the shapes that there are, in B [m]."""
-        return np.array([each.volume * each.place(world) for each in self.shapes]).sum(axis=0) / self.volume
+        return np.array([each.volume * each.place(situation) for each in self.shapes]).sum(axis=0) / self.volume
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.buoyancy.VOLUME`."""
         if not self.shapes:
             return []
-        density, off = world.displaced_mass / self.volume, self.centroid(world) - world.r_b
+        density, off = situation.displaced_mass / self.volume, self.centroid(situation) - situation.r_b
         return [
             (
-                *(KINDS[each.shape], each.size, each.place(world) - off),
+                *(KINDS[each.shape], each.size, each.place(situation) - off),
                 rotation_matrix(quat_from_euler_deg(*each.attitude_deg)),
-                *(each.volume, density, world.surface, self.propeller_radius),
+                *(each.volume, density, situation.surface, self.propeller_radius),
             )
             for each in self.shapes
         ]
 
-    def faults(self, world: World) -> Iterator[Fault]:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
         if not self.shapes:
             return
-        if world.links:
+        if situation.links:
             yield Fault("shapes", "the volume of an arm at the surface is not computed; take a vehicle without joints")
-        if world.tilted:
+        if situation.tilted:
             yield Fault("shapes", "the surface is level, and gravity is not along -z")
-        if world.displaced_mass == 0.0:
+        if situation.displaced_mass == 0.0:
             yield Fault("shapes", "the vehicle displaces no water")
-        elif (filled := self.filled(world.displaced_mass)) > 1.0 + _FULL:
+        elif (filled := self.filled(situation.displaced_mass)) > 1.0 + _FULL:
             litres = 1e3 * self.volume
             wrong = f"hold {litres:.4g} l, and the vehicle displaces {litres * filled:.4g} l of {self.density:g} kg/m^3"
             yield Fault("shapes", f"{wrong}; they must hold as much or more")
-        centroid = self.centroid(world)
-        if np.linalg.norm(centroid - world.r_b) > OFF_CENTRE:
-            there, here = (" ".join(f"{x:.4g}" for x in each) for each in (centroid, world.r_b))
+        centroid = self.centroid(situation)
+        if np.linalg.norm(centroid - situation.r_b) > OFF_CENTRE:
+            there, here = (" ".join(f"{x:.4g}" for x in each) for each in (centroid, situation.r_b))
             yield Fault("shapes", f"their centroid is ({there}) m in B, and the centre of buoyancy is ({here}) m")

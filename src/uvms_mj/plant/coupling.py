@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -13,7 +13,7 @@ from ..physics.coupling import KINDS, TIE, TOUCH
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..quantities import STRICT, Lowercase, Number, Position, doc, within
 from .contacts import Contacts, Pair, carrier_at, ends_of, no_carrier, uncomputed
-from .settings import ContactBody, EffectTable, Surface, World, lightest_at
+from .settings import ContactBody, EffectTable, Situation, Surface, lightest_at
 
 _FINEST = 0.25
 """Largest h^2 k / m + h b / m of a coupling [1]: a step is then at most half a radian of its oscillation."""
@@ -34,6 +34,7 @@ class Coupling(EffectTable):
     together, a spring of a length, a cable, which never pushes, or the contact of two spheres about the points; or a
     contact body of the first vehicle in front of a surface that rides on the second one."""
 
+    of_world: ClassVar[bool] = True
     vehicles: tuple[str, str]
     """Names of the two vehicles."""
     points: tuple[Position, Position] = doc("its point in the frame at of each vehicle [m]", _OF_TIES["points"])
@@ -87,32 +88,32 @@ class Coupling(EffectTable):
             if len([*ends_of(self.body, self.surface)]) > 1:
                 yield "body: a capsule before a plane is two spheres; give each its own coupling"
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.coupling.COUPLING`."""
-        if world.vehicle not in self.vehicles:
+        if situation.vehicle not in self.vehicles:
             return []
-        end = self.vehicles.index(world.vehicle)
-        C = carrier_at(self.at[end], world.arm)
+        end = self.vehicles.index(situation.vehicle)
+        C = carrier_at(self.at[end], situation.arm)
         assert C is not None  # a table without faults
         return [(C.link + 1, C.p + C.R @ self.points[end], C.R)]
 
-    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+    def kinds(self, name: str, situation: Situation) -> Mapping[str, list[tuple]]:
         """Its record, the number of its pull, and at the first vehicle of a surface its touch."""
-        found = self.records(world)
-        touches = [(0,)] if found and self.surface is not None and world.vehicle == self.vehicles[0] else []
+        found = self.records(situation)
+        touches = [(0,)] if found and self.surface is not None and situation.vehicle == self.vehicles[0] else []
         return {name: found, "pulls": [(0,)] * len(found), "touches": touches}
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        if not world.vehicle:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        if not situation.vehicle:
             yield Fault("vehicles", "a coupling acts between two vehicles of a world, which have names")
-        elif world.vehicle in self.vehicles:
-            name = self.at[self.vehicles.index(world.vehicle)]
-            C = carrier_at(name, world.arm)
+        elif situation.vehicle in self.vehicles:
+            name = self.at[self.vehicles.index(situation.vehicle)]
+            C = carrier_at(name, situation.arm)
             if C is None:
-                yield Fault("at", f"{world.vehicle}: {no_carrier(name, world.arm)}")
-            elif C.link >= 0 and world.wrist:
+                yield Fault("at", f"{situation.vehicle}: {no_carrier(name, situation.arm)}")
+            elif C.link >= 0 and situation.wrist:
                 yield Fault(
-                    "at", f"{world.vehicle}: {name!r} is on a link, and the wrist sensor knows no coupling there"
+                    "at", f"{situation.vehicle}: {name!r} is on a link, and the wrist sensor knows no coupling there"
                 )
 
     @property

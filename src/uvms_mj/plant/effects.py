@@ -17,15 +17,15 @@ from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
 from .buoyancy import Buoyancy
 from .contacts import walls_of
-from .settings import EffectTable, Surface, World
+from .settings import EffectTable, Situation, Surface
 from .water import EFFECT_TABLES
 
 Tables = Mapping[str, EffectTable | Sequence[EffectTable]]
 """A table of each effect by its name, or a list of them."""
 
 
-class _World:
-    """The :class:`.settings.World` of a scenario with a plant. It reads what a table asks for, and no more."""
+class _Situation:
+    """The :class:`.settings.Situation` of a scenario with a plant. It reads what a table asks for, and no more."""
 
     def __init__(self, scenario: ScenarioLike, plant: Any) -> None:
         self._scenario, self._plant = scenario, plant
@@ -108,9 +108,9 @@ class _World:
         return bool(self._scenario.wrist.runs)
 
 
-def world_of(scenario: ScenarioLike, plant: Any) -> Any:
-    """The :class:`.settings.World` of a scenario with a plant."""
-    return _World(scenario, plant)
+def situation_of(scenario: ScenarioLike, plant: Any) -> Any:
+    """The :class:`.settings.Situation` of a scenario with a plant."""
+    return _Situation(scenario, plant)
 
 
 def effect_tables(scenario: ScenarioLike) -> Tables:
@@ -127,11 +127,11 @@ def each_table(tables: Tables) -> Iterator[tuple[str, str, EffectTable]]:
             yield from ((name, f"{name}[{k}]", table) for k, table in enumerate(given))
 
 
-def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -> np.ndarray:
-    """The records (1,) of effects in a world, and of the products of velocities of a vehicle."""
+def effect_records(tables: Tables, situation: Situation, products: Sequence[Any] = ()) -> np.ndarray:
+    """The records (1,) of effects in a situation, and of the products of velocities of a vehicle."""
     found: dict[str, list[tuple]] = {"products": [product.record for product in products]}
     for name, _, table in each_table(tables):
-        for kind, rows in table.kinds(name, world).items():
+        for kind, rows in table.kinds(name, situation).items():
             found.setdefault(kind, []).extend(rows)
     records = np.zeros(1, effects_dtype(tuple((name, len(found.get(name, ()))) for name in EFFECTS)))
     for name, rows in found.items():
@@ -142,7 +142,7 @@ def effect_records(tables: Tables, world: World, products: Sequence[Any] = ()) -
 
 def effects_of(scenario: ScenarioLike, plant: Any) -> np.ndarray:
     """The records (1,) of the effects of a scenario with a plant, and of the products of its vehicle."""
-    return effect_records(effect_tables(scenario), world_of(scenario, plant), plant.vehicle.products)
+    return effect_records(effect_tables(scenario), situation_of(scenario, plant), plant.vehicle.products)
 
 
 def effect_rows(tables: Tables) -> dict[str, np.ndarray]:
@@ -162,12 +162,12 @@ def set_places(records: np.ndarray, rows: Mapping[str, np.ndarray], put: Callabl
         records[name][field] = put(key, table)
 
 
-def effect_faults(tables: Tables, world: World) -> list[Fault]:
-    """The errors of effects in a world."""
+def effect_faults(tables: Tables, situation: Situation) -> list[Fault]:
+    """The errors of effects in a situation."""
     found = [
         Fault(f"{key}.{fault.key}", fault.message)
         for _, key, table in each_table(tables)
-        for fault in table.faults(world)
+        for fault in table.faults(situation)
     ]
     return [*found, *_surface_faults(tables)]
 
@@ -184,12 +184,12 @@ def _surface_faults(tables: Tables) -> Iterator[Fault]:
             yield Fault("buoyancy.shapes", f"the water of {key} is that far below the surface; leave one of them out")
 
 
-def advancing(tables: Tables, world: World) -> list[str]:
-    """The keys of the effects in a world whose states advance from step to step."""
+def advancing(tables: Tables, situation: Situation) -> list[str]:
+    """The keys of the effects in a situation whose states advance from step to step."""
     return [
         key
         for name, key, table in each_table(tables)
-        if (name in STATES and bool(table.records(world)) if table.advances is None else table.advances)
+        if (name in STATES and bool(table.records(situation)) if table.advances is None else table.advances)
     ]
 
 
@@ -214,7 +214,7 @@ class MeanWater:
             return sum(each.size for each in numbers[:-1])
 
         if rows or any(tables[name] is not table for name, table in given.items()):
-            records = effect_records(tables, world_of(scenario, plant))
+            records = effect_records(tables, situation_of(scenario, plant))
             set_places(records, rows, put)
         self.effects, self._numbers = record_of(records), np.concatenate(numbers)
         self._constant, self.push = scenario.mean_flow_W if scenario.constant_flow else None, np.zeros(6)

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import Fault
 from .sea import Sea, least_period
-from .settings import Surface, World
+from .settings import Situation, Surface
 
 MODES = ("heave", "roll", "pitch")
 """The operators of a wall: heave in m/m, the others in deg/m."""
@@ -56,13 +56,13 @@ def waves_at(wall: Surface, sea: Sea) -> Sea:
     return Sea(wall.swell_height, wall.swell_period, spectrum=wall.swell_spectrum, seed=wall.swell_seed)
 
 
-def swell(wall: Surface, sea: Sea, world: World) -> tuple[np.ndarray, np.ndarray]:
+def swell(wall: Surface, sea: Sea, situation: Situation) -> tuple[np.ndarray, np.ndarray]:
     """The displacement [m] and the turn [rad] of a wall in waves, as rows (n, 7) each of
     :func:`uvms_mj.physics.surfaces.add_waves`; none of a wall that follows none."""
     sea, none = waves_at(wall, sea), np.zeros((0, WIDTH))
     if not wall.follows_sea or not sea.moves:
         return none, none
-    waves = sea.waves(world)
+    waves = sea.waves(situation)
     a, omega, k, e_x, e_y, phase = (np.array(part) for part in zip(*waves, strict=True))
     pivot = np.array(wall.position if wall.pivot is None else wall.pivot)
     crest = a * np.exp(-1j * (k * (e_x * pivot[0] + e_y * pivot[1]) + phase))
@@ -84,24 +84,24 @@ def swell(wall: Surface, sea: Sea, world: World) -> tuple[np.ndarray, np.ndarray
     return rows(crest[:, None] * (risen + turned)), none
 
 
-def hull_faults(walls: tuple[Surface, ...], sea: Sea, world: World) -> Iterator[Fault]:
+def hull_faults(walls: tuple[Surface, ...], sea: Sea, situation: Situation) -> Iterator[Fault]:
     """Errors of walls that follow the sea."""
     for i, wall in enumerate(walls):
         waves = waves_at(wall, sea)
         if not wall.follows_sea or not waves.moves:
             continue
-        if wall.swell_height and world.gravity == 0.0:
+        if wall.swell_height and situation.gravity == 0.0:
             yield Fault(f"walls[{i}].swell_height", "there are no waves in a world without gravity")
-        if wall.swell_height and wall.swell_period < (least := least_period(waves, world.timestep)) * (1.0 - 1e-9):
-            wrong = f"{wall.swell_period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
+        if wall.swell_height and wall.swell_period < (least := least_period(waves, situation.timestep)) * (1.0 - 1e-9):
+            wrong = f"{wall.swell_period:g} s must be at least {least:g} s at a time step of {situation.timestep:g} s"
             yield Fault(f"walls[{i}].swell_period", wrong)
-        if world.gravity == 0.0:
+        if situation.gravity == 0.0:
             continue
         if waves.reflecting:
             wrong = "the response of a hull is that to waves that run, and [wall] throws them back"
             yield Fault("sea.reflecting", f"{wrong}; take false, or no heave, roll and pitch of walls[{i}]")
             return
-        omega = [wave[1] for wave in waves.waves(world)]
+        omega = [wave[1] for wave in waves.waves(situation)]
         low, high = min(omega), max(omega)
         for mode in MODES:
             rows = getattr(wall, mode)

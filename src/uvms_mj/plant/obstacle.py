@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
 from ..errors import Fault
 from ..quantities import STRICT, Number, doc, within
-from .settings import EffectTable, Surface, World
+from .settings import EffectTable, Situation, Surface
 
 SHAPES = ("plane", "cylinder")
 """The shapes of walls around which the flow is known."""
@@ -19,6 +19,7 @@ SHAPES = ("plane", "cylinder")
 class Obstacle(EffectTable):
     """A wall in the way of the current: a plane, a face of a declared width, or a cylinder, a pile."""
 
+    of_world: ClassVar[bool] = True
     wall: str | None = doc(
         "the wall that the current meets, 'walls[0]'; null: [wall] with half_width, otherwise none", None
     )
@@ -46,22 +47,22 @@ class Obstacle(EffectTable):
         """(3,) zero: the current has the velocity far away [m/s]."""
         return 0.0, 0.0, 0.0
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.obstacle.OBSTACLE`."""
         if self.key is None:
             return []
-        wall = world.walls[self.key]
+        wall = situation.walls[self.key]
         x, y, _ = wall.R_WS.T
         if wall.shape == "plane":
             return [(self.half_width, 0.0, wall.position, -x, y)]
         return [(0.0, wall.radius, wall.position, x, y)]
 
-    def faults(self, world: World) -> Iterator[Fault]:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
         if self.key is None:
             return
-        wall = world.walls.get(self.key)
+        wall = situation.walls.get(self.key)
         if wall is None:
-            there = ", ".join(world.walls) or "there is none"
+            there = ", ".join(situation.walls) or "there is none"
             yield Fault("wall", f"{self.key!r} is no wall of the scenario: {there}")
             return
         if wall.shape not in SHAPES:
@@ -72,7 +73,7 @@ class Obstacle(EffectTable):
             yield Fault("half_width", "a plane needs it: the current goes around the face at its edges")
         elif wall.shape == "cylinder" and self.half_width is not None:
             yield Fault("half_width", "a cylinder has its radius")
-        if world.links:
+        if situation.links:
             wrong = "the flow is that at the vehicle's origin, which is not computed at the links of an arm"
             yield Fault("wall", f"{wrong}; take a vehicle without joints")
 

@@ -20,7 +20,7 @@ Directions have the density :math:`\cos^n` about the mean one.
 import functools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -29,7 +29,7 @@ from ..errors import Fault
 from ..physics.effects import RHO
 from ..physics.random import key_of
 from ..quantities import STRICT, Angle, Number, Switch, Whole, doc, within
-from .settings import EffectTable, World
+from .settings import EffectTable, Situation
 
 BREAKING = 0.142
 """Largest steepness of a wave, height over length, in deep water (Michell 1893, Miche 1944)."""
@@ -52,6 +52,7 @@ _FINE = 64  # parts of a bin in its integral
 class Sea(EffectTable):
     """Waves: velocity, acceleration and pressure gradient of the water below the surface."""
 
+    of_world: ClassVar[bool] = True
     height: Annotated[Number, within(0.0, 40.0, "m")] = doc(
         "height from trough to crest, or the significant height of a spectrum; 0: no waves [m]", 0.0
     )
@@ -119,37 +120,37 @@ class Sea(EffectTable):
         length = self.length(gravity)
         return BREAKING * length * (1.0 if self.depth is None else math.tanh(2.0 * math.pi * self.depth / length))
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.waves.WAVE` of all components."""
         if not self.moves:
             return []
-        face, found = world.face if self.reflecting else None, []
-        for amplitude, omega, k, e_x, e_y, phase in self.waves(world):
+        face, found = situation.face if self.reflecting else None, []
+        for amplitude, omega, k, e_x, e_y, phase in self.waves(situation):
             bottom = 0.0 if self.depth is None else math.exp(-2.0 * k * self.depth)
-            rate, head = amplitude * omega / (1.0 - bottom), omega / (world.gravity * k)
+            rate, head = amplitude * omega / (1.0 - bottom), omega / (situation.gravity * k)
             found.append((rate, k, (e_x, e_y), omega, phase, self.surface, bottom, head))
             if face is not None:  # the wave from the mirror image: no water crosses x = face
                 back = (-e_x, e_y), omega, phase + 2.0 * k * e_x * face
                 found.append((rate, k, *back, self.surface, bottom, head))
         return found
 
-    def waves(self, world: World) -> list[tuple[float, float, float, float, float, float]]:
+    def waves(self, situation: Situation) -> list[tuple[float, float, float, float, float, float]]:
         """The components that run in, of waves that there are: amplitude [m], angular frequency [rad/s], wave number
         [1/m], the two entries of e, and phase [rad]."""
-        return _waves(self, world.seed if self.seed is None else self.seed, world.gravity)
+        return _waves(self, situation.seed if self.seed is None else self.seed, situation.gravity)
 
-    def faults(self, world: World) -> Iterator[Fault]:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
         if not self.moves:
             return
-        gravity, start_z = world.gravity, world.start_p[2]
+        gravity, start_z = situation.gravity, situation.start_p[2]
         if gravity == 0.0:
             yield Fault("height", "there are no waves in a world without gravity")
             return
-        if self.reflecting and world.face is None:
+        if self.reflecting and situation.face is None:
             yield Fault("reflecting", "there is no [wall] that throws the waves back")
-        least = least_period(self, world.timestep)
+        least = least_period(self, situation.timestep)
         if self.period < least * (1.0 - 1e-9):
-            wrong = f"{self.period:g} s must be at least {least:g} s at a time step of {world.timestep:g} s"
+            wrong = f"{self.period:g} s must be at least {least:g} s at a time step of {situation.timestep:g} s"
             yield Fault("period", wrong)
         most = self.breaks_at(gravity)
         if self.height > most:
@@ -158,7 +159,7 @@ class Sea(EffectTable):
             yield Fault("height", f"{wave} of {length:.4g} m breaks at {most:.4g} m; {self.height:g} m is more")
         if self.depth is not None and self.height >= 2.0 * self.depth:
             yield Fault("depth", f"{self.depth:g} m is not below the trough of a wave of {self.height:g} m")
-        if start_z > self.trough and not world.surfaces:
+        if start_z > self.trough and not situation.surfaces:
             where = f"the trough is at z = {self.trough:g} m"
             yield Fault("surface", f"{where}, and the vehicle begins above it, at {start_z:g} m")
         elif start_z < self.bottom:

@@ -39,7 +39,7 @@ from ..stages.setup import ScenarioLike
 from .impact import UP_TO, deepest, dissipation_of, stiffness_of_hertz
 
 
-class World(NamedTuple):
+class Situation(NamedTuple):
     """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
     time step [s], the names of the links of its arm, its position (3,) at the start [m], NaN where it is not known,
     its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
@@ -84,10 +84,14 @@ class EffectTable:
     bound on the push's rate in B [N/s, N m/s].
     """
 
+    of_world: ClassVar[bool]
+    """Whether all vehicles of a world share the table, as every class of a table says."""
     free: ClassVar[tuple[str, ...]] = ()
     """Keys on which a formula along x for the force at rest does not depend, or whose values are in it."""
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that set a number of the record each in proportion, with their ranges."""
+    balanced: ClassVar[bool] = True
+    """Whether the force of its records is all that it changes in the balance at rest."""
 
     @property
     def advances(self) -> bool | None:
@@ -104,17 +108,17 @@ class EffectTable:
         """The table without what varies with time, as a vehicle at rest at the end of a run has it."""
         return self
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of its records (:data:`uvms_mj.physics.effects.EFFECTS`), of a table without faults; none if it
         has no effect."""
         raise NotImplementedError
 
-    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+    def kinds(self, name: str, situation: Situation) -> Mapping[str, list[tuple]]:
         """The numbers of all its records by the names of their effects; ``name`` is its own."""
-        return {name: self.records(world)}
+        return {name: self.records(situation)}
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        """Its errors in a world, each with its key in this table."""
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        """Its errors in a situation, each with its key in this table."""
         return iter(())
 
 
@@ -143,6 +147,7 @@ def wrong_size(table: Any) -> list[str]:
 class Surface:
     """One table of ``[[walls]]``."""
 
+    of_world: ClassVar[bool] = True
     shape: Annotated[Literal[tuple(SHAPES)], Lowercase]  # type: ignore[valid-type]  # a table has the names
     position: Position
     """Of a plane, a point of its face; otherwise the centre [m]."""
@@ -373,6 +378,7 @@ class ContactBody:
 class Bumper:
     """A bumper in front of the probe, in series with every wall."""
 
+    of_world: ClassVar[bool] = False
     stiffness: WallStiffness | None = doc("k_b, in series with the wall's; default: no bumper [N/m]", None)
     damping: WallDamping = doc("b_b [N s/m]", 0.0)
 
@@ -416,6 +422,7 @@ class VehicleChoice:
     """The vehicle's file, and factors that make the true vehicle differ from it. The laws do not know the factors: the
     estimates are the file's times ``[estimates]``, and so are the default M_d and the allocation."""
 
+    of_world: ClassVar[bool] = False
     model: str = doc("MJCF file of the vehicle, or the name of a built-in model", "bluerov1")
     mass: PositiveFactor = doc("true mass and rigid-body inertia over the file's, unknown to the laws [1]", 1.0)
     added_mass: _TrueFactor = doc("true added mass over the file's, unknown to the laws [1]", 1.0)
@@ -442,6 +449,7 @@ _Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 
 @dataclass(frozen=True, config=STRICT)
 class Stepping:
+    of_world: ClassVar[bool] = True
     timestep: Step = doc("time step [s]", 1e-4)
     duration: Duration = doc("simulated time [s]", 20.0)
     integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
@@ -465,6 +473,7 @@ OF_VEHICLE = {"vehicle.contact_bodies": ContactBody, "vehicle.payloads": Payload
 
 @dataclass(frozen=True, config=STRICT)
 class Initial:
+    of_world: ClassVar[bool] = False
     position: Position = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
     attitude_deg: Angles = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
     velocity: Twist = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
@@ -475,6 +484,7 @@ class Initial:
 
 @dataclass(frozen=True, config=STRICT)
 class Wall:
+    of_world: ClassVar[bool] = True
     position: Coordinate = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
     stiffness: WallStiffness = doc("k_c [N/m]", 1e5)
     damping: WallDamping = doc("b_c [N s/m]", 0.0)

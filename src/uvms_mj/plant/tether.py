@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic.dataclasses import dataclass
@@ -15,7 +15,7 @@ from ..physics.kernels import called_on
 from ..physics.surfaces import SURFACE
 from ..quantities import STRICT, Number, Position, Vector3, Whole, doc, within
 from .sea import STEPS
-from .settings import EffectTable, World
+from .settings import EffectTable, Situation
 
 _OF_ELEMENTS = {
     **{"anchor": (0.0, 0.0, 0.0), "anchor_velocity": (0.0,) * 3, "anchor_amplitude": (0.0,) * 3},
@@ -36,6 +36,7 @@ class Tether(EffectTable):
     the mass of Blue Robotics' Fathom tether and the drag coefficient of a smooth cylinder across the flow (Hoerner,
     1965): assumptions for any other cable."""
 
+    of_world: ClassVar[bool] = False
     length: Annotated[Number, within(0.0, 1e5, "m")] = doc(
         "length whose drag the vehicle bears, or with elements of the whole cable; 0: no tether [m]", 0.0
     )
@@ -77,23 +78,27 @@ class Tether(EffectTable):
         """Whether it has states that advance."""
         return self.elements > 0 and self.length > 0.0
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.TETHER`."""
         factor = 0.5 * RHO * self.drag_coefficient * self.diameter * self.length
         return [(factor, self.position)] if self.length > 0.0 and not self.elements else []
 
-    def kinds(self, name: str, world: World) -> Mapping[str, list[tuple]]:
+    def kinds(self, name: str, situation: Situation) -> Mapping[str, list[tuple]]:
         """Of its drag, or of :data:`uvms_mj.physics.cable.CABLE` and its nodes."""
         if not self.advances:
-            return {name: self.records(world)}
-        p, R = np.array(world.start_p), world.start_R
-        inertia = apparent_mass(world.inertia, self.position)
-        walls = np.zeros(len(world.walls), SURFACE)
-        for record, wall in zip(walls, world.walls.values(), strict=True):
+            return {name: self.records(situation)}
+        p, R = np.array(situation.start_p), situation.start_R
+        inertia = apparent_mass(situation.inertia, self.position)
+        walls = np.zeros(len(situation.walls), SURFACE)
+        for record, wall in zip(walls, situation.walls.values(), strict=True):
             wall.place(record)
         end_W = p + R @ self.position
-        starts = _rest(self, end_W.tobytes(), world.mean_flow_W.tobytes(), world.gravity, walls.tobytes())
-        return {name: [], "cable": [self.cable_numbers(world.timestep, inertia)], "nodes": [(each,) for each in starts]}
+        starts = _rest(self, end_W.tobytes(), situation.mean_flow_W.tobytes(), situation.gravity, walls.tobytes())
+        return {
+            name: [],
+            "cable": [self.cable_numbers(situation.timestep, inertia)],
+            "nodes": [(each,) for each in starts],
+        }
 
     def cable_numbers(self, timestep: float, inertia: np.ndarray) -> tuple:
         """The numbers of :data:`uvms_mj.physics.cable.CABLE`: a time step [s], an inertia (3, 3) at its end [kg]."""
@@ -109,17 +114,17 @@ class Tether(EffectTable):
             -math.inf if self.floor is None else self.floor,
         )
 
-    def faults(self, world: World) -> Iterator[Fault]:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
         if not self.elements:
             return
         if self.length == 0.0:
             yield Fault("length", "a tether with elements needs a length")
             return
-        if world.links:
+        if situation.links:
             wrong = "the pull of a tether with elements is not computed for a vehicle with joints; set it to 0"
             yield Fault("elements", wrong)
             return
-        p, R = np.array(world.start_p), world.start_R
+        p, R = np.array(situation.start_p), situation.start_R
         distance = float(np.linalg.norm(p + R @ self.position - self.anchor))
         if self.length < distance:
             wrong = f"{self.length:g} m is shorter than the distance of {distance:g} m from its anchor to the vehicle"
@@ -127,20 +132,20 @@ class Tether(EffectTable):
         if any(self.anchor_amplitude) != (self.anchor_frequency_hz > 0.0):
             wrong = "a sine of the anchor needs anchor_amplitude and anchor_frequency_hz"
             yield Fault("anchor_amplitude", wrong)
-        elif (fastest := 1.0 / (STEPS * world.timestep)) < self.anchor_frequency_hz * (1.0 - 1e-9):
+        elif (fastest := 1.0 / (STEPS * situation.timestep)) < self.anchor_frequency_hz * (1.0 - 1e-9):
             wrong = f"{self.anchor_frequency_hz:g} Hz must be at most {fastest:g} Hz at a time step of"
-            yield Fault("anchor_frequency_hz", f"{wrong} {world.timestep:g} s")
+            yield Fault("anchor_frequency_hz", f"{wrong} {situation.timestep:g} s")
         end_z = float((p + R @ self.position)[2])
         if self.floor is not None and end_z < self.floor:
             yield Fault("floor", f"{self.floor:g} m is above the cable's end at the vehicle, at z = {end_z:g} m")
-        yield from self._anchor_faults(world)
+        yield from self._anchor_faults(situation)
 
-    def _anchor_faults(self, world: World) -> Iterator[Fault]:
+    def _anchor_faults(self, situation: Situation) -> Iterator[Fault]:
         """Errors for an anchor below the floor or inside a wall, at the start or on its way."""
         way = [np.array(self.anchor)]
         if any(self.anchor_velocity) or any(self.anchor_amplitude):
-            way += list(self.way(world.duration))
-        depths = {key: [-wall.nearest(place)[0] for place in way] for key, wall in world.walls.items()}
+            way += list(self.way(situation.duration))
+        depths = {key: [-wall.nearest(place)[0] for place in way] for key, wall in situation.walls.items()}
         depths = {f"inside {key}": each for key, each in depths.items()}
         if self.floor is not None:
             depths["below the floor"] = [self.floor - float(place[2]) for place in way]

@@ -40,7 +40,7 @@ from .buoyancy import Buoyancy
 from .coupling import Coupling
 from .obstacle import Obstacle
 from .sea import Sea
-from .settings import EffectTable, Rows, World
+from .settings import EffectTable, Rows, Situation
 from .spheroid import LONGEST, spheroid_series
 from .tether import Tether
 
@@ -83,6 +83,7 @@ class Current(EffectTable):
     """The ocean current: factor(depth) times the horizontal part, and the vertical part, of a sum in W. The sum is the
     constant vector of speed, direction and vertical, plus sines, plus the table, plus a Gauss-Markov process."""
 
+    of_world: ClassVar[bool] = True
     speed: Annotated[Number, within(0.0, 100.0, "m/s")] = doc("speed of the ocean current [m/s]", 0.5)
     direction_deg: Angle = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
     vertical: Speed = doc("vertical part of the current, upwards [m/s]", 0.0)
@@ -156,13 +157,13 @@ class Current(EffectTable):
     def at_rest(self) -> Self:
         return _without_noise(self, table=None)
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.current.CURRENT`."""
         shear_rows = len(self.shear or ())
-        return [(*_series("current", self, self.velocity_W, world), shear_rows, 0, self.constant)]
+        return [(*_series("current", self, self.velocity_W, situation), shear_rows, 0, self.constant)]
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        h = world.timestep
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        h = situation.timestep
         yield from _series_faults(self, h)
         gust, whole = self.shortest_gust, self.correlation_time
         if gust is not None and not whole / FINEST * (1.0 - 1e-9) <= gust <= whole * (1.0 + 1e-9):
@@ -185,6 +186,7 @@ class Current(EffectTable):
 class Disturbance(EffectTable):
     """The wrench tau_dist of eq. (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
 
+    of_world: ClassVar[bool] = False
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
     amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
     frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
@@ -228,12 +230,12 @@ class Disturbance(EffectTable):
         """The last row of a table is held."""
         return _without_noise(self, table=None if self.table is None else self.table[-1:])
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DISTURBANCE`."""
-        return [_series(owned("disturbance", world.vehicle), self, self.bias, world)]
+        return [_series(owned("disturbance", situation.vehicle), self, self.bias, situation)]
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        return _series_faults(self, world.timestep)
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        return _series_faults(self, situation.timestep)
 
 
 def _varies(series: Current | Disturbance) -> bool:
@@ -248,14 +250,14 @@ def _without_noise(series: Any, table: Rows) -> Any:
     return dataclasses.replace(series, amplitude=zeros, deviation=zeros, table=table)
 
 
-def _series(name: str, series: Current | Disturbance, mean: tuple[float, ...], world: World) -> tuple:
+def _series(name: str, series: Current | Disturbance, mean: tuple[float, ...], situation: Situation) -> tuple:
     """The numbers of :func:`uvms_mj.physics.varying.varying`."""
     sum_of_sines = mean, series.amplitude, series.frequency_hz, np.radians(series.phase_deg)
     rows = len(series.table or ())
     if not any(series.deviation):
         return *sum_of_sines, rows, 0, series.deviation, False, 0.0, 0.0, 0.0, 0, -1, 0
     kept = np.exp(-series.spacing / series.correlation_time)
-    noise = True, series.spacing, kept, np.sqrt(1.0 - kept**2), key_of(world.seed, name)
+    noise = True, series.spacing, kept, np.sqrt(1.0 - kept**2), key_of(situation.seed, name)
     return *sum_of_sines, rows, 0, series.deviation, *noise, -1, 0
 
 
@@ -290,6 +292,7 @@ class Fin(EffectTable):
     """One table of ``[[fins]]``: a thin plate with lift and drag. At zero attitude its chord is along x, and its span
     along z: it stands."""
 
+    of_world: ClassVar[bool] = False
     area: _Area
     position: Position
     """Centre of pressure in B [m]."""
@@ -323,7 +326,7 @@ class Fin(EffectTable):
         """Whether it has a state that advances."""
         return self.mixing_deg is not None
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.FIN`."""
         turned = quat_product(
             quat_from_euler_deg(*self.attitude_deg), quat_from_euler_deg(0.0, 0.0, self.deflection_deg)
@@ -345,13 +348,14 @@ _Drags = Annotated[tuple[_OneDrag, ...], of_length(3)]
 class Drag(EffectTable):
     """One table of ``[[drag]]``: quadratic drag at a place of the base, which may differ by direction."""
 
+    of_world: ClassVar[bool] = False
     forward: _Drags
     """Coefficients of motion along x, y, z of B [N s^2/m^2]."""
     backward: _Drags | None = doc("of motion against x, y, z; default: forward [N s^2/m^2]", None)
     position: Position = doc("place in B at which it acts [m]", (0.0, 0.0, 0.0))
     by: Literal["axes", "speed"] = doc("'axes': f_i = -c_i |v_i| v_i; 'speed': f_i = -c_i |v| v_i", "axes")
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.effects.DRAG`."""
         backward = self.forward if self.backward is None else self.backward
         return [(self.position, self.forward, backward, self.by == "speed")]
@@ -361,6 +365,7 @@ class Drag(EffectTable):
 class Pad(EffectTable):
     """One table of ``[[pads]]``: a disc of the vehicle that faces a plane wall, with the water between them."""
 
+    of_world: ClassVar[bool] = False
     radius: Annotated[Number, within(1e-3, 10.0, "m")]
     position: Position
     """Centre in B [m]."""
@@ -374,13 +379,13 @@ class Pad(EffectTable):
         if not any(self.normal):
             raise ValueError("normal must not be zero")
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.PAD`."""
         numbers = self.density, self.least_gap, self.viscosity
-        return [(self.radius, self.position, *_face(self, world), *numbers)]
+        return [(self.radius, self.position, *_face(self, situation), *numbers)]
 
-    def faults(self, world: World) -> Iterator[Fault]:
-        yield from _behind(self, world, self.radius)
+    def faults(self, situation: Situation) -> Iterator[Fault]:
+        yield from _behind(self, situation, self.radius)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -388,6 +393,7 @@ class NearWall(EffectTable):
     """One table of ``[[near_wall]]``: a sphere, a cylinder or a spheroid in the place of the vehicle's hull or of a
     link, before a plane wall."""
 
+    of_world: ClassVar[bool] = False
     radius: Annotated[Number, within(1e-3, 100.0, "m")]
     shape: Annotated[Literal[HULLS], Lowercase] = doc("of the hull or the link", "sphere")  # type: ignore[valid-type]
     length: Annotated[Number, within(1e-3, 200.0, "m")] | None = doc("of a cylinder or a spheroid [m]", None)
@@ -413,29 +419,29 @@ class NearWall(EffectTable):
         if wrong:
             raise ValueError("; ".join(wrong))
 
-    def records(self, world: World) -> list[tuple]:
+    def records(self, situation: Situation) -> list[tuple]:
         """The numbers of :data:`uvms_mj.physics.near_wall.HULL`."""
-        link = 0 if self.link is None else 1 + world.links.index(self.link)
-        wall = *_face(self, world), self.density, self.least_gap
+        link = 0 if self.link is None else 1 + situation.links.index(self.link)
+        wall = *_face(self, situation), self.density, self.least_gap
         shape, strips = HULLS.index(self.shape), STRIPS if self.shape == "cylinder" else 1
         series = spheroid_series(0.5 * (self.length or 0.0) / self.radius) if self.shape == "spheroid" else 0.0
         about = shape, strips, link, _unit(self.axis), self.length or 0.0, np.broadcast_to(series, HULL["series"].shape)
         return [(self.radius, self.position, *wall, *about)]
 
-    def faults(self, world: World) -> Iterator[Fault]:
+    def faults(self, situation: Situation) -> Iterator[Fault]:
         if self.link is None:
-            yield from _behind(self, world, self.radius)
+            yield from _behind(self, situation, self.radius)
             return
-        yield from _without_face(self, world)
-        if self.link not in world.links:
-            there = ", ".join(world.links) or "there is none"
+        yield from _without_face(self, situation)
+        if self.link not in situation.links:
+            there = ", ".join(situation.links) or "there is none"
             yield Fault("link", f"{self.link!r} is no link of the vehicle: {there}")
 
 
-def _face(table: Pad | NearWall, world: World) -> tuple[Any, tuple[float, ...]]:
+def _face(table: Pad | NearWall, situation: Situation) -> tuple[Any, tuple[float, ...]]:
     """A point of the face that a table is in front of, in W [m], and the unit vector out of it."""
     if table.point is None:
-        return (world.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
+        return (situation.face, 0.0, 0.0), (-1.0, 0.0, 0.0)
     return table.point, _unit(table.normal)
 
 
@@ -444,21 +450,21 @@ def _unit(vector: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(x / length for x in vector)
 
 
-def _without_face(table: Pad | NearWall, world: World) -> Iterator[Fault]:
+def _without_face(table: Pad | NearWall, situation: Situation) -> Iterator[Fault]:
     """Faults of a table without a face."""
-    if table.point is None and world.face is None:
+    if table.point is None and situation.face is None:
         yield Fault("point", "there is no [wall] that it faces; give a point of a wall's face")
-    elif table.point is None and tuple(table.normal) != _face(table, world)[1]:
+    elif table.point is None and tuple(table.normal) != _face(table, situation)[1]:
         yield Fault("normal", "belongs to point; the face of [wall] has the normal -x")
 
 
-def _behind(table: Pad | NearWall, world: World, most: float) -> Iterator[Fault]:
+def _behind(table: Pad | NearWall, situation: Situation, most: float) -> Iterator[Fault]:
     """Faults of a table without a face, and of one that begins more than a length [m] behind it."""
-    yield from _without_face(table, world)
-    if table.point is None and world.face is None:
+    yield from _without_face(table, situation)
+    if table.point is None and situation.face is None:
         return
-    point, normal = _face(table, world)
-    gap = float(np.dot(normal, np.add(world.start_p, world.start_R @ table.position) - np.array(point)))
+    point, normal = _face(table, situation)
+    gap = float(np.dot(normal, np.add(situation.start_p, situation.start_R @ table.position) - np.array(point)))
     if gap < -most:
         yield Fault("position", f"is at the start {-gap:.3g} m behind the face of the wall that it faces")
 

@@ -18,7 +18,7 @@ from ..physics.spanned_axes import axes_spanned
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import ContactAtRest, Contacts, Pair
-from ..plant.effects import MeanWater, advancing, effect_rows, effect_tables, effects_of, world_of
+from ..plant.effects import MeanWater, advancing, effect_rows, effect_tables, effects_of, situation_of
 from ..plant.hull import swell
 from ..plant.mjcf import Mjcf
 from ..plant.settings import EffectTable, Initial, lightest_along_face, lightest_at
@@ -80,8 +80,8 @@ class Setup:
     @functools.cached_property
     def swells(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """Of each wall the rows (n, 7) of its displacement and its turn with the sea."""
-        sea, world = self.scenario.sea, world_of(self.scenario, self.plant)
-        return tuple(swell(wall, sea, world) for _, wall in self.contacts.walls)
+        sea, situation = self.scenario.sea, situation_of(self.scenario, self.plant)
+        return tuple(swell(wall, sea, situation) for _, wall in self.contacts.walls)
 
     @functools.cached_property
     def effect_slopes(self) -> np.ndarray:
@@ -91,7 +91,7 @@ class Setup:
     @property
     def advancing(self) -> list[str]:
         """The keys of the effects of the water whose states advance from step to step."""
-        return advancing(effect_tables(self.scenario), world_of(self.scenario, self.plant))
+        return advancing(effect_tables(self.scenario), situation_of(self.scenario, self.plant))
 
     @functools.cached_property
     def mean_water(self) -> MeanWater:

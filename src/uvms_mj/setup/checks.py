@@ -31,7 +31,7 @@ from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, is_unreached
 from ..physics.surfaces import SHAPES
 from ..plant.contacts import impossible, walls_of
-from ..plant.effects import effect_faults, effect_tables, world_of
+from ..plant.effects import effect_faults, effect_tables, situation_of
 from ..plant.hull import hull_faults, hull_notes
 from ..plant.impact import UP_TO
 from ..plant.mjcf import Mjcf
@@ -75,7 +75,7 @@ def wall_faults(setup: Setup) -> Iterator[Fault]:
     contacts that are not computed."""
     scenario = setup.scenario
     yield from impossible(scenario, setup.nominal)
-    yield from hull_faults(scenario.walls, scenario.sea, world_of(scenario, setup.plant))
+    yield from hull_faults(scenario.walls, scenario.sea, situation_of(scenario, setup.plant))
     h = setup.scenario.simulation.timestep
     for each in directions(setup):
         k, b, m = each.k, each.b, each.m
@@ -418,7 +418,7 @@ def _timing_faults(setup: Setup) -> Iterator[Fault]:
 
 
 def _water_faults(setup: Setup) -> Iterable[Fault]:
-    return effect_faults(effect_tables(setup.scenario), world_of(setup.scenario, setup.plant))
+    return effect_faults(effect_tables(setup.scenario), situation_of(setup.scenario, setup.plant))
 
 
 def _obstacle_faults(setup: Setup) -> Iterator[Fault]:

@@ -32,7 +32,7 @@ from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import Record, record_of
 from ..physics.tree import FRAME
 from ..plant.coupling import Coupling
-from ..plant.effects import world_of
+from ..plant.effects import situation_of
 from .base import Setup, set_up
 from .world import World
 
@@ -164,7 +164,7 @@ class _Tie:
     def __init__(self, key: str, coupling: Coupling, setups: Sequence[Setup]) -> None:
         self._key = key
         self._frames = [setup.vehicle.arm.frames.view(np.dtype((Record, FRAME))) for setup in setups]
-        records = (coupling.records(world_of(setup.scenario, setup.plant)) for setup in setups)
+        records = (coupling.records(situation_of(setup.scenario, setup.plant)) for setup in setups)
         self._ends = [record_of(np.array(each, COUPLING)) for each in records]
         self._pulled = [record_of(np.zeros(1, PULLED)) for _ in setups]
         self._rubs, self._touch = False, None

@@ -19,9 +19,9 @@ from ..files import tables_of, toml_path
 from ..plant.coupling import Coupling
 from ..plant.settings import NAME, Stepping
 from ..quantities import overrides_of
-from ..scenario import Scenario
+from ..scenario import TABLES, Scenario
 
-OF_WORLD = ("simulation", "current", "obstacle", "sea", "wall", "walls", "couplings")
+OF_WORLD = tuple(name for name, table in TABLES.items() if table.of_world)
 """The tables of water, walls, time and couplings, which all vehicles share. Every other table is of a vehicle."""
 VEHICLES = "vehicles"
 _OF_ONE = re.compile(rf"{VEHICLES}\[(\w+)\]\.(.+)")

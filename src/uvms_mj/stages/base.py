@@ -128,6 +128,8 @@ class Stage:
     files: ClassVar[Sequence[str]] = ()
     """Files that the stage's file reads, relative to its folder, without "..". They go with it to the workers of a
     study and into the log. It opens them by ``Path(__file__).parent / name``."""
+    of_world: ClassVar[bool] = False
+    """Whether all vehicles of a world share the table: each vehicle has stages of its own."""
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""

@@ -31,7 +31,8 @@ from typing import Any
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import NUMBERS, summary
 from ..control import Controller
-from ..engine.run import PlainPythonWarning, simulate
+from ..engine.run import simulate
+from ..engine.vehicle_run import PlainPythonWarning
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..quantities import leaves

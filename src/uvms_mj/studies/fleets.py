@@ -19,7 +19,7 @@ import numpy as np
 from ..analysis.summary import ENDING
 from ..control.theory.predictions import steady_state
 from ..engine.fleet import DEVICES, Fleet, NotInFleet, Starts
-from ..engine.run import row_steps_of
+from ..engine.vehicle_run import row_steps_of
 from ..errors import InputError
 from ..records.header import Header, Outcome, Status, versions
 from ..records.trace import Trace

@@ -36,8 +36,9 @@ import numpy as np
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import ending, numbers
 from ..engine.engines import refusals
-from ..engine.run import LawError, SinkError, simulate
+from ..engine.run import simulate
 from ..engine.simulation import Simulation
+from ..engine.vehicle_run import LawError, SinkError
 from ..errors import InputError, error_text
 from ..plant.mjcf import Mjcf
 from ..records.header import Sink, Status

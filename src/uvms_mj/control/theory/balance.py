@@ -189,8 +189,8 @@ _KNOWN = frozenset(
         *("task", "posture", "controller", "actuation", "joints", "thrusters"),
     )
 )
-"""The tables of a scenario that the balance has in it, beside the effects of the water, whose records it takes, but for
-buoyancy at the surface. With any other one that is in use there is no closed form."""
+"""The tables of a scenario that the balance has in it, beside the effects of the water whose records it takes. With any
+other one that is in use there is no closed form."""
 
 
 def unknown(setup: SetupLike, K: float, own: bool) -> str:
@@ -198,7 +198,7 @@ def unknown(setup: SetupLike, K: float, own: bool) -> str:
     if it may have one."""
     scenario = setup.scenario
     for table in dataclasses.fields(scenario):
-        known = table.name in _KNOWN or (table.name in scenario.water_tables and table.name != "buoyancy")
+        known = table.name in _KNOWN or table.name in scenario.balanced_tables
         if not known and getattr(scenario, table.name) != table.default:
             return f"closed forms do not know {table.name}"
     if scenario.effects and (reason := OwnEffects(scenario.effects, setup).unknown()):

@@ -15,7 +15,7 @@ from ...physics.effects import TABLES
 from ...physics.hydrodynamics import factor
 from ...plant.effects import Tables, advancing, each_table, effect_faults, effect_records, effect_rows
 from ...plant.sea import Sea
-from ...plant.settings import World
+from ...plant.settings import Situation
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import EFFECT_TABLES, Current, Disturbance
 from .bodies import Water
@@ -151,7 +151,7 @@ class Attachment:
 
 STILL: Tables = {"current": Current(speed=0.0), "disturbance": Disturbance()}
 """The effects of still water."""
-WORLD = World()
+SITUATION = Situation()
 
 
 def attach(
@@ -206,7 +206,7 @@ def attach(
         warnings.warn(note, stacklevel=2)
     tables = tables_checked(effects, seed)
     seas: list[Any] = [table for name, _, table in each_table(tables) if name == "sea"]
-    world = World(
+    situation = Situation(
         *(seed, float(np.linalg.norm(model.opt.gravity))),
         timestep=model.opt.timestep,
         links=vehicle.arm.names,
@@ -216,17 +216,17 @@ def attach(
         tilted=bool(model.opt.gravity[:2].any()),
         surfaces="buoyancy" in tables,
     )
-    faults = effect_faults(tables, world) or [
+    faults = effect_faults(tables, situation) or [
         Fault(
             key,
             "moves from step to step of a run, which attach does not see; a fin without mixing_deg and a tether "
             "without elements do not",
         )
-        for key in advancing(tables, world)
+        for key in advancing(tables, situation)
     ]
     if faults:
         raise InputError(faults, "attach")
-    return immerse(model, data, vehicle, tables=tables, world=world)
+    return immerse(model, data, vehicle, tables=tables, situation=situation)
 
 
 def immerse(
@@ -236,16 +236,17 @@ def immerse(
     image: Image | None = None,
     code: int = 0,
     tables: Tables | None = None,
-    world: World = WORLD,
+    situation: Situation = SITUATION,
 ) -> Attachment:
     """Attach a vehicle of the model that was read and checked already, in still water.
 
     ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
-    default, of a vehicle without a closed loop and with the effects of tables in a world, without them in still water.
+    default, of a vehicle without a closed loop and with the effects of tables in a situation, without them in still
+    water.
     """
     body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
-    effects, rows = effect_records(tables or STILL, world, vehicle.products), effect_rows(tables or STILL)
+    effects, rows = effect_records(tables or STILL, situation, vehicle.products), effect_rows(tables or STILL)
     alone = image is None
     if image is None:
         rooms = water_rooms()

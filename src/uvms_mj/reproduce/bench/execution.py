@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ...control import BUILT_IN
-from ...engine.run import PlainPythonWarning
 from ...engine.simulation import Simulation
+from ...engine.vehicle_run import PlainPythonWarning
 from ...errors import Fault, InputError
 from ...studies.bundle import code
 from ...studies.pages import write

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...control import Gsta
-from ...engine.run import SinkError, simulate
+from ...engine.run import simulate
+from ...engine.vehicle_run import SinkError
 from ...errors import InputError
 from ...records.header import Status
 from ...records.mcap import McapLog

@@ -10,7 +10,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...engine.run import LawError, simulate
+from ...engine.run import simulate
+from ...engine.vehicle_run import LawError
 from ...errors import InputError
 from ...scenario import Scenario
 from ..bundle import StudyBundle

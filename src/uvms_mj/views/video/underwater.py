@@ -20,7 +20,7 @@ from ...plant.geometry import Geometry, Shape
 from ...plant.looks import add_water, drawn_vehicle, drawn_wall
 from ...plant.mjcf import Mjcf
 from ...plant.sea import elevation
-from ...plant.settings import World
+from ...plant.settings import Situation
 from ...plant.vehicle import free_body_id, free_joint_addresses
 from ...records.header import Header
 from ...records.scene import wall_face
@@ -159,8 +159,8 @@ class SeaSurface:
 
     def __init__(self, header: Header) -> None:
         sea, gravity = header.scenario.sea, float(np.linalg.norm(header.mjcf.gravity_W))
-        world = World(header.scenario.simulation.seed, gravity, wall_face(header))
-        self._records, self._sea = np.array(sea.records(world), WAVE), sea
+        situation = Situation(header.scenario.simulation.seed, gravity, wall_face(header))
+        self._records, self._sea = np.array(sea.records(situation), WAVE), sea
 
     def add_to(self, spec: mujoco.MjSpec, centre: Sequence[float] | np.ndarray) -> None:
         """Add the field to a scene."""
