@@ -1,6 +1,9 @@
 """The physics of couplings between vehicles: against equations that are written down anew, loads, arms and surfaces."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -10,7 +13,17 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import uvms_mj
-from uvms_mj import InputError, Scenario, World, WorldSimulation, coupled_rest, internal_forces, simulate
+from uvms_mj import (
+    InputError,
+    McapLog,
+    Scenario,
+    Trace,
+    World,
+    WorldSimulation,
+    coupled_rest,
+    internal_forces,
+    simulate,
+)
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
@@ -255,6 +268,27 @@ def test_a_world_with_friction_between_vehicles_is_reset_and_stepped_with_the_sa
             sim.reset()
 
 
+IN_PLAIN_PYTHON = """
+import sys
+from uvms_mj import World, simulate
+for engine in ("free_body", "mujoco"):
+    for trace in simulate(World.load(sys.argv[1]), engine=engine, log_rate="full").values():
+        print(trace.p_WB.tobytes().hex(), trace.nu.tobytes().hex())
+"""
+
+
+def test_plain_python_has_the_bits_of_machine_code(tmp_path):
+    world = thrown("box", 1e-3, friction=0.4, stiffness=500.0).updated({"simulation.duration": 0.08})
+    (tmp_path / "world.toml").write_text(world.to_toml())
+    words = [sys.executable, "-W", "ignore", "-c", IN_PLAIN_PYTHON, str(tmp_path / "world.toml")]
+    found = [
+        subprocess.run(words, env=os.environ | more, capture_output=True, text=True, check=True).stdout
+        for more in ({}, {"UVMS_MJ_PLAIN": "1"})
+    ]
+    assert found[0] == found[1]
+    assert found[0].count("\n") == 4
+
+
 def test_both_engines_agree_on_a_surface_that_rides():
     found = [simulate(thrown("capsule", 1e-4, friction=0.4), engine=engine) for engine in ENGINES]
     for name in "ab":
@@ -305,6 +339,9 @@ def test_a_key_of_a_surface_is_changed_by_its_name(tmp_path):
     assert (coupling.surface.stiffness, coupling.body.radius) == (1e3, 0.11)
     (tmp_path / "world.toml").write_text(world.to_toml())
     assert World.load(tmp_path / "world.toml") == world
+    logs = {name: [McapLog(tmp_path / f"{name}.mcap")] for name in "ab"}
+    simulate(world.updated({"simulation.duration": 0.01}), engine="free_body", sinks=logs)
+    assert Trace.load(tmp_path / "b.mcap").scenario.couplings == world.couplings
     for key, said in (
         ("couplings[0].surface.stifness", "no such key; did you mean 'stiffness'?"),
         ("couplings[0].stiffness.k", "stiffness is no table; its key is couplings[0].stiffness"),
