@@ -222,6 +222,28 @@ def test_a_contact_with_a_surface_that_rides_keeps_momentum_and_energy(shape):
         assert fine < 0.3 * coarse < 0.3 * 1e-3
 
 
+def test_a_sphere_on_a_sphere_that_rides_is_the_contact_of_two_spheres():
+    """The same force by two ways, with a damper, off the middle of two bars that turn."""
+    points = [[0.3, 0.1, 0.05], [-0.1, 0.15, 0.1]]
+    spheres = {"kind": "contact", "points": points, "length": 0.3, "stiffness": 5e3, "damping": 40.0}
+    surface = {"shape": "sphere", "position": points[1], "radius": 0.2, "stiffness": 5e3, "damping": 40.0}
+    riding = {"kind": "contact", "body": {"position": points[0], "radius": 0.1}, "surface": surface}
+    start = {
+        "vehicles[a].initial.velocity": [0.5, 0.05, 0.02, 0.1, 0.0, 0.2],
+        "vehicles[b].initial.velocity": [0.0, 0.1, 0.0, 0.3, -0.5, 0.5],
+    }
+    found = []
+    for coupling in (spheres, riding):
+        world = bars(coupling, (0.0, 0.0, 0.0), (0.72, 0.0, 0.0), duration=0.4).updated(start)
+        found.append(simulate(world, engine="free_body", log_rate="full"))
+    assert np.abs(found[0]["a"].f_couplings_W).max() > 20.0
+    for name in "ab":
+        one, two = (traces[name] for traces in found)
+        assert two.f_couplings_W == pytest.approx(one.f_couplings_W, abs=1e-8)
+        assert two.p_WB == pytest.approx(one.p_WB, abs=1e-12)
+        assert two.nu == pytest.approx(one.nu, abs=1e-11)
+
+
 def test_friction_on_a_surface_that_rides_keeps_momentum_and_takes_energy():
     contact = {"friction": 0.5, "damping": 20.0}
     slid = simulate(thrown("box", 1e-4, **contact), engine="free_body", log_rate="full")
