@@ -7,8 +7,8 @@ import pytest
 
 from compiled import Compiled
 from traces import assert_rounded_alike
-from uvms_mj.compiler.refusals import Mistake
 from uvms_mj.compiler.libm import exp, sin
+from uvms_mj.compiler.refusals import Mistake
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.scenario import Scenario
