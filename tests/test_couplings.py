@@ -1,6 +1,9 @@
 """The physics of couplings between vehicles: against equations that are written down anew, loads, arms and surfaces."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -10,7 +13,17 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import uvms_mj
-from uvms_mj import InputError, Scenario, World, WorldSimulation, coupled_rest, internal_forces, simulate
+from uvms_mj import (
+    InputError,
+    McapLog,
+    Scenario,
+    Trace,
+    World,
+    WorldSimulation,
+    coupled_rest,
+    internal_forces,
+    simulate,
+)
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
@@ -209,6 +222,28 @@ def test_a_contact_with_a_surface_that_rides_keeps_momentum_and_energy(shape):
         assert fine < 0.3 * coarse < 0.3 * 1e-3
 
 
+def test_a_sphere_on_a_sphere_that_rides_is_the_contact_of_two_spheres():
+    """The same force by two ways, with a damper, off the middle of two bars that turn."""
+    points = [[0.3, 0.1, 0.05], [-0.1, 0.15, 0.1]]
+    spheres = {"kind": "contact", "points": points, "length": 0.3, "stiffness": 5e3, "damping": 40.0}
+    surface = {"shape": "sphere", "position": points[1], "radius": 0.2, "stiffness": 5e3, "damping": 40.0}
+    riding = {"kind": "contact", "body": {"position": points[0], "radius": 0.1}, "surface": surface}
+    start = {
+        "vehicles[a].initial.velocity": [0.5, 0.05, 0.02, 0.1, 0.0, 0.2],
+        "vehicles[b].initial.velocity": [0.0, 0.1, 0.0, 0.3, -0.5, 0.5],
+    }
+    found = []
+    for coupling in (spheres, riding):
+        world = bars(coupling, (0.0, 0.0, 0.0), (0.72, 0.0, 0.0), duration=0.4).updated(start)
+        found.append(simulate(world, engine="free_body", log_rate="full"))
+    assert np.abs(found[0]["a"].f_couplings_W).max() > 20.0
+    for name in "ab":
+        one, two = (traces[name] for traces in found)
+        assert two.f_couplings_W == pytest.approx(one.f_couplings_W, abs=1e-8)
+        assert two.p_WB == pytest.approx(one.p_WB, abs=1e-12)
+        assert two.nu == pytest.approx(one.nu, abs=1e-11)
+
+
 def test_friction_on_a_surface_that_rides_keeps_momentum_and_takes_energy():
     contact = {"friction": 0.5, "damping": 20.0}
     slid = simulate(thrown("box", 1e-4, **contact), engine="free_body", log_rate="full")
@@ -253,6 +288,27 @@ def test_a_world_with_friction_between_vehicles_is_reset_and_stepped_with_the_sa
                     assert np.array_equal(signals.p_WB, trace.p_WB[sim.steps])
                     assert np.array_equal(signals.nu, trace.nu[sim.steps])
             sim.reset()
+
+
+IN_PLAIN_PYTHON = """
+import sys
+from uvms_mj import World, simulate
+for engine in ("free_body", "mujoco"):
+    for trace in simulate(World.load(sys.argv[1]), engine=engine, log_rate="full").values():
+        print(trace.p_WB.tobytes().hex(), trace.nu.tobytes().hex())
+"""
+
+
+def test_plain_python_has_the_bits_of_machine_code(tmp_path):
+    world = thrown("box", 1e-3, friction=0.4, stiffness=500.0).updated({"simulation.duration": 0.08})
+    (tmp_path / "world.toml").write_text(world.to_toml())
+    words = [sys.executable, "-W", "ignore", "-c", IN_PLAIN_PYTHON, str(tmp_path / "world.toml")]
+    found = [
+        subprocess.run(words, env=os.environ | more, capture_output=True, text=True, check=True).stdout
+        for more in ({}, {"UVMS_MJ_PLAIN": "1"})
+    ]
+    assert found[0] == found[1]
+    assert found[0].count("\n") == 4
 
 
 def test_both_engines_agree_on_a_surface_that_rides():
@@ -305,6 +361,9 @@ def test_a_key_of_a_surface_is_changed_by_its_name(tmp_path):
     assert (coupling.surface.stiffness, coupling.body.radius) == (1e3, 0.11)
     (tmp_path / "world.toml").write_text(world.to_toml())
     assert World.load(tmp_path / "world.toml") == world
+    logs = {name: [McapLog(tmp_path / f"{name}.mcap")] for name in "ab"}
+    simulate(world.updated({"simulation.duration": 0.01}), engine="free_body", sinks=logs)
+    assert Trace.load(tmp_path / "b.mcap").scenario.couplings == world.couplings
     for key, said in (
         ("couplings[0].surface.stifness", "no such key; did you mean 'stiffness'?"),
         ("couplings[0].stiffness.k", "stiffness is no table; its key is couplings[0].stiffness"),
@@ -525,6 +584,21 @@ def test_a_demanded_internal_force_is_the_force_in_the_bar(F):
     found = internal_forces(rest.points, traces["bar"].f_couplings_W[-1])
     assert found == pytest.approx(rest.internal("bar"), abs=1e-9 * F)
     assert traces["left"].f_couplings_W[-1, 0, 1] == pytest.approx(F, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("law", "tolerance"),
+    [("gsta", 1e-4), ("sta", 1e-4), ("admittance", 1e-9), ("dob_impedance", 1e-9), ("aismc", 1e-9), ("ideal", 1e-9)],
+)
+def test_the_loads_under_each_law_are_those_of_its_closed_form(law, tolerance):
+    """Two vehicles squeeze a bar with 10 N; the yardstick feels a force that it does not demand. Super-twisting laws
+    chatter by the boundary of their sampling."""
+    world = squeezed(10.0, **{f"vehicles[{name}].controller.name": law for name in ("left", "right")})
+    world = world.updated({"simulation.duration": 25.0, "simulation.timestep": 2e-4})
+    rest, traces = coupled_rest(world), simulate(world, engine="free_body", keep_s=1.0)
+    load = np.abs(rest.forces).max()
+    assert load == pytest.approx(10.0, rel=1e-9) or law == "ideal"
+    assert traces["bar"].f_couplings_W[-1] == pytest.approx(rest.on("bar"), abs=tolerance * load)
 
 
 @pytest.mark.parametrize(

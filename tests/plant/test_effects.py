@@ -34,7 +34,7 @@ ALWAYS = {"current", "disturbance"}
 
 
 def test_each_effect_has_records_a_table_and_a_field():
-    further = {"products", "cable", "nodes", "pulls"}  # a tether has a cable, and a coupling a pull
+    further = {"products", "cable", "nodes", "pulls", "touches"}  # a tether has a cable, a coupling a pull and a touch
     of_two = {"couplings"}  # tests/test_world.py
     assert set(EFFECT_TABLES) == set(EFFECTS) - further == set(SOME) | of_two
     fields = {field.name for field in dataclasses.fields(Scenario)}

@@ -428,9 +428,9 @@ class Simulation:
 
     def one_step(self) -> Callable[[], object]:
         """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
-        watched."""
+        watched, or plain Python, which would wait."""
         with self._alone:
-            if self._users:
+            if self._users or self._plain:
                 return functools.partial(self._run, 1, np.inf)
             self._engine.check(self.t, self.scenario.simulation.timestep)
             self._ready = False

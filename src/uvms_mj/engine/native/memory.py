@@ -89,6 +89,9 @@ def at_address(word: int, dtype: np.dtype) -> Any:
         return _reader(dtype)(word)
     if dtype.subdtype is None:
         return word
+    if dtype.base.names is not None:
+        memory = (ctypes.c_char * dtype.itemsize).from_address(int(word))
+        return np.frombuffer(memoryview(memory), np.dtype((Record, dtype.base))).reshape(dtype.shape)
     numbers = integers if dtype.base.kind == "i" else floats
     return numbers(word, dtype.itemsize // 8).reshape(dtype.shape)
 
