@@ -628,6 +628,10 @@ def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_pa
     assert World.load(out / "scenario.toml") == World.load("press_bar", {"simulation.duration": 0.05})
     command("run", str(out / "scenario.toml"), *short)
     assert {path.name for path in (out / "earlier-1").iterdir()} == written
+    said = command("info", str(out)).stdout
+    assert all(f"/{name}/odom" in said for name in ("left", "right", "bar"))
+    refused = CliRunner().invoke(main, ["info", str(tmp_path)])
+    assert (refused.exit_code, "is a folder; name a log in it" in refused.output) == (2, True)
     command("plot", str(out), "--what", "position")
     assert (out / "position.png").exists()
     command("replay", str(out), "--save", str(tmp_path / "world.rrd"))

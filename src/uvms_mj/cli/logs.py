@@ -37,7 +37,8 @@ def info(log: str, show: str | None, as_json: bool) -> None:
     """Print the contents of a log: the run's table, signals, topics, versions, files; or of an archive.
 
     LOG is a run's log, or a table in TOML that maps the columns of a real vehicle's log to signals; plot, compare and
-    export log take it, too. Or it is an archive, FILE.zip: every digest is checked, and nothing is executed.
+    export log take it, too. Or it is the folder of a world, with a log of each vehicle, or an archive, FILE.zip: every
+    digest is checked, and nothing is executed.
 
     \b
     uvms-mj info results/run.mcap
@@ -48,6 +49,9 @@ def info(log: str, show: str | None, as_json: bool) -> None:
     with bad_input():
         if log.lower().endswith(".zip"):
             _of_archive(log, show, as_json)
+            return
+        if Path(log).is_dir():
+            _of_world(log, show, as_json)
             return
         from ..analysis.summary import summary
         from ..errors import InputError, suggestion
@@ -87,6 +91,20 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         Console(as_json=False, quiet=False).report(trace, report)
         log_tables(Path(log), trace, files)
         say_how_measured(trace)
+
+
+def _of_world(folder: str, show: str | None, as_json: bool) -> None:
+    """Print the contents of each vehicle's log in the folder of a world. Raises InputError for another folder."""
+    from ..errors import InputError
+
+    logs = logs_of(folder)
+    if logs == (folder,) or not logs:
+        raise InputError(f"{folder}: is a folder; name a log in it, run.mcap")
+    if show is not None or as_json:
+        raise InputError(f"{folder}: is of a world; with --show and --json name one log: {', '.join(logs)}")
+    for log in logs:
+        assert info.callback is not None
+        info.callback(log, None, False)
 
 
 def _of_archive(path: str, show: str | None, as_json: bool) -> None:
