@@ -441,6 +441,44 @@ def test_a_wrong_zip_is_refused_by_name_before_anything_is_written_or_run(here, 
         assert here("info", str(wrong)).exit_code == 2
 
 
+def forged(member, data):
+    """Another content of a member, with the digest of it."""
+
+    def change(members):
+        return listed(member, data)([each for each in members if each[0].filename != member])
+
+    return change
+
+
+def about(**changed):
+    def change(data):
+        tables = json.loads(data)
+        tables["about"] |= changed
+        return json.dumps(tables).encode()
+
+    return with_text("archive.json", change)
+
+
+def test_results_that_can_not_be_compared_are_refused_before_anything_runs(here, there, executed):
+    """With right digests: rows that are none, a result that is none, a number of draws without end."""
+    ok(here("study", study_of(there, "law.py:Mine"), "--out", "out", "-q"))
+    ok(here("archive", "out", "--out", "study.zip"))
+    ok(here("bench", f"{there}/law.py:Mine", "--tasks", "two_bumpers", "--at-most", "1", "--out", "ten", "-q"))
+    ok(here("archive", "ten", "--out", "bench.zip"))
+    executed()
+    for kind, change, said in (
+        ("study", forged("results/rows.parquet", b"PAR1"), "results/rows.parquet can't be read"),
+        ("bench", forged("results/bench.json", b"{}"), "results/bench.json: is not a result of uvms-mj bench"),
+        ("bench", forged("results/bench.json", b"{"), "results/bench.json: is not JSON"),
+        ("bench", about(draws="seed:" + 5000 * "9"), "the seed has 5000 digits; it may have 100"),
+    ):
+        wrong = rewritten(Path(f"{kind}.zip"), change)
+        done = here(kind, "--from", str(wrong), "--out", "again")
+        assert (done.exit_code, said in done.stderr) == (2, True), done.stderr
+        assert "Traceback" not in done.stderr
+        assert not executed()
+
+
 def test_what_is_no_zip_is_refused(here, sound, tmp_path):
     Path("text.zip").write_text("no zip")
     Path("cut.zip").write_bytes(sound.read_bytes()[:-200])

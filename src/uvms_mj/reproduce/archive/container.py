@@ -226,7 +226,7 @@ def _manifest_of(file: zipfile.ZipFile, info: zipfile.ZipInfo) -> Manifest:
     try:
         found = json.loads(data)
         if isinstance(found, dict) and isinstance(found.get("format"), int) and found["format"] != FORMAT:
-            raise InputError(f"has the format {found['format']}; this version reads format {FORMAT}")
+            raise InputError(f"has the format {shortened(found['format'])}; this version reads format {FORMAT}")
         manifest = _MANIFEST.validate_python(found)
     except ValidationError as error:
         raise InputError(faults_of(error), MANIFEST) from None

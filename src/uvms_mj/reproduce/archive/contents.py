@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+import pyarrow.parquet as pq
 import tomli_w
+from pyarrow import ArrowException
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
@@ -135,6 +137,13 @@ def refuse_unfit(path: Path, manifest: Manifest) -> None:
             file = PurePath(parted(text)[0] or text) if isinstance(text, str) else PurePath()
             if file.is_absolute() or ".." in file.parts:
                 raise InputError(f"{path}: is refused: {table}: {key} = {shortened(text)} is no file in it")
+    if manifest.kind == "study":
+        try:
+            pq.read_table(io.BytesIO(contents(path, manifest, ROWS)))
+        except (ArrowException, OSError) as error:
+            raise InputError(f"{path}: is refused: {ROWS} can't be read: {error}") from None
+    if manifest.kind == "bench":
+        results.parsed(contents(path, manifest, f"{RESULTS}/{RESULT}"), f"{path}: is refused: {RESULTS}/{RESULT}")
 
 
 def _sha256(data: bytes) -> str:

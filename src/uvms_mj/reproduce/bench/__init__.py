@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
+from ...errors import InputError, shortened
 from ...files import locked
 from ...studies.pool.executors import executor_of
 from .. import Progress, running
@@ -59,7 +59,7 @@ def bench(
     entries += entries_of(words, tasks()) if words or not entries else []
     folder, some, drawn = Path(out), chosen(only), Draws.parsed(draws)
     if not 1 <= at_most <= MOST:
-        raise InputError(f"at_most: {at_most} must be from 1 to {MOST}")
+        raise InputError(f"at_most: {shortened(at_most)} must be from 1 to {MOST}")
     planned = jobs(entries, some, folder, drawn, at_most)
     refuse_other_tasks(beside, some)
     warn_of_slow_laws(planned)

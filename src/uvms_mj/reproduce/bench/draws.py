@@ -13,6 +13,8 @@ from ...files import is_file
 DEVELOPMENT = "development"
 LEAST_BYTES = 16
 """Least size of a secret: 128 bits can't be guessed."""
+MOST_DIGITS = 100
+"""Most digits of the number of draws."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Draws:
         if text == DEVELOPMENT:
             return cls()
         if kind == "seed" and value.isascii() and value.isdigit():
+            if len(value) > MOST_DIGITS:
+                raise InputError(f"draws: the seed has {len(value)} digits; it may have {MOST_DIGITS}")
             return cls("seed", f"seed {int(value)}".encode(), int(value))
         if kind == "secret" and value:
             if not is_file(value):

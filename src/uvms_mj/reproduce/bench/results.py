@@ -215,6 +215,8 @@ def parsed(data: bytes, place: str) -> dict[str, Any]:
         if found.get("format") != FORMATS.get(version(found)):
             known = " and ".join(map(str, FORMATS.values()))
             raise InputError(f"{place}: has the format {found.get('format')}; this version reads {known}")
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"{place}: is not JSON: {error}") from None
     if found.get("digest") != digest(found):
