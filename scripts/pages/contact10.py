@@ -72,8 +72,8 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
         "observer ends at levels {}, {} and {};",
         *(level("dob_impedance", task) for task in ("landing", "two_bumpers", "heaving_hull")),
     )
-    late = [level("ideal", task) for task in ("gusts_and_delay", "everything_real")]
-    yield "is 18 ms late, it ends at level {}, and on task 10 at level {}.", *late
+    yield "On task 1 tuned `admittance` ends at level {}, and", level("admittance, tuned", "gusts_and_delay")
+    yield "on task 10 `parallel` ends at level {}, and the same", level("parallel", "everything_real")
     yield "tuned gains the first holds level {} of task 2,", level("fosm, tuned", "gust_band")
     sta = level("sta, tuned", "gust_band"), level("sta", "gusts_and_delay")
     yield "STA gains level {} of task 2 and loses level {} of task 1.", *sta

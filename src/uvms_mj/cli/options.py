@@ -84,8 +84,9 @@ path_option = functools.partial(click.option, callback=_named)
 """An argument and an option with the path of a file or folder; it must not be empty."""
 
 _LAWS = (
-    "gsta, sta, fosm, impedance, pid, admittance, parallel, dob_impedance, aismc, ideal, none, udp for a law in "
-    "another program, or your own: my_law.py:MyLaw, my_law.c, libmy_law.so:my_law or my_law.fmu."
+    "gsta, sta, fosm, impedance, pid, admittance, parallel, dob_impedance, aismc, ideal, ideal_admittance, "
+    "ideal_parallel, none, udp for a law in another program, or your own: my_law.py:MyLaw, my_law.c, "
+    "libmy_law.so:my_law or my_law.fmu."
 )
 
 

@@ -10,10 +10,13 @@ from .laws.impedance import Ideal, Impedance
 from .laws.parallel import Parallel
 from .laws.pid import Pid
 from .laws.super_twisting import Gsta, Sta
+from .laws.yardsticks import IdealAdmittance, IdealParallel
 from .task import ImpedanceTask as ImpedanceTask
 
 BUILT_IN: dict[str, type[Controller]] = {
     cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal, Pid, Admittance, Parallel, DobImpedance, Aismc)
 }
 """The laws that compute tau_cmd."""
-SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External, Udp.name: Udp, NoLaw.name: NoLaw}
+SHIPPED: dict[str, type[Controller]] = BUILT_IN | {
+    cls.name: cls for cls in (IdealAdmittance, IdealParallel, External, Udp, NoLaw)
+}

@@ -9,10 +9,25 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...errors import Fault
+from ...physics.kernels import kernel
 from ...quantities import NonNegative, Positive
 from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
 from .terms import add_product
+
+
+@kernel
+def led_acceleration(gains, state, signals, state_dot):
+    """The acceleration (6,) that the inner loop demands [m/s^2, rad/s^2]; sets state_dot, which moves the reference."""
+    eta_a, nu_a, nu_a_dot = state.eta_a, state.nu_a, state_dot.nu_a
+    force = signals.K_f * (signals.tau_contact_m_B - signals.F_d) - signals.K_d * eta_a
+    add_product(-signals.D_d, nu_a, force)
+    nu_a_dot[:] = 0.0
+    add_product(gains.M_d_inv, force, nu_a_dot)
+    error = signals.eta_e - eta_a
+    state_dot.eta_a[:3], state_dot.eta_a[3:] = nu_a[:3], 0.5 * nu_a[3:]  # eq. (17) for small angles
+    state_dot.xi_a[:] = gains.k_i * error
+    return signals.nu_d_dot + nu_a_dot - gains.k_v * (signals.nu_e - nu_a) - gains.k_p * error - state.xi_a
 
 
 @dataclass(frozen=True)
@@ -46,15 +61,7 @@ class Admittance(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        eta_a, nu_a, nu_a_dot = state.eta_a, state.nu_a, state_dot.nu_a
-        force = signals.K_f * (signals.tau_contact_m_B - signals.F_d) - signals.K_d * eta_a
-        add_product(-signals.D_d, nu_a, force)
-        nu_a_dot[:] = 0.0
-        add_product(gains.M_d_inv, force, nu_a_dot)
-        error = signals.eta_e - eta_a
-        state_dot.eta_a[:3], state_dot.eta_a[3:] = nu_a[:3], 0.5 * nu_a[3:]  # eq. (17) for small angles
-        state_dot.xi_a[:] = gains.k_i * error
-        a = signals.nu_d_dot + nu_a_dot - gains.k_v * (signals.nu_e - nu_a) - gains.k_p * error - state.xi_a
+        a = led_acceleration(gains, state, signals, state_dot)
         tau_cmd[:] = signals.C_hat_nu + signals.D_hat_nu + signals.g_hat
         add_product(signals.M_hat, a, tau_cmd)
 

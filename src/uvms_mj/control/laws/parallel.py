@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...physics.kernels import kernel
 from ...quantities import NonNegative
 from ...stages.setup import SetupLike
 from ..base import Controller, SteadyState, gain
@@ -16,6 +17,19 @@ from .terms import within
 
 _LEFT = 1e-6
 """Force error from which the integral is at its limit at rest [N]."""
+
+
+@kernel
+def add_force_integral(gains, state, signals, state_dot, tau_cmd):
+    """Add n xi to tau_cmd (6,) [N, N m], with xi within its limit, and set its rate."""
+    F_d, tau_c = signals.F_d, signals.tau_contact_m_B
+    size = math.sqrt(F_d[:3] @ F_d[:3])
+    state.xi[:] = within(state.xi, gains.limit)
+    state_dot.xi[:] = 0.0
+    if size > 0.0:
+        n = F_d[:3] / size
+        state_dot.xi[0] = (gains.k_i * n * (tau_c[:3] - F_d[:3])).sum()
+        tau_cmd[:3] += n * state.xi[0]
 
 
 @dataclass(frozen=True)
@@ -42,15 +56,8 @@ class Parallel(Controller):
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
-        F_d, tau_c = signals.F_d, signals.tau_contact_m_B
-        size = math.sqrt(F_d[:3] @ F_d[:3])
-        state.xi[:] = within(state.xi, gains.limit)
-        state_dot.xi[:] = 0.0
         tau_cmd[:] = signals.tau_nom
-        if size > 0.0:
-            n = F_d[:3] / size
-            state_dot.xi[0] = (gains.k_i * n * (tau_c[:3] - F_d[:3])).sum()
-            tau_cmd[:3] += n * state.xi[0]
+        add_force_integral(gains, state, signals, state_dot, tau_cmd)
 
     def at_rest(self, setup: SetupLike) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""

@@ -19,7 +19,7 @@ from .. import Progress
 from . import results
 from .draws import Draws
 from .page import latex_table, page
-from .task import LATEX, LEVELS, PAGE, RESULT, Entry, Job, Task, identity
+from .task import LATEX, LEVELS, PAGE, RESULT, Entry, Job, Task, law_of
 
 LEAST = 6
 """Draws that run at once: most levels that a law does not hold are decided by them."""
@@ -113,5 +113,5 @@ def _law(mine: Sequence[Job], found: dict[tuple[str, str], dict[str, Any]]) -> d
     """A law in the result: label, identity, and its ladders by task."""
     entry = mine[0].entry
     plan = next(job.first for job in mine if job.first is not None)
-    law: dict[str, Any] = {"label": entry.label, "knows_the_truth": entry.knows, **identity(plan)}
+    law: dict[str, Any] = {"label": entry.label, "knows_the_truth": entry.knows, **law_of(entry, plan)}
     return law | {"tasks": {job.task.name: found[entry.label, job.task.name] for job in mine}}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...analysis.summary import COURSES
-from ...control import BUILT_IN
+from ...control import BUILT_IN, SHIPPED
 from ...errors import Fault, InputError, shortened, suggestion
 from ...files import parse_setting, plain, tables_of
 from ...quantities import leaves
@@ -99,7 +99,8 @@ class Task:
 
         In ``[levels]`` stands a list of one value a level: of keys of the base in ``base``, and of each entry of
         ``vary`` in ``low`` and ``high``, or in ``values``. ``[yardstick]`` has such keys of the yardstick alone
-        (``knows``), in ``base``, and in ``levels`` with one value a level. A key that it has does not vary.
+        (``knows``), in ``base``, and in ``levels`` with one value a level; a key that it has does not vary. In ``told``
+        stands for a key of the yardstick's the drawn key whose number it has; ``law`` and ``gains`` name its structure.
         """
         tables = {name: value for name, value in self.tables.items() if name not in ("about", "levels", "yardstick")}
         levels, i = self.tables["levels"], LEVELS.index(level)
@@ -107,7 +108,8 @@ class Task:
         fixed = dict(leaves(yardstick.get("base", {}), lists=False)) | _column(yardstick.get("levels", {}), i)
         vary = [*tables.get("vary", ()), *(_at(entry, i) for entry in levels.get("vary", ()))]
         tables |= {"keep": {"metrics": METRICS}, "run": tables["run"] | {"confined": True}}
-        tables["vary"] = [entry for entry in vary if not {entry.get("key"), *entry.get("keys", ())} & fixed.keys()]
+        vary = [entry for entry in vary if not {entry.get("key"), *entry.get("keys", ())} & fixed.keys()]
+        tables["vary"] = [_told(entry, yardstick.get("told", {})) for entry in vary]
         return tables, {"simulation.law_seed": 0} | _column(levels.get("base", {}), i) | fixed
 
 
@@ -119,6 +121,13 @@ def _column(table: Mapping[str, Any], i: int) -> dict[str, Any]:
 def _at(entry: Mapping[str, Any], i: int) -> dict[str, Any]:
     """An entry of ``[[levels.vary]]`` at a level."""
     return {key: value[i] if key in ("low", "high", "values") else value for key, value in entry.items()}
+
+
+def _told(entry: Mapping[str, Any], told: Mapping[str, Any]) -> Mapping[str, Any]:
+    """An entry of ``[[vary]]`` whose numbers also the keys have that are told its key. It is then drawn anew: the keys
+    of an entry decide its stream."""
+    keys = [key for key, drawn in leaves(told, lists=False) if drawn == entry.get("key")]
+    return entry if not keys else {"keys": [entry["key"], *keys]} | {k: v for k, v in entry.items() if k != "key"}
 
 
 @functools.cache
@@ -167,14 +176,15 @@ class Entry:
     @property
     def knows(self) -> bool:
         """Whether the law is told the truth: the yardstick."""
-        return self.source in BUILT_IN and BUILT_IN[self.source].uses_truth
+        return self.source in SHIPPED and SHIPPED[self.source].uses_truth
 
     def plan(self, task: Task, level: int, draws: Draws = KNOWN, most: int = MOST) -> Plan:
         """Its runs at a level of a task, at most so many draws. Raises InputError if it can't run there."""
         tables, overrides = task.at(level, self.knows)
         law = {"name": self.source, "label": self.label, **self.settings}
-        if self.knows and "law" in task.tables.get("yardstick", {}):
-            law = {"name": task.tables["yardstick"]["law"], "label": self.label}
+        yardstick = task.tables.get("yardstick", {})
+        if self.knows and "law" in yardstick:
+            law = {"name": yardstick["law"], "label": self.label, **yardstick.get("gains", {})}
         tables |= {"laws": [law], "design": {"kind": "random", "runs": most, "seed": draws.seed(task.name, level)}}
         return Plan.from_dict(tables, FOLDER, overrides, place=task.name)
 
@@ -315,5 +325,16 @@ def identity(plan: Plan) -> dict[str, Any]:
         "settings": with_bare_names(others),
         "files": dict(sorted(digests.items())),
     }
-    found["digest"] = hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:16]
-    return found
+    return _digested(found)
+
+
+def law_of(entry: Entry, plan: Plan) -> dict[str, Any]:
+    """:func:`identity` of an entry, of which a plan is. The yardstick's structure is each task's, and in its digest."""
+    if not entry.knows:
+        return identity(plan)
+    own = {"name": entry.source, "gains": {}, "settings": with_bare_names(entry.settings), "files": {}}
+    return _digested(own)
+
+
+def _digested(found: dict[str, Any]) -> dict[str, Any]:
+    return found | {"digest": hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:16]}
