@@ -392,7 +392,11 @@ def with_text(name, change):
 
 
 def kind_of(kind):
-    return with_text("archive.json", lambda data: data.replace(b'"kind": "run"', f'"kind": "{kind}"'.encode()))
+    def change(data):
+        data = data.replace(b"uvms-mj run", f"uvms-mj {kind}".encode())
+        return data.replace(b'"kind": "run"', f'"kind": "{kind}"'.encode())
+
+    return with_text("archive.json", change)
 
 
 WRONG = {
@@ -418,6 +422,8 @@ WRONG = {
     "format": (with_text("archive.json", lambda data: data.replace(b'"format": 1', b'"format": 2')), "format 2"),
     "kind": (kind_of("virus"), "the kind 'virus'"),
     "of a paper": (kind_of("paper"), "is the archive of a paper"),
+    "command": (with_text("archive.json", lambda data: data.replace(b"--out repeated", b"; rm x")), "the command"),
+    "escape": (with_text("archive.json", lambda data: data.replace(b'"push_wall"', b'"\\u001b[2J"')), "the name or"),
     "no names": (with_text("archive.json", lambda data: data.replace(b'"names"', b'"name"')), "about"),
     "name outside": (
         with_text("archive.json", lambda data: data.replace(b'"files/stages-0/law.py:Mine"', b'"/tmp/law.py:Mine"')),

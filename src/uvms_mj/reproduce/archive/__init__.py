@@ -1,6 +1,5 @@
 """Archives for reviewers: one zip with the logs or rows, all that the runs read, versions and digests."""
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,7 +19,7 @@ def archive(source: Path, out: Path, secret: Path | None = None) -> tuple[contai
     """Write the archive of a log or of a folder to a file, which is replaced, and return its manifest and notes.
     ``secret`` is the file of a result's blind draws. Raises InputError if it can't be repeated."""
     found = contents_of(source, secret)
-    command = f"uvms-mj {found.kind} --from {shlex.quote(out.name)} --out repeated"
+    command = container.command_of(found.kind, out.name)
     members = {**found.members, container.README: _readme(found, command).encode()}
     empty = container.Manifest(container.FORMAT, found.kind, found.name, command, found.versions, found.about, {})
     return container.write(out, empty, members), found.notes

@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import os
+import shlex
 import shutil
 import stat
 import tempfile
@@ -234,7 +235,23 @@ def _manifest_of(file: zipfile.ZipFile, info: zipfile.ZipInfo) -> Manifest:
         raise InputError(f"{MANIFEST} is not JSON: {error}") from None
     if manifest.kind not in KINDS:
         raise InputError(f"{MANIFEST}: the kind {shortened(manifest.kind)} is not one of {', '.join(KINDS)}")
+    if not manifest.name.isprintable() or not _is_command(manifest):
+        raise InputError(f"{MANIFEST}: the name or the command {shortened(manifest.command)} is none of an archive's")
     return manifest
+
+
+def command_of(kind: str, name: str) -> str:
+    """The command that repeats an archive in a file of this name."""
+    return shlex.join(["uvms-mj", kind, "--from", name, "--out", "repeated"])
+
+
+def _is_command(manifest: Manifest) -> bool:
+    """Whether the command is what it says to be: a reader who copies it runs nothing else."""
+    try:
+        name = shlex.split(manifest.command)[3]
+    except (ValueError, IndexError):
+        return False
+    return manifest.command.isprintable() and manifest.command == command_of(manifest.kind, name)
 
 
 def _copy(file: zipfile.ZipFile, name: str, member: Member, target: IO[bytes] | None = None) -> None:
