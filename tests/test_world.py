@@ -243,6 +243,10 @@ def test_boxes_overlap_where_some_place_is_in_both(seed):
     distance = math.sqrt(2.0 * nearest.cost)
     gap = float(encounter.gap(one, two)[0])
     assert gap <= distance + 1e-6
+    assert encounter.overlap(one, two)[0] == (gap < 0.0)
+    far = two._replace(centres=two.centres + np.array([4.0, 0.0, 0.0]))
+    assert not encounter.overlap(one, far)[0]
+    assert encounter.gap(one, far)[0] > 0.0
     assert (gap > 0.0) == (distance > 1e-6) or abs(gap) < 1e-3
 
 

@@ -129,7 +129,7 @@ class _Encounters:
         chosen = np.unique(np.linspace(0, n - 1, self._MOST).astype(int)) if n else []
         there = {name: self._motions[name].boxes(rows[chosen]) for name, rows in self._new.items() if n}
         for one, two in sorted(self._pairs if n else ()):
-            if (inside := encounter.gap(there[one], there[two]) < 0.0).any():
+            if (inside := encounter.overlap(there[one], there[two])).any():
                 t = float(self._new[one][chosen[inside.argmax()], 0])
                 said = "contact between vehicles is not computed without a coupling, and they pass through each other"
                 warnings.warn(f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=4)

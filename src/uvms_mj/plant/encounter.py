@@ -55,6 +55,14 @@ def _extents(geometry: Geometry) -> tuple[list[int], np.ndarray, np.ndarray]:
     return carriers, found.mean(axis=1), 0.5 * (found[:, 1] - found[:, 0])
 
 
+def overlap(one: Boxes, other: Boxes) -> np.ndarray:
+    """Whether a box of one vehicle and a box of the other overlap at each instant (n,). Where the spheres around all
+    boxes are apart at all instants, no box is looked at."""
+    radii = np.linalg.norm(one.halves, axis=1)[:, None] + np.linalg.norm(other.halves, axis=1)
+    between = np.linalg.norm(one.centres[:, :, None] - other.centres[:, None], axis=-1)
+    return gap(one, other) < 0.0 if (between < radii).any() else np.zeros(len(between), bool)
+
+
 def gap(one: Boxes, other: Boxes) -> np.ndarray:
     """The largest gap (n,) between the projections of two boxes, of the two vehicles' pair that is nearest [m]; it is
     negative where boxes overlap, and never more than their distance."""
