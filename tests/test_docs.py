@@ -19,7 +19,7 @@ GENERATED = {"bench_tasks", "commands", "environment", "keys", "metrics", "signa
 """Pages of docs/reference that are written from the tables of the program when the site is built."""
 
 
-LINKED = {"ardusub_sender.py", "learn_push.py", "learned_push.py"}
+LINKED = {"ardusub_sender.py", "learn_push.py", "learned_push.py", "ppo.py"}
 """Examples that are too long to be shown."""
 
 

@@ -45,7 +45,7 @@ def test_the_site(tmp_path, subtests):
         names = {path.name for folder in ("docs/results", "examples") for path in (ROOT / folder).glob("*.py")}
         assert {path.name for path in programs} == names
         ran = {path.name for path in programs if (shown / f"{path}.md5").is_file()}
-        assert names - ran == {"ardusub_sender.py", "learn_push.py", "udp_law.py"}
+        assert names - ran == {"ardusub_sender.py", "learn_push.py", "ppo.py", "udp_law.py"}
         for path in programs:
             pictures = site / "gallery" / path.with_suffix(".html")
             assert path.parent.name or f"sphx_glr_{path.stem}_001.png" in pictures.read_text(), path
