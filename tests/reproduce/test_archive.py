@@ -399,6 +399,7 @@ def kind_of(kind):
     return with_text("archive.json", change)
 
 
+DEEP = 900 * b"[" + 900 * b"]"
 WRONG = {
     "absolute": (listed("/tmp/evil.py"), "absolute path"),
     "above": (listed("files/../../evil.py"), "leaves the folder"),
@@ -418,7 +419,11 @@ WRONG = {
     "file and folder": (listed("files/stages-0"), "mean one place"),
     "no manifest": (without("archive.json"), "not one that `uvms-mj archive` wrote"),
     "no table": (with_text("archive.json", lambda data: b"[]"), "archive.json"),
-    "no JSON": (with_text("archive.json", lambda data: b"{"), "is not JSON"),
+    "no JSON": (with_text("archive.json", lambda data: b"{"), "archive.json can't be read"),
+    "deep": (
+        with_text("archive.json", lambda data: data.replace(b'"names"', b'"x": ' + DEEP + b', "names"')),
+        "archive.json can't be read",
+    ),
     "format": (with_text("archive.json", lambda data: data.replace(b'"format": 1', b'"format": 2')), "format 2"),
     "kind": (kind_of("virus"), "the kind 'virus'"),
     "of a paper": (kind_of("paper"), "is the archive of a paper"),

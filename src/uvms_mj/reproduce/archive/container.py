@@ -229,10 +229,13 @@ def _manifest_of(file: zipfile.ZipFile, info: zipfile.ZipInfo) -> Manifest:
         if isinstance(found, dict) and isinstance(found.get("format"), int) and found["format"] != FORMAT:
             raise InputError(f"has the format {shortened(found['format'])}; this version reads format {FORMAT}")
         manifest = _MANIFEST.validate_python(found)
+        _text_of(manifest)  # which fails for tables that are nested too deeply
+    except InputError:
+        raise
     except ValidationError as error:
         raise InputError(faults_of(error), MANIFEST) from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{MANIFEST} is not JSON: {error}") from None
+        raise InputError(f"{MANIFEST} can't be read: {error}") from None
     if manifest.kind not in KINDS:
         raise InputError(f"{MANIFEST}: the kind {shortened(manifest.kind)} is not one of {', '.join(KINDS)}")
     if not manifest.name.isprintable() or not _is_command(manifest):
