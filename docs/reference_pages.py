@@ -109,7 +109,7 @@ GROUPS = {
     "JOINTS": "Given to the interface of the joints' motors.",
     "ENCODER": "Given to the encoder of the joints.",
     "WRIST": "Given to the force and torque sensor in the arm.",
-    "TRUTH": "Given to the law `ideal` only, eq. (13).",
+    "TRUTH": "Given to the yardsticks only: `ideal`, eq. (13), `ideal_admittance` and `ideal_parallel`.",
 }
 
 

@@ -55,9 +55,29 @@ def rows(found: dict[str, Any]) -> Iterator[tuple]:
         yield " ".join(words), *values
 
 
+def ends(found: dict[str, Any]) -> Iterator[tuple]:
+    """Of each task the law that came furthest and is not told the truth: the level that ended its ladder, the median
+    force error [N] and the largest [N], and the yardstick's on the same level."""
+    for name, task in found["tasks"].items():
+        laws = [law for law in found["laws"] if not law["knows_the_truth"] and law["tasks"][name]["runs"]]
+
+        def reached(law: Mapping[str, Any], name: str = name) -> tuple[int, float]:
+            level, last = law["tasks"][name]["level"], ended(law["tasks"][name])
+            return level, last[1]["passed"] / last[1]["draws"] if last else 0.0
+
+        best = max(laws, key=reached)
+        last = ended(best["tasks"][name])
+        assert last is not None, "no law but the yardstick holds level 5"
+        level, own = last
+        truth = of(found, "ideal", name)["levels"][level]
+        both = (cell["metrics"]["hold.error_N"][which] for cell in (own, truth) for which in ("median", "worst"))
+        yield f"| {task['number']} | `{best['label']}` | {level} | {{}} | {{}} | {{}} | {{}} |", *both
+
+
 def numbers(folder: str | None = None) -> Iterator[tuple]:
     found = shipped()
     yield from rows(found)
+    yield from ends(found)
 
     def level(law: str, task: str) -> int:
         return int(of(found, law, task)["level"])
