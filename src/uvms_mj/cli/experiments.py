@@ -421,7 +421,8 @@ def run_bench(
             laws, names = (str(place / LAWS),), manifest.about["tasks"]
             at_most, draws = manifest.about["at_most"], manifest.about["draws"]
             draws = draws.replace("secret:", f"secret:{place.absolute()}/", 1)
-        with resumed.bar("climbing", as_json or quiet, "{done:.1f} of {total} levels") as update:
+        counted = "trials, then levels" if tune else "levels"
+        with resumed.bar("measuring", as_json or quiet, f"{{done:.1f}} of {{total}} {counted}") as update:
             most = MOST if at_most is None else at_most
             how = {"draws": draws, "at_most": most, "tune": tune, "beside": beside or ""}
             found = bench(laws, folder, only=names, **how, progress=update, executor=executor)

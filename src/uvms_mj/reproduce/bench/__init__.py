@@ -45,7 +45,7 @@ def bench(
         tune: trials of a search for gains, for each law; the law is then judged with its own gains and with the best.
         beside: another result, whose laws table.tex and report.html have below these: ``"shipped"``, a file or a
             folder, ``"FILE:LAW"``. It must have the same tasks.
-        progress: True for a progress bar, or a function of the levels done and their total.
+        progress: True for a progress bar, or a function of the levels done and their total, before them of the trials.
         workers: processes on this machine; default: one per core.
         executor: in place of them, as in :meth:`uvms_mj.studies.study.Study.run`.
 
