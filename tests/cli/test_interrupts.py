@@ -125,7 +125,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path, t):
     assert done.exit_code == 128 + signal.SIGTERM, done.stderr
 
 
-@pytest.mark.parametrize("where", ["Simulation", "Run._outcome"])
+@pytest.mark.parametrize("where", ["run.Simulation", "vehicle_run.Run._outcome"])
 def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here, monkeypatch, where):
     def shape(report):
         return {key: shape(value) for key, value in report.items()} if isinstance(report, dict) else None
@@ -135,7 +135,7 @@ def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here,
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"uvms_mj.engine.run.{where}", interrupted)
+    monkeypatch.setattr(f"uvms_mj.engine.{where}", interrupted)
     done = here("run", *SHORT, "--json", "-o", "b")
     assert done.exit_code == 130
     report = json.loads(done.stdout)
