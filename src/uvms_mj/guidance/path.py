@@ -16,9 +16,9 @@ x, stops at the depth at which the desired impedance demands the push F from eq.
 
 .. math:: x_d - x_c = F (n^\top K_d^{-1} K_f n + 1/k_c) + n^\top K_d^{-1} K_f F_d,
 
-and then follows a constant-speed path in the plane at this depth. n is the wall's normal in B. K_f and
-F_d are those before the schedule of the impedance, which changes the push on the way. Without a spring K_d along n, F_d
-alone demands the push, and the depth is zero.
+and then follows a constant-speed path in the plane at this depth. n is the wall's inward normal in the frame of the
+task. K_f and F_d are those before the schedule of the impedance, which changes the push on the way. Without a spring
+K_d along n, F_d alone demands the push, and the depth is zero.
 """
 
 from __future__ import annotations
