@@ -44,7 +44,7 @@ STATUSES = {
     "GAP": (-8, "the last call was too long ago; the next one goes on"),
     "FAULT": (-9, "a stage ended early, or a command was out of bounds; only reset goes on"),
     "OTHER_ARITHMETIC": (-10, "the processor does not round to the nearest, or flushes small numbers to zero"),
-    "DAMAGED": (-11, "what came is no whole frame; the program loop.c alone says so"),
+    "DAMAGED": (-11, "the bytes are no whole frame; only the program loop.c returns it"),
 }
 """Results of the functions of a law's library, by the words of its header: below zero the command is neutral."""
 _REQUEST, _ANSWER, _OF_EXPORT = struct.Struct("<8sQ"), struct.Struct("<Q6d"), struct.Struct("<qQQ")
