@@ -132,7 +132,8 @@ def test_each_effect_is_called_at_the_port_that_its_list_says():
     assert called[add_inertia_wrenches] == set(INERTIAS) - {"buoyancy"}  # whose change has the velocity in the water
     assert called[add_pushes] == set(PUSHES)
     assert called[add_effects] == set(WRENCHES)
-    assert called[add_pulls] == called[find_pulls] == set(PULLS) - {"nodes", "pulls", "touches"}  # of cable and couplings
+    of_others = {"nodes", "pulls", "touches"}  # of the cable, of the couplings
+    assert called[add_pulls] == called[find_pulls] == set(PULLS) - of_others
 
 
 def test_a_pad_without_a_wall_is_refused_and_a_reset_adds_none():
