@@ -7,10 +7,10 @@ Ocean Eng. 104, 2015). With its velocity w relative to the water, its tangent t,
 
 .. math::
 
-    (m + m_a P)\, \dot v = (m - \rho V) g + (\rho V + m_a P)\, \dot v_c - D w + T_+ e_+ - T_- e_-, \qquad
+    (m + m_a P)\, \dot v = (m - \rho V) g + (\rho V + m_a P)\, a_c - D w + T_+ e_+ - T_- e_-, \qquad
     D = \tfrac12 \rho d \ell \left( C_n |w_n| P + \pi C_t |w_t|\, t t^\top \right),
 
-with :math:`P = I - t t^\top`, :math:`m_a = C_a \rho V`, and the acceleration of the water that passes.
+with :math:`P = I - t t^\top`, :math:`m_a = C_a \rho V`, and the acceleration a_c of the water that passes.
 
 **Step.** The tensions of a step are implicit, so that no axial stiffness limits it. With the length l and the
 compliance :math:`c = \ell/EA`, which may be zero, each element has
@@ -41,7 +41,7 @@ n, critically damped and without friction, where it is deepest. With the depth :
 
 .. math::
 
-    f = m \omega^2 \left( \delta - h\, n^\top (v^+ - v_w) \right) - 2 m \omega\, n^\top (v^+ - v_w),
+    f = (m + m_a)\, \omega \left( \omega \delta - (h \omega + 2)\, n^\top (v^+ - v_w) \right),
 
 and change the inverse of the node by a matrix of rank one. An element between two nodes touches nothing.
 """
