@@ -4,6 +4,7 @@ import gc
 import importlib.metadata
 import shutil
 import sys
+import warnings
 from pathlib import Path
 
 gc.set_threshold(100_000, 50, 50)  # pages are large trees: to search them more often takes an eighth of the build
@@ -62,7 +63,8 @@ nb_merge_streams = True
 copybutton_exclude = ".linenos, .gp, .go"
 suppress_warnings = ["misc.highlighting_failure"]  # a block of output in the words of a program has no language
 
-# Gallery
+# Gallery. A warning is printed without the folder of the build, and without the line that it shows below itself
+warnings.formatwarning = lambda message, category, *_: f"{category.__name__}: {message}\n"
 sphinx_gallery_conf = {
     "examples_dirs": [str(HERE / "_build" / "gallery")],
     "gallery_dirs": ["gallery"],

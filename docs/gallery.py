@@ -32,6 +32,7 @@ ORDER = (
 NOT_RUN = {
     "ardusub_sender.py": "needs an autopilot",
     "learn_push.py": "learns for minutes",
+    "ppo.py": "learns for a minute",
     "udp_law.py": "answers another program until Ctrl-C",
 }
 """Examples that the gallery shows and does not run, each with the reason."""
@@ -72,11 +73,11 @@ def _undrawable() -> str:
 
 
 def _titled(program: str) -> str:
-    """A program whose docstring has its first words as a title, and its commands as blocks."""
+    """A program whose docstring has its first words as a title, sentences as they are, and its commands as blocks."""
     _, docstring, code = program.split('"""', 2)
-    summary, *commands = docstring.strip().split("\n\n")
+    summary, *parts = docstring.strip().split("\n\n")
     title, text = re.split(r"[.:]\s*", summary, maxsplit=1)
-    blocks = ["::\n\n    " + each.replace("\n", "\n    ") for each in commands]
+    blocks = [each if each.endswith(".") else "::\n\n    " + each.replace("\n", "\n    ") for each in parts]
     return (
         '"""\n' + "\n\n".join([f"{title}\n{'=' * len(title)}", text[:1].upper() + text[1:], *blocks]) + f'\n"""{code}'
     )

@@ -23,5 +23,5 @@ study = Study.from_dict(
 )
 study.run("study", workers=2)
 for row in study.table():
-    print(*row, sep="\t")
+    print("".join(f"{entry!s:12}" for entry in row))
 figure = study.plot()

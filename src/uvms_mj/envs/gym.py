@@ -75,6 +75,8 @@ class PushWall(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode, with the run that the seed draws. ``options`` are dotted keys of the scenario with values
+        for this episode. Returns the observation and the info."""
         super().reset(seed=seed)
         return self.push.reset(seed, options), self.push.info()
 
@@ -98,6 +100,7 @@ class PushWall(gymnasium.Env):
         return self._pictures.of(0, push.episodes, push.simulation, push.force_d)
 
     def close(self) -> None:
+        """Free the run and the pictures."""
         self._pictures.close()
         self.push.close()
 
@@ -216,6 +219,7 @@ class PushWallVec(VectorEnv):
         return tuple(self._pictures.of(i, k, pushes.batch[i], force) for i, (k, force) in enumerate(each))
 
     def close_extras(self, **_: Any) -> None:
+        """Free the runs and the pictures."""
         self._pictures.close()
         self.pushes.close()
 
