@@ -173,14 +173,16 @@ def _environment() -> str:
         [
             "# The environment",
             'Keyword arguments of `gymnasium.make("uvms_mj/PushWall-v0", ...)`, of '
-            '`gymnasium.make_vec("uvms_mj/PushWall-v0", n, ...)` and of `uvms_mj.envs.load("push_wall", ...)`. '
+            '`gymnasium.make_vec("uvms_mj/PushWall-v0", n, ...)` and of `uvms_mj.envs.load("push_wall", ...)`; '
+            "`uvms_mj.envs.PushWorld` is of several vehicles. "
             "[](../how_to/learn.md) shows them at work.",
             "```{eval-rst}\n.. automodule:: uvms_mj.envs.push\n   :no-members:",
             ".. autoclass:: uvms_mj.envs.push.Pushes",
             ".. autoclass:: uvms_mj.envs.Seen",
             ".. automodule:: uvms_mj.envs.domain\n   :no-members:",
             ".. autoclass:: uvms_mj.envs.gym.PushWall",
-            ".. autoclass:: uvms_mj.envs.gym.PushWallVec\n```",
+            ".. autoclass:: uvms_mj.envs.gym.PushWallVec",
+            ".. autoclass:: uvms_mj.envs.PushWorld\n   :members: reset, step\n```",
         ]
     )
 

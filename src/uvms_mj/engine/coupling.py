@@ -235,11 +235,11 @@ class WorldSimulation:
             sim.run(n, np.inf)
         if self._together is not None:
             self._together.run(n)
+        for sim in self.vehicles.values():
+            sim.prepare()
         for name, sim in self.vehicles.items():
-            sim.check()
             if (diverged := sim.diverged) is not None:
                 raise Diverged(f"{name}: {diverged}")
-            sim.prepare()
 
     def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start, with overrides as of :meth:`World.load` until the next reset.

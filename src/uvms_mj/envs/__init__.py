@@ -1,8 +1,8 @@
 """Environments for reinforcement learning and for agents of any kind, on :class:`uvms_mj.Simulation`.
 
 :func:`load` gives a ``dm_control.rl.control.Environment`` (dm_env's interface; extra ``dm``). Importing this module
-registers the same task with Gymnasium as ``uvms_mj/PushWall-v0`` (extra ``gym``). :mod:`.push` describes actions,
-observations and reward.
+registers the same task with Gymnasium as ``uvms_mj/PushWall-v0`` (extra ``gym``). :class:`PushWorld` is the task for
+several vehicles of a world (extra ``gym``). :mod:`.push` describes actions, observations and reward.
 """
 
 import contextlib
@@ -13,6 +13,8 @@ from .push import Seen as Seen
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment
+
+    from .world import PushWorld as PushWorld
 
 
 def load(name: str = "push_wall", **settings: Any) -> "Environment":
@@ -40,3 +42,12 @@ with contextlib.suppress(ModuleNotFoundError):  # without Gymnasium there is not
         entry_point="uvms_mj.envs.gym:PushWall",
         vector_entry_point="uvms_mj.envs.gym:PushWallVec",
     )
+
+
+def __getattr__(name: str) -> object:
+    """Import ``PushWorld`` on first use: it needs Gymnasium."""
+    if name != "PushWorld":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from .world import PushWorld
+
+    return PushWorld

@@ -173,7 +173,7 @@ class Domain:
                     faults.append(Fault(where, f"{key}: is set by the action"))
         law = Law("this environment", "", {}, self.scenario)
         faults += combination_faults(self.variations, [law], fixed, False)
-        if not faults:
+        if self.variations and not faults:
             dice = np.random.default_rng(0)
             points = [self._values([dice.random() for _ in self.variations]) for _ in range(_TRIED)]
             faults = KeyChecks(self.variations, [law], points).faults()

@@ -20,10 +20,10 @@ BOUND = 1e12
 """Bound of each number of an observation: a signal has none of its own."""
 
 
-def _space(shapes: Any) -> Space:
+def space(shapes: Any) -> Space:
     """The space of arrays of a shape, or of arrays by name."""
     if isinstance(shapes, dict):
-        return Dict({name: _space(shape) for name, shape in shapes.items()})
+        return Dict({name: space(shape) for name, shape in shapes.items()})
     return Box(-BOUND, BOUND, shapes, np.float64)
 
 
@@ -32,10 +32,10 @@ def _row(rows: Observation, i: int) -> Observation:
     return {name: each[i].copy() for name, each in rows.items()} if isinstance(rows, dict) else rows[i].copy()
 
 
-def _within(seen: Observation) -> Observation:
+def within(seen: Observation) -> Observation:
     """Finite numbers within the space, also of a run that has diverged."""
     if isinstance(seen, dict):
-        return {name: _within(each) for name, each in seen.items()}
+        return {name: within(each) for name, each in seen.items()}
     return np.clip(np.nan_to_num(seen), -BOUND, BOUND)
 
 
@@ -69,7 +69,7 @@ class PushWall(gymnasium.Env):
         self._pictures = Pictures(render_size, render_view)
         self.push = Push(**{"engine": "auto"} | settings)
         self.action_space = Box(-1.0, 1.0, (self.push.size,), np.float64)
-        self.observation_space = _space(self.push.shapes)
+        self.observation_space = space(self.push.shapes)
         self.metadata = self.metadata | {"render_fps": self.push.control_rate}
 
     def reset(
@@ -88,7 +88,7 @@ class PushWall(gymnasium.Env):
             reward = push.advance(push.steps_each)
         except Diverged as divergence:
             info = push.info() | {"diverged": str(divergence)}
-            return _within(push.observation()), push.reward_diverged, True, False, info
+            return within(push.observation()), push.reward_diverged, True, False, info
         return push.observation(), reward, False, push.over, push.info()
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
@@ -142,7 +142,7 @@ class PushWallVec(VectorEnv):
             "autoreset_mode": self.autoreset_mode,
         }
         self.single_action_space = Box(-1.0, 1.0, (self.pushes.size,), np.float64)
-        self.single_observation_space = _space(self.pushes.shapes)
+        self.single_observation_space = space(self.pushes.shapes)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._all, self._over = np.arange(num_envs), np.zeros(num_envs, bool)
@@ -183,7 +183,7 @@ class PushWallVec(VectorEnv):
         ended[list(diverged)] = True
         truncated = pushes.ended & ~ended
         self._over = ended | truncated
-        seen = _within(pushes.observations()) if diverged else pushes.observations()
+        seen = within(pushes.observations()) if diverged else pushes.observations()
         messages = {i: {"diverged": str(divergence)} for i, divergence in sorted(diverged.items())}
         if mode is AutoresetMode.SAME_STEP and self._over.any():
             last, finals = pushes.infos(), dict[str, Any]()

@@ -37,7 +37,7 @@ run diverges. Success ends nothing: the force has to be held.
 import functools
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -50,6 +50,7 @@ from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..setup.base import set_up
+from ..setup.world import World, vehicles_of
 from . import domain
 from .domain import Domain, domain_of
 
@@ -94,7 +95,7 @@ INFO = ("t", "force", "force_d", "f_contact_m_W", "contact", "is_success")
 SPAN = 4.0
 """Largest factor by which an action changes a gain."""
 Action = Literal["wrench", "thrusts", "gains"]
-_REPLACED = {"wrench": {"controller.name": "external"}, "thrusts": {"actuation.name": "external"}, "gains": {}}
+REPLACED = {"wrench": {"controller.name": "external"}, "thrusts": {"actuation.name": "external"}, "gains": {}}
 """The stage that the caller replaces, by the action."""
 Observation = Any
 """An array, or arrays by name."""
@@ -125,6 +126,8 @@ class Pushes:
         seed: seed of the first episodes, until :meth:`reset` is given one; run i has ``seed + i``.
         n: number of runs.
         threads: number of threads that step them; default: one a core.
+        simulations: the n runs of the scenario; default: new ones. Whoever steps them calls :meth:`account` after the
+            steps, and :meth:`started` at the start.
 
     Raises:
         InputError: an argument is wrong; lists every error.
@@ -151,13 +154,14 @@ class Pushes:
         seed: int | None = None,
         n: int = 1,
         threads: int | None = None,
+        simulations: Sequence[Simulation] | None = None,
         **unknown: Any,
     ) -> None:
         faults = [Fault(name, f"no such argument; {suggestion(name, ARGUMENTS)}") for name in unknown]
         checked = functools.partial(domain.checked, faults)
         base, variations = checked(domain_of, randomise) or (None, {})
         chosen = _scenario(scenario, base, overrides)
-        self.action, self.scenario = action, chosen.updated(_REPLACED.get(action, {}))
+        self.action, self.scenario = action, chosen.updated(REPLACED.get(action, {}))
         if action not in get_args(Action):
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
         if engine not in (*ENGINES, "auto"):
@@ -183,10 +187,10 @@ class Pushes:
         if faults:
             raise InputError(faults, "push")
         self.domain = Domain(variations, self.scenario)
-        self.domain.check(overrides_of(overrides), [*_REPLACED[action], *self._base])
-        self.engine = _engine(engine, self.scenario)
+        self.domain.check(overrides_of(overrides), [*REPLACED[action], *self._base])
+        self.engine = fitting_engine(engine, [self.scenario])
         self._looks = self.engine == "mujoco" and n == 1
-        self.batch = Batch([self._new() for _ in range(n)], threads)
+        self.batch = Batch(simulations or [self._new() for _ in range(n)], threads)
         self._rebuilt = [False] * n
         absent = [] if callable(observe) else [name for name in observe if name not in self.batch.names]
         if absent:
@@ -229,8 +233,12 @@ class Pushes:
         drawn = self.domain.draw(rng)
         number = int(rng.integers(2**31))
         self._restart(i, {**self._base, **drawn, **overrides_of(overrides)}, number)
-        scenario = self.batch[i].scenario
         self.rngs[i] = rng
+        self.started(i)
+
+    def started(self, i: int) -> None:
+        """Begin the account of an episode of a run that is at its start."""
+        scenario = self.batch[i].scenario
         self._steps[i], self._last[i] = 0, scenario.steps
         self._demands[i] = _demanded(scenario) if self._force_d is None else self._force_d
         self.episodes[i] += 1
@@ -290,6 +298,11 @@ class Pushes:
             The rewards (n,), zero for other runs, and the divergences by index.
         """
         diverged = self.batch.step(steps, which)
+        return self.account(steps, which, list(diverged)), diverged
+
+    def account(self, steps: int, which: np.ndarray, diverged: Sequence[int] = ()) -> np.ndarray:
+        """Keep account of time steps that were done in the runs of some indices, of which some diverged. Returns the
+        rewards (n,), zero for other runs."""
         impulse, effort = self.batch.read(("impulse", "effort")).values()
         T = steps * self.scenario.simulation.timestep
         self._steps[which] += steps
@@ -300,10 +313,10 @@ class Pushes:
         self._held[which] = np.where(within, self._held + 1, 0)[which]
         rewards = np.zeros(self.n)
         rewards[which] = self._rewards()[which]
-        rewards[list(diverged)] = self.reward_diverged
+        rewards[[*diverged]] = self.reward_diverged
         if not np.isfinite(rewards).all():
             raise InputError([Fault("reward", f"{rewards!r}: must be finite numbers")])
-        return rewards, diverged
+        return rewards
 
     def _rewards(self) -> np.ndarray:
         if self._reward is None:
@@ -409,6 +422,14 @@ class Push:
             raise diverged[0]
         return float(rewards[0])
 
+    def started(self) -> None:
+        """Begin the account of an episode of a run that somebody else returned to its start."""
+        self._runs.started(0)
+
+    def account(self, steps: int, diverged: bool = False) -> float:
+        """Keep account of time steps that somebody else did, and return their reward."""
+        return float(self._runs.account(steps, _FIRST, [0] if diverged else [])[0])
+
     def observation(self) -> Observation:
         """The observation as copies."""
         rows = self._runs.observations()
@@ -458,14 +479,16 @@ def _scenario(given: Scenario | str | None, base: Scenario | None, overrides: Ma
     chosen = given if given is not None else base if base is not None else "push_wall"
     if isinstance(chosen, Scenario):
         return chosen.updated(overrides_of(overrides))
+    if isinstance(chosen, World) or vehicles_of(chosen):
+        raise InputError([Fault("scenario", "is a world of several vehicles; uvms_mj.envs.PushWorld takes it")], "push")
     return Scenario.load(chosen, overrides)
 
 
-def _engine(name: str, scenario: Scenario) -> str:
-    """The engine; of "auto", free_body where it can."""
+def fitting_engine(name: str, scenarios: Iterable[Scenario]) -> str:
+    """The engine; of "auto", free_body where it can run all scenarios."""
     if name != "auto":
         return name
-    return "mujoco" if refusals(set_up(scenario)) else "free_body"
+    return "mujoco" if any(refusals(set_up(scenario)) for scenario in scenarios) else "free_body"
 
 
 def _demanded(scenario: Scenario) -> float:
