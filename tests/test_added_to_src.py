@@ -67,9 +67,10 @@ KEEL = {
             "EFFECT_TABLES: dict",
             "@dataclass(frozen=True, config=STRICT)\n"
             "class Keel(EffectTable):\n"
+            "    of_world: ClassVar[bool] = False\n"
             '    c: _Coefficient = doc("drag over the square of the velocity across [N s^2/m^2]", 0.0)\n'
             '    x: float = doc("place [m]", 0.0)\n\n'
-            "    def records(self, world: World) -> list[tuple]:\n"
+            "    def records(self, situation: Situation) -> list[tuple]:\n"
             "        return [(self.c, self.x)] if self.c > 0.0 else []\n\n\n"
             "EFFECT_TABLES: dict",
         ),
@@ -109,9 +110,10 @@ ROTOR = {
             "EFFECT_TABLES: dict",
             "@dataclass(frozen=True, config=STRICT)\n"
             "class Rotor(EffectTable):\n"
+            "    of_world: ClassVar[bool] = False\n"
             '    c: _OneDrag = doc("drag over the square of the inflow [N s^2/m^2]", 0.0)\n'
             '    lag: float = doc("of the inflow [s]", 0.5)\n\n'
-            "    def records(self, world: World) -> list[tuple]:\n"
+            "    def records(self, situation: Situation) -> list[tuple]:\n"
             "        return [(self.c, self.lag)] if self.c > 0.0 else []\n\n\n"
             "EFFECT_TABLES: dict",
         ),
