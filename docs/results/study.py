@@ -2,8 +2,8 @@
 Many vehicles that the law does not know
 ========================================
 
-Added mass, damping and current vary. Each dot is a run of 10 s in the engine free_body; a study is the same, bit for
-bit, for any number of worker processes.
+Added mass and current vary in 24 runs of 10 s in the engine free_body. A study is the same, bit for bit, for any number
+of worker processes.
 """
 
 from uvms_mj import Study

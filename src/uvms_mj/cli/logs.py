@@ -233,7 +233,7 @@ def export_plugin(vehicle: str, out: str | None) -> None:
     """Write the water of a vehicle as a plugin of the installed MuJoCo: for simulate, rollout, C++ and ROS 2's host.
 
     VEHICLE is the name of one that ships, or a file. DIR gets a library and the vehicle's MJCF, which asks for it: its
-    added mass is in mjData.M, and its drag, weight and buoyancy act in the current of the attribute ``current``.
+    added mass is in mjData.M, and its drag, weight and buoyancy act in the current of the attribute current.
 
     \b
     uvms-mj export plugin bluerov2_heavy --out plugin
