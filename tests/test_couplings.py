@@ -527,9 +527,10 @@ def test_the_engine_that_has_no_arms_names_the_one_that_has():
 )
 def test_a_frame_that_is_not_there_is_refused_by_name(at, more, said):
     world = held_by_tools(ARM, {"model": BAR}, {"at": at}, 0.1, **more)
-    with pytest.raises(InputError) as raised:
-        simulate(world)
-    assert said in str(raised.value)
+    for made in (simulate, coupled_rest):
+        with pytest.raises(InputError) as raised:
+            made(world)
+        assert said in str(raised.value)
 
 
 # loads and internal forces

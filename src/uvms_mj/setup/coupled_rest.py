@@ -34,7 +34,7 @@ from ..physics.tree import FRAME
 from ..plant.coupling import Coupling
 from ..plant.effects import situation_of
 from .base import Setup, set_up
-from .world import World
+from .world import World, checked_world
 
 _MOST, _HALVINGS = 60, 12
 """Most steps of Newton's method, and of one step's halvings."""
@@ -202,10 +202,11 @@ def coupled_rest(world: World) -> CoupledRest | NoClosedForm:
     """A rest of the coupled vehicles of a world, or the reason why none is known.
 
     Raises:
-        InputError: a vehicle of the world is invalid.
+        InputError: a vehicle or a coupling of the world is invalid.
     """
     if not world.couplings:
         return NoClosedForm("nothing is coupled")
+    checked_world(world)
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             return _solved(world)
