@@ -12,8 +12,8 @@ from ..errors import Fault, InputError
 from ..physics.coupling import press_together, pull_together
 from ..physics.coupling_ends import place_end
 from ..physics.effects import state_of
-from ..plant.coupling import Coupling, coupling_faults
-from ..setup.world import World
+from ..plant.coupling import Coupling
+from ..setup.world import World, coupling_errors
 from .native.compilation import NativeFunction, native_function
 from .native.loop import many_runs
 from .simulation import Diverged, Saved, Simulation
@@ -75,11 +75,7 @@ class Lockstep:
         """Raises InputError for a coupling that the time step does not resolve, or that begins far from its length."""
         self._sims, self.steps, self.stopped = sims, 0, ""
         timestep = next(iter(sims.values())).scenario.simulation.timestep
-        faults = [
-            Fault(f"couplings[{i}].{fault.key}", fault.message)
-            for i, coupling in enumerate(couplings)
-            for fault in coupling_faults(coupling, [sims[name].setup for name in coupling.vehicles], timestep)
-        ]
+        faults = [*coupling_errors(couplings, {name: sim.setup for name, sim in sims.items()}, timestep)]
         if faults:
             raise InputError(faults, "scenario")
         self._ends, self._ties = list[_Call](), list[_Call]()

@@ -1,7 +1,7 @@
 r"""Admittance and parallel control that are told the truth: yardsticks beside ``ideal``, eq. (13).
 
 Each has the structure of a law, and in place of the law's estimates the true model, current and disturbance. It shows
-whether the physics of a scenario or the law's ignorance ends what the structure can do.
+whether the physics of a scenario or the law's ignorance sets the limit of the structure.
 """
 
 from __future__ import annotations
