@@ -6,11 +6,14 @@ import re
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 
 from uvms_mj import InputError
 from uvms_mj.reproduce.bench import results
-from uvms_mj.reproduce.bench.page import drawn, latex_table, order
+from uvms_mj.reproduce.bench.page import latex_table, order
+from uvms_mj.reproduce.bench.results import drawn
 from uvms_mj.reproduce.bench.task import tasks
+from uvms_mj.views.figures.style import typeset
 
 
 def own(label: str = "mine", law: str = "gsta", some: int = 3) -> dict:
@@ -96,3 +99,44 @@ def test_a_comparison_is_a_table_for_a_paper(here):
     assert "95 \\% interval" in rows[0]
     assert here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "pairs.tex").exit_code == 2
     assert "must end in .tex" in here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "p.csv").stderr
+
+
+def test_the_order_of_the_laws_is_a_figure_in_the_width_of_a_paper_with_a_legible_text(here):
+    how = ("shipped:gsta", "--with", "shipped:sta", "--fonts", "serif")
+    for width, inches in (("ieee-column", 88.9 / 25.4), ("page", 7.16)):
+        done = here("bench", "plot", *how, "--width", width, "--out", "order.pdf", "--force")
+        assert done.exit_code == 0, done.stderr
+        (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", Path("order.pdf").read_bytes())
+        assert float(box) == pytest.approx(72.0 * inches, abs=0.01)
+    for width in (3.5, 7.16):
+        with typeset("serif", width):
+            figure = order(results.shipped(), {law["label"]: "#336699" for law in results.shipped()["laws"]})
+        assert min(text.get_fontsize() for text in figure.findobj(Text) if text.get_text()) >= 6.0
+        ends = {ax.get_position().x0: ax for ax in figure.axes}.values()  # the last panel of each column
+        assert all(ax.xaxis.get_tick_params()["labelbottom"] for ax in ends)
+
+
+def test_a_table_is_made_from_a_result_and_nothing_runs(here, tmp_path):
+    Path("mine.json").write_text(results.text(own()))
+    done = here("bench", "table", "mine.json", "--with", "shipped:sta", "--out", "table.tex")
+    assert done.exit_code == 0, done.stderr
+    assert Path("table.tex").read_text() == latex_table(results.beside(own(), "shipped:sta"))
+    assert here("bench", "table", "mine.json").stdout == latex_table(own())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.json", "table.tex"]
+    assert here("bench", "table", "mine.json", "--out", "table.tex").exit_code == 2
+    assert "must end in .tex" in here("bench", "table", "mine.json", "--out", "table.csv").stderr
+    assert "lacks these tasks" in here("bench", "table", "shipped:gsta", "--with", "mine.json").stderr
+    assert "version 1" in here("bench", "table", "shipped-version-1").stderr
+
+
+def test_results_of_other_draws_are_not_compared(here):
+    other = own()
+    for ladder in other["laws"][0]["tasks"].values():
+        for row in (row for level in ladder["levels"].values() for row in level["rows"]):
+            row["seed"] += 1
+    other["draws"] |= {"seed": 7}
+    Path("other.json").write_text(results.text(other | {"digest": results.digest(other)}))
+    done = here("bench", "compare", "other.json:mine", "shipped:gsta")
+    assert done.exit_code == 2
+    assert "no draw is in both" in done.stderr
+    assert "the seed 7" in done.stderr

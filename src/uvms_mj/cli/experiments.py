@@ -36,6 +36,7 @@ from .options import (
     set_option,
     workers_option,
 )
+from .plot import figure_files, figure_options, inches
 from .study import pool_of
 
 if TYPE_CHECKING:
@@ -331,6 +332,14 @@ validate.add_command(pool)
 validate.add_command(speed)
 
 
+_with_option = path_option(
+    "--with",
+    "beside",
+    metavar="RESULT",
+    help="Also have the laws of another result in table, page and figure: shipped, bench.json or FILE:LAW.",
+)
+
+
 @command(
     epilog="Exit status: 0 every law has its rows, also where it fails, 2 bad input or no space, 130 interrupted (143 "
     "SIGTERM, 129 SIGHUP)."
@@ -346,10 +355,7 @@ validate.add_command(speed)
 )
 @click.option("--at-most", type=click.IntRange(1), metavar="N", help="At most N draws of each level, for a look.")
 @click.option("--tune", type=click.IntRange(0), default=0, metavar="N", help="Also judge each law with tuned gains.")
-@path_option(
-    "--with", "beside", metavar="RESULT",
-    help="Also have the rows of another result in table.tex, page and figure: shipped, bench.json or FILE:LAW.",
-)  # fmt: skip
+@_with_option
 @path_option("--from", "archive", metavar="FILE.zip", help="Repeat the result of an archive, and compare its bytes.")
 @workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
@@ -445,7 +451,7 @@ def _held(found: "Mapping[str, Any]") -> dict[str, dict[str, Any]]:
 
 
 def _levels_held(found: "Mapping[str, Any]") -> None:
-    from ..reproduce.bench.page import drawn
+    from ..reproduce.bench.results import drawn
 
     tasks = found["tasks"]
     heads = [str(task["number"]) for task in tasks.values()]
@@ -549,5 +555,81 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
         click.echo(printable(f"note: {note}"), err=True)
 
 
-for each in (bench_tasks, bench_compare):
+def _result(given: str, beside: str | None) -> "Mapping[str, Any]":
+    """A result of the benchmark, with the rows of another one below its own if it is given."""
+    from ..reproduce.bench.results import beside as with_rows_of
+    from ..reproduce.bench.results import refuse_other_tasks, result_of
+
+    found = result_of(given)
+    if not beside:
+        return found
+    refuse_other_tasks(beside, found["tasks"])
+    return with_rows_of(found, beside)
+
+
+@command("plot")
+@click.argument("result", metavar="RESULT[:LAW]")
+@_with_option
+@figure_options
+def bench_plot(
+    result: str,
+    beside: str | None,
+    kinds: tuple[str, ...],
+    width: str | None,
+    fonts: str,
+    out: str | None,
+    force: bool,
+) -> None:
+    """Draw the laws of each task in their order, as on the page: a full step is a level. RESULT is a folder of a
+    benchmark, its bench.json, or shipped. Nothing runs. Without --out the file is order.png.
+
+    \b
+    uvms-mj bench plot blind --with shipped:gsta --out order.pdf --width page --fonts serif
+    """
+    draw_to_files()
+    with bad_input():
+        from ..reproduce.bench.page import colours_of, order
+        from ..views import figures
+        from ..views.figures.style import PAGE_IN, typeset
+
+        stem, formats = figure_files(kinds, out, Path("order"), force)
+        found = _result(result, beside)
+        shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
+        with typeset(fonts, inches(width) or PAGE_IN):
+            drawn = order(found, shown)
+        for written in figures.save(drawn, stem, formats):
+            click.echo(str(written))
+
+
+@command("table")
+@click.argument("result", metavar="RESULT[:LAW]")
+@_with_option
+@path_option("-o", "--out", metavar="FILE.tex", help="File of the table [default: print].")
+@force_option
+def bench_table(result: str, beside: str | None, out: str | None, force: bool) -> None:
+    """Write the table of a result as LaTeX: of each law and task the level that it holds, and the draws passed at the
+    next. RESULT is a folder of a benchmark, its bench.json, or shipped. Nothing runs. It needs the package booktabs.
+
+    \b
+    uvms-mj bench table blind --with shipped:gsta --out table.tex
+    """
+    with bad_input():
+        from ..errors import InputError
+        from ..files import atomic_write
+        from ..reproduce.bench.page import latex_table
+
+        if out is not None:
+            if Path(out).suffix != ".tex":
+                raise InputError(f"--out {out}: the name must end in .tex")
+            refuse_existing("--out", Path(out), force)
+        text = latex_table(_result(result, beside))
+        if out is None:
+            click.echo(text, nl=False)
+            return
+        with atomic_write(Path(out)) as part:
+            part.write_text(text, encoding="utf-8")
+        click.echo(printable(out))
+
+
+for each in (bench_tasks, bench_compare, bench_plot, bench_table):
     bench.add_command(each)

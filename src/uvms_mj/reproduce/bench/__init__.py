@@ -61,7 +61,7 @@ def bench(
     if not 1 <= at_most <= MOST:
         raise InputError(f"at_most: {shortened(at_most)} must be from 1 to {MOST}")
     planned = jobs(entries, some, folder, drawn, at_most)
-    refuse_other_tasks(beside, some)
+    refuse_other_tasks(beside, {task.name: {"version": task.version, "digest": task.digest} for task in some})
     warn_of_slow_laws(planned)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder), running(progress) as told, executor_of(executor, workers) as pool:

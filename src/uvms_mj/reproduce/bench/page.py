@@ -35,12 +35,13 @@ from ...studies.results import frame
 from ...views import colours
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .draws import DEVELOPMENT
-from .results import broken, levels_of, sentences
+from .results import broken, drawn, levels_of, sentences
 from .sequential import HELD, NOT_HELD, chance
 from .task import LEVELS, Job, Task
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 
 def decided(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
@@ -134,16 +135,6 @@ def _texts(ladder: Mapping[str, Any]) -> tuple[str, str]:
     return str(ladder["level"]), "" if last is None else f"{{\\scriptsize {last[1]['passed']}/{last[1]['draws']}}}"
 
 
-def drawn(found: Mapping[str, Any]) -> str:
-    """The draws of a result in words."""
-    draws = found["draws"]
-    if draws["kind"] == DEVELOPMENT:
-        return "known draws, for development"
-    if draws["kind"] == "seed":
-        return f"blind draws of the seed {draws['seed']}"
-    return f"blind draws of a secret with the SHA-256 {draws['digest']}"
-
-
 _COLUMNS, _HEIGHT = 5, 1.15
 _TOP = 2.5
 """Top of a panel over the largest demanded push; a push above is drawn there."""
@@ -197,13 +188,18 @@ def courses(task: Task, base: Any, rows: "Mapping[str, pd.DataFrame]", colours: 
             ax.set_title(label, fontsize=SMALL, loc="left")
             ax.set_ylim(0.0, top)
             ax.set_xlim(0.0, duration)
-        place = drawn[0].get_subplotspec()
-        columns = place.get_gridspec().ncols if place is not None else 1
-        for ax in drawn[-columns:]:  # also above the end of a row that is not full
-            ax.tick_params(labelbottom=True)
+        _label_last(drawn)
         figure.supxlabel("time [s]", fontsize=SMALL)
         figure.supylabel("push [N]", fontsize=SMALL)
     return Picture(f"courses-{task.name}", _CAPTION, figure)
+
+
+def _label_last(axes: "Sequence[Axes]") -> None:
+    """Number the time or the levels below the last panel of each column, also above the end of a row that is not
+    full."""
+    place = axes[0].get_subplotspec()
+    for ax in axes[-(place.get_gridspec().ncols if place is not None else 1) :]:
+        ax.tick_params(labelbottom=True)
 
 
 def _matrix(frame: "pd.DataFrame", name: str) -> np.ndarray:
@@ -405,13 +401,12 @@ def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
                 alpha=0.5,
             )
             for i, label in enumerate(labels):
-                ax.text(0.06, i, label, va="center", fontsize=0.75 * SMALL, parse_math=False)
+                ax.text(0.06, i, label, va="center", fontsize=SMALL, parse_math=False)
             ax.set_yticks([])
             ax.set_xlim(0.0, len(LEVELS))
             ax.set_xticks(range(len(LEVELS) + 1))
             ax.set_title(f"{found['tasks'][name]['number']} {name.replace('_', ' ')}", fontsize=SMALL, loc="left")
-        for ax in drawn_in[-_COLUMNS:]:  # also above the end of a row that is not full
-            ax.tick_params(labelbottom=True)
+        _label_last(drawn_in)
         figure.supxlabel("level", fontsize=SMALL)
     return figure
 

@@ -24,7 +24,7 @@ from ...files import is_file, is_folder
 from ...studies.plan.metrics import COMPLETED
 from ...studies.report.statistics import difference_of_rates, rate
 from ...studies.report.tables import without_folders
-from .draws import KNOWN, Draws
+from .draws import DEVELOPMENT, KNOWN, Draws
 from .sequential import MOST, verdict
 from .task import NAME, RESULT, VERSION, Task
 
@@ -228,13 +228,16 @@ OF_PACKAGE = {"shipped": SHIPPED, "shipped-version-1": FIRST_VERSION}
 """The names of the results that the package has."""
 
 
+_NO_DRAW = "no draw is in both"
+
+
 def compared(first: str, second: str) -> dict[str, Any]:
     """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is the result of the shipped
     laws.
 
     Returns pairs of laws, each with its tasks; whether their numbers may be compared, and why; and notes: about tasks
     of different versions, which are left out, and about laws of one file alone. Raises InputError if a file is no
-    result, or there is nothing to compare.
+    result, or there is nothing to compare: no task, no law, or no draw that both ran.
     """
     (a, one), (b, other) = (_read(given) for given in (first, second))
     if version(a) != version(b):
@@ -261,18 +264,22 @@ def compared(first: str, second: str) -> dict[str, Any]:
         | {"tasks": {name: _task(mine["tasks"][name], theirs["tasks"][name]) for name in tasks}}
         for mine, theirs in pairs
     ]
+    if all(task.get("reason") == _NO_DRAW for pair in found for task in pair["tasks"].values()):
+        raise InputError(f"nothing to compare: {_NO_DRAW}; {first} has {drawn(a)}, {second} has {drawn(b)}")
     return {"results": [a["digest"], b["digest"]], "pairs": found, **_validity(a, b, tasks), "notes": notes}
 
 
-def refuse_other_tasks(given: str, tasks: Sequence[Task]) -> None:
-    """Raise InputError unless a result to stand beside another one, if it is given, has its tasks."""
+def refuse_other_tasks(given: str, tasks: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise InputError unless a result to stand beside another one, if it is given, has its tasks, whose versions and
+    digests are as in bench.json."""
     if not given:
         return
     other = _read(given)[0]
     if version(other) != VERSION:
         raise InputError(f"--with {given}: is of version {version(other)} of {NAME}, not of version {VERSION}")
-    theirs = {name: (task["version"], task["digest"]) for name, task in other["tasks"].items()}
-    if wrong := [task.name for task in tasks if theirs.get(task.name) != (task.version, task.digest)]:
+    theirs = other["tasks"]
+    same = ("version", "digest")
+    if wrong := [name for name, its in tasks.items() if any(theirs.get(name, {}).get(key) != its[key] for key in same)]:
         raise InputError(f"--with {given}: lacks these tasks, or has other versions of them: {', '.join(wrong)}")
 
 
@@ -355,6 +362,25 @@ def _read(given: str) -> tuple[dict[str, Any], str]:
     return found, label
 
 
+def result_of(given: str) -> dict[str, Any]:
+    """A result by its file or folder, on request with one law, ``FILE:LABEL``, or ``shipped``. Raises InputError for
+    others, and for a result of the first version."""
+    found, label = _read(given)
+    if version(found) != VERSION:
+        raise InputError(f"{given}: is of version {version(found)} of {NAME}, not of version {VERSION}")
+    return {**found, "laws": [law for law in found["laws"] if label in ("", law["label"])]}
+
+
+def drawn(found: Mapping[str, Any]) -> str:
+    """The draws of a result in words."""
+    draws = found["draws"]
+    if draws["kind"] == DEVELOPMENT:
+        return "known draws, for development"
+    if draws["kind"] == "seed":
+        return f"blind draws of the seed {draws['seed']}"
+    return f"blind draws of a secret with the SHA-256 {draws['digest']}"
+
+
 def _pairs(
     a: Mapping[str, Any], b: Mapping[str, Any], one: str, other: str
 ) -> tuple[list[tuple[Mapping[str, Any], Mapping[str, Any]]], list[str]]:
@@ -381,7 +407,7 @@ def _task(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
         return {"reason": mine.get("reason") or theirs.get("reason")}
     rows = _same_draws(mine, theirs)
     if not rows:
-        return {"reason": "no draw is in both"}
+        return {"reason": _NO_DRAW}
     passed = np.array([[row["passed"] for row in pair] for pair in rows], dtype=float)
     difference = difference_of_rates(passed[:, 1] - passed[:, 0])
     levels = [each.get("level") for each in (mine, theirs)]
@@ -409,7 +435,7 @@ def sentences(name: str, task: Mapping[str, Any], labels: Sequence[str]) -> list
     """The cells of a task in a table: the level that each law holds, if the result has levels, and what it passes of
     the draws that both ran; the better one of the two, by how many points of the share of draws, and the interval."""
     if "reason" in task:
-        return [name, "-", "-", "-", "-", "can't run", "", ""]
+        return [name, "-", "-", "-", "-", _NO_DRAW if task["reason"] == _NO_DRAW else "can't run", "", ""]
     n, (low, high) = task["draws"], task["interval"]
     each = [
         f"{passed}/{n}" if level is None else f"level {level}, {passed}/{n}"

@@ -347,6 +347,9 @@ _MATHS = {
 """LaTeX of the characters in texts of figures that its fonts may lack."""
 
 
+_LATEX_ON_DEBIAN = "On Debian or Ubuntu, as root: apt install texlive-latex-recommended texlive-pictures"
+
+
 @contextlib.contextmanager
 def _without_words_of_fonts() -> Iterator[None]:
     """A context in which fontTools says nothing about the dates in matplotlib's own fonts."""
@@ -380,7 +383,7 @@ def _in_latex(figure: Figure) -> Iterator[None]:
     if system is None:
         raise InputError(
             "LaTeX's fonts and a .pgf need pdflatex, xelatex or lualatex, to measure the texts; a .pdf in other fonts "
-            "needs none. On Debian or Ubuntu, as root: apt install texlive-latex-recommended texlive-pictures"
+            f"needs none. {_LATEX_ON_DEBIAN}"
         )
     texts = [(text, text.get_text()) for text in figure.findobj(Text)]
     axes = [axis.get_major_formatter() for axis in figure.findobj(Axis)]
@@ -393,7 +396,10 @@ def _in_latex(figure: Figure) -> Iterator[None]:
                 text.set_text("".join(_MATHS.get(letter, letter) for letter in written))
             yield
         except RuntimeError as error:  # LaTeX's own
-            raise InputError(f"{system} can't set the texts of the figure: {' '.join(str(error).split())}") from None
+            said = re.search(r"^! *(?:LaTeX Error: )?(.+)", str(error), re.MULTILINE)  # the rest is LaTeX's log
+            why = " ".join((said[1] if said else str(error)).split())
+            remedy = f" {_LATEX_ON_DEBIAN}" if "not found" in why else ""
+            raise InputError(f"{system} can't set the texts of the figure: {why}{remedy}") from None
         finally:
             for text, written in texts:
                 text.set_text(written)
