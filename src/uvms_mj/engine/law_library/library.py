@@ -140,23 +140,18 @@ def write_library(
             sim.reset()
         steps = recorded(sim, border, parts.text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
-        files = {
-            f"{name}.h": parts.sources[f"{name}.h"],
-            "vectors.h": texts.vectors_text(border, steps, name),
-            "test.c": texts.test(name),
-            "LICENSE": _license(),
-        }
-        if shared := any(MACHINES[target].shared for target in targets):
-            files["loop.c"] = texts.loop(border, name, not not_asked)
-        for file, content in files.items():
-            _write(new / file, content)
-        _write(place / "test.c", files["test.c"])
-        _write(place / f"{name}.h", files[f"{name}.h"])
-        _write(place / "vectors.h", texts.vectors_text(border, steps, name, _ROWS))
+        files = {f"{name}.h": parts.sources[f"{name}.h"], "test.c": texts.test(name)}
+        for file, content in (files | {"vectors.h": texts.vectors_text(border, steps, name, _ROWS)}).items():
+            (place / file).write_text(content, encoding="utf-8")
         for target in targets:
             (place / target / _ROWS).write_bytes(texts.rows_of(steps).tobytes())
         tests = {target: pool.submit(work.prepare, [target], place / "test.c") for target in targets}
         making = [pool.submit(make, target) for target in targets]
+        files |= {"vectors.h": texts.vectors_text(border, steps, name), "LICENSE": _license()}
+        if shared := any(MACHINES[target].shared for target in targets):
+            files["loop.c"] = texts.loop(border, name, not not_asked)
+        for file, content in files.items():
+            _write(new / file, content)
         notes = sim.notes
         made = [each.result() for each in making]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
