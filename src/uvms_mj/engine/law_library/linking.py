@@ -22,7 +22,7 @@ from typing import Self
 from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
-from ..native.objects import object_name, recall, remember
+from ..native.objects import object_name, recall, remember, uncollected
 
 
 @dataclass(frozen=True)
@@ -350,6 +350,7 @@ class Work:
             self.folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self.pool = ThreadPoolExecutor(1 + (os.cpu_count() or 1))  # one waits for LLVM
             stack.callback(self.pool.shutdown, cancel_futures=True)
+            stack.enter_context(uncollected())
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
             sys.setswitchinterval(2e-4)  # the threads read many small files, and ask for Python after each
             self._stack = stack.pop_all()

@@ -9,7 +9,6 @@ so that a warm start translates nothing; of a user's stage by its translation.
 import contextlib
 import ctypes
 import functools
-import gc
 import os
 import threading
 import types
@@ -27,7 +26,7 @@ from ...compiler.refusals import Untranslatable
 from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
 from .memory import at_address
-from .objects import keep, object_name, read, recall, remember
+from .objects import keep, object_name, read, recall, remember, uncollected
 
 _PACKAGE = Path(__file__).parents[2]
 
@@ -111,14 +110,8 @@ class NotCompiled(Exception):
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
     """Compile alone, and without garbage collection: it would look at every instruction of a module in vain."""
-    with _lock:
-        collects = gc.isenabled()
-        gc.disable()
-        try:
-            yield
-        finally:
-            if collects:
-                gc.enable()
+    with _lock, uncollected():
+        yield
 
 
 def plain_python() -> bool:
