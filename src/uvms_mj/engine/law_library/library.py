@@ -291,9 +291,10 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
     own.mkdir(exist_ok=True)
     (own / HEADER).write_text(header(type(stage), Records(*link.kinds)), encoding="utf-8")
     out = f"{link.name}.o"
-    options = ("-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own))
+    options = ["-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own), "-fhosted"]
+    options += [] if machine.shared else linking.headers(machine)  # zig cc has them of a system
     try:
-        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted", *linking.headers(machine)), out)
+        linking.compiled_c(machine, str(path.resolve()), place, options, out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
     return out

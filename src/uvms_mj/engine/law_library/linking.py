@@ -127,11 +127,12 @@ def _version() -> str:
 
 
 def headers(machine: Machine) -> list[str]:
-    """Options that give a file of C the headers of a C library where a processor has no system."""
-    if machine.shared:
-        return []
-    found = Path(*zig()).with_name("lib") / "libc" / "include"
-    return [word for each in ("arm-linux-musl", "generic-musl") for word in ("-isystem", str(found / each))]
+    """Options that give a file of C the headers of a C library, and of Linux where it is the system."""
+    found, name = Path(*zig()).with_name("lib") / "libc" / "include", machine.emulator
+    of_linux = (f"{name.removesuffix('_64')}-linux-any", "any-linux-any") if machine.shared else ()
+    return [
+        word for each in (f"{name}-linux-musl", "generic-musl", *of_linux) for word in ("-isystem", str(found / each))
+    ]
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -250,16 +251,17 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
 
 def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
     """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
-    beside it, files of the folder ``freestanding`` and headers of clang, so that it is clang's alone, without the two
-    further processes of ``zig cc``. A user's file may include any others."""
+    beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include any others. The
+    clang in it is called alone: ``zig cc`` takes two further processes."""
     read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.[ch]"))]
     chosen = ["-target", machine.target.triple, *machine.clang, *_C, *options]
     made_of = [_version(), *chosen, *(each.name for each in read)]
     out = folder / f"{source.stem}.o"
 
     def make() -> bytes:
-        places = ["-nostdinc", "-isystem", str(Path(*zig()).with_name("lib") / "include"), "-I", str(_FREESTANDING)]
-        run([*zig(), "clang", *chosen, *places, "-c", str(source.resolve()), "-o", out.name], folder)
+        of_clang = ["-nostdinc", "-isystem", str(Path(*zig()).with_name("lib") / "include")]
+        of_system = headers(machine) if machine.shared else ["-isystem", str(_FREESTANDING)]
+        run([*zig(), "clang", *chosen, *of_clang, *of_system, "-c", str(source.resolve()), "-o", out.name], folder)
         return out.read_bytes()
 
     parts = [b"C", *(word.encode() for word in made_of), *(each.read_bytes() for each in read)]
