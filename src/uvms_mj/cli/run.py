@@ -300,7 +300,7 @@ def _unpacked(out: str | None, asked: dict[str, Any]) -> tuple[str, dict[str, An
 
 
 def _say_what_is_left(scenario: "Scenario", mjcf: "Mjcf | None") -> None:
-    """Print what the thrusters' commands leave of the demanded push, before the run."""
+    """Print the push that the thrusters' commands leave of the demanded one, before the run."""
     from ..setup.base import set_up
     from ..setup.deployment import resolution
 

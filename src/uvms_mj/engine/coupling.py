@@ -146,7 +146,7 @@ class Lockstep:
             sim.observe_again()
 
     def of(self, name: str) -> Callable[[int], int]:
-        """What takes at most n steps of one vehicle, and returns how many it took. The first vehicle that asks for
+        """A function of at most n steps of one vehicle, which returns their number. The first vehicle that asks for
         steps takes them with all. Raises :class:`OtherStopped` if another vehicle has stopped."""
         taken = 0
 

@@ -426,7 +426,7 @@ class Fleet:
         return self._compiled().code
 
     def describe(self) -> str:
-        """What was compiled, in a sentence."""
+        """A sentence on the compiled code."""
         code = self._compiled()
         share = f"{code.constants} of {code.words} numbers of a run are constants of the code"
         text = f"{share}, {len(code.kept)} are in the device's memory, {8 * len(code.kept)} bytes a run"

@@ -87,7 +87,7 @@ class Simulation:
     """
 
     _in_world: ClassVar[bool] = False
-    """Whether what couples the vehicle to others is computed where it is stepped."""
+    """Whether the couplings of the vehicle are computed where it is stepped."""
 
     def __init__(
         self,
@@ -427,7 +427,7 @@ class Simulation:
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
 
     def one_step(self) -> Callable[[], object]:
-        """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
+        """The function of one step, after a look at the engine: its own where no stage is a user's, which would be
         watched, or plain Python, which would wait."""
         with self._alone:
             if self._users or self._plain:
@@ -457,7 +457,7 @@ class Simulation:
         self._engine.evaluate()
 
     def prepare(self) -> None:
-        """Compute what is measured and wanted at the instant in hand, unless it is done."""
+        """Compute measurements and reference of the instant in hand, unless it is done."""
         if not self._ready:
             with self._alone:
                 self._prepare()

@@ -116,8 +116,8 @@ class PlainPythonWarning(UserWarning):
 
 
 def drive(runs: "Mapping[str, Run]", advance: Callable[[int, int], None]) -> None:
-    """Go through runs of the same number of steps, and call ``advance`` with the steps that all have done. What is
-    raised between two chunks, or interrupts one run, stops them all."""
+    """Go through runs of the same number of steps, and call ``advance`` with the steps that all have done. An
+    error between two chunks, or an interrupt of one run, stops them all."""
     going = {name: run.going() for name, run in runs.items()}
     done = dict.fromkeys(going, 0)
     try:
@@ -142,7 +142,7 @@ def drive(runs: "Mapping[str, Run]", advance: Callable[[int, int], None]) -> Non
 def followed(
     progress: Callable[[int, int], None] | bool | None, label: str, timestep: float
 ) -> AbstractContextManager[Callable[..., None]]:
-    """What a run calls with the steps done and their total."""
+    """The function that a run calls with the steps done and their total."""
 
     def shown(done: int, total: int) -> dict[str, float]:
         return {"done": done, "total": total, "simulated": done * timestep}
@@ -345,7 +345,7 @@ def _warned(notes: tuple[str, ...]) -> str:
 
 
 def _hint(touched: bool, of_thrusters: bool) -> str:
-    """What to try after a divergence: of a vehicle that has touched a wall, or of the thrust of a user's thrusters."""
+    """Remedies after a divergence: of a vehicle that has touched a wall, or of the thrust of a user's thrusters."""
     ways = ["a smaller simulation.timestep", "smaller gains"]
     ways += ["a softer wall"] if touched else []
     ways += ["a longer time constant of the thrusters"] if of_thrusters else []

@@ -28,8 +28,8 @@ def simulate_world(
     keep_s: float | None,
     engine: str,
 ) -> dict[str, Trace]:
-    """Run the vehicles of a world, a chunk of one after a chunk of the other. What stops one vehicle does not stop the
-    others, but for an interrupt, which stops all."""
+    """Run the vehicles of a world, a chunk of one after a chunk of the other. The end of one vehicle does not stop the
+    others; an interrupt stops all."""
     if not isinstance(sinks, Mapping) or sinks.keys() - world.scenarios.keys():
         if sinks:
             raise InputError(f"sinks: of a world they are a mapping from the names of its vehicles, {world.label}")

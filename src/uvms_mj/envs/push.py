@@ -25,7 +25,7 @@ ends with ``reward_diverged``.
 **Info** after a control step (:data:`INFO`): the time ``t`` [s], the mean pushing force ``force`` of the step and the
 desired one ``force_d`` [N], the measured contact force ``f_contact_m_W`` (3,) [N] at its end, ``contact``, whether a
 wall was touched in the step, and ``is_success``: for the last ``success[1]`` seconds, ``force`` of every control step
-was within a share ``success[0]`` of ``force_d``. What the force does within a control step does not count. At a reset
+was within a share ``success[0]`` of ``force_d``. The force within a control step does not count. At a reset
 ``force`` is zero, ``contact`` and ``is_success`` are false.
 
 **End**: an episode is truncated at the scenario's duration, where a value may be bootstrapped, and terminated if the

@@ -146,7 +146,7 @@ class World:
 
     @property
     def couplings(self) -> tuple[Coupling, ...]:
-        """What couples two vehicles."""
+        """The couplings between vehicles."""
         return next(iter(self.scenarios.values())).couplings
 
     @property

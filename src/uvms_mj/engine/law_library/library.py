@@ -212,7 +212,7 @@ class _Run(Simulation):
 
 @dataclass(frozen=True)
 class _Parts:
-    """What a library is made of.
+    """The parts of a library.
 
     Attributes:
         text: the stages, as LLVM has them.

@@ -275,7 +275,7 @@ WEAK = 0.3
 
 
 def findings(data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Table) -> list[str]:
-    """What the numbers show: differences between laws, the strongest influences, the most frequent failure."""
+    """The findings of the numbers: differences between laws, the strongest influences, the most frequent failure."""
     return [*_differences(pairs), *_influences(data, found), *_failures(failures)]
 
 
