@@ -43,8 +43,7 @@ def chosen(
     """What the arguments of a command choose. ``names`` are the files of an archive by the keys that name them. Raises
     InputError if the input is invalid."""
     from ..errors import InputError
-    from ..scenario import Scenario
-    from ..setup.world import World, vehicles_of
+    from ..setup.world import loaded
 
     name, overrides = asked_for(arguments, settings)
     if as_deployed:
@@ -56,8 +55,7 @@ def chosen(
     if name is not None and name.endswith(".mcap"):
         raise InputError(f"{name}: is a log, not a scenario; --from {name} uses the scenario and the vehicle of a log")
     if log is None:
-        kind = World if name is not None and vehicles_of(name) else Scenario
-        return Chosen(kind.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco")
+        return Chosen(loaded(name or "push_wall", overrides, controller), None, log_rate, "mujoco")
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
     if row is not None:

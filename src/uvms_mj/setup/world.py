@@ -59,9 +59,8 @@ class World:
         Raises:
             InputError: the input is invalid; it lists every error.
         """
-        path = toml_path(scenario, "scenario", "scenarios")
-        tables = tables_of(path, "scenario")
-        return cls.from_dict(tables, overrides, controller, path.parent, str(scenario), note=warnings.warn)
+        tables, folder = _read(scenario)
+        return cls.from_dict(tables, overrides, controller, folder, str(scenario), note=warnings.warn)
 
     @classmethod
     def from_dict(
@@ -226,10 +225,30 @@ def one_world(scenarios: Sequence[Scenario]) -> bool:
     return len(shared) > 1 and len(names) == len(shared) and "" not in names and all(x == shared[0] for x in shared)
 
 
+def _read(scenario: str | os.PathLike) -> tuple[dict[str, Any], Path]:
+    """The tables of a file or a built-in name, and the folder of relative paths in them. Raises InputError if there is
+    none, or it can't be read."""
+    path = toml_path(scenario, "scenario", "scenarios")
+    return tables_of(path, "scenario"), path.parent
+
+
+def loaded(
+    scenario: str | os.PathLike,
+    overrides: Mapping[str, Any],
+    controller: str | None = None,
+    trusted: Container[str] | None = None,
+) -> Scenario | World:
+    """The scenario of one vehicle, or the world, of a file or a built-in name; the arguments are as of
+    :meth:`Scenario.load` and :meth:`Scenario.from_dict`."""
+    tables, folder = _read(scenario)
+    kind = World if VEHICLES in tables else Scenario
+    return kind.from_dict(tables, overrides, controller, folder, str(scenario), note=warnings.warn, trusted=trusted)
+
+
 def vehicles_of(scenario: str | os.PathLike) -> list[str]:
     """The names of the vehicles of a file or a built-in name, of which no code is run; none if it is of one vehicle.
     Raises InputError if there is none, or it can't be read."""
-    tables = tables_of(toml_path(scenario, "scenario", "scenarios"), "scenario")
+    tables, _ = _read(scenario)
     return _listed(tables, str(scenario))[0] if VEHICLES in tables else []
 
 
