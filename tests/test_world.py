@@ -185,8 +185,9 @@ def test_a_vehicle_inside_another_is_refused_and_a_meeting_is_told():
     towards = {"vehicles[1].initial.velocity": [0.0, -1.0, 0.0, 0.0, 0.0, 0.0], "controller.name": "none"}
     with pytest.warns(
         EncounterWarning, match=r"v0 and v1 meet at t = 0\.4\d+ s: contact between vehicles is not computed"
-    ):
+    ) as told:
         simulate(row(2).updated({"simulation.duration": 0.5, "wall.position": 9.0} | towards), engine="free_body")
+    assert {each.filename for each in told} == {__file__}
 
 
 @pytest.mark.parametrize("turn", [0.0, 30.0, 90.0])
@@ -588,6 +589,37 @@ def test_a_caller_commands_one_vehicle_of_a_world(engine):
             assert np.array_equal(both.vehicles[name].signals.nu, single.signals.nu)
         with pytest.raises(ValueError, match=r"read-only"):
             both.vehicles["v0"].tau_cmd[:] = 0.0
+
+
+@pytest.mark.parametrize("run", [simulate, WorldSimulation])
+def test_errors_of_vehicles_name_them_and_come_together(run):
+    wrong = {"vehicles[v0].initial.joints": [1.0], "vehicles[v1].initial.joints": [1.0]}
+    with pytest.raises(InputError) as raised:
+        run(row(2).updated(wrong), engine="free_body")
+    assert [fault.key for fault in raised.value.faults] == ["vehicles[0].initial.joints", "vehicles[1].initial.joints"]
+
+
+def test_a_law_of_the_caller_is_refused_with_its_vehicle():
+    with pytest.raises(InputError, match=r"vehicles\[1\]\.controller\.name: external leaves tau_cmd"):
+        simulate(row(2).updated({"vehicles[v1].controller.name": "external"}))
+
+
+@pytest.mark.parametrize("n", [-1, 1.5])
+def test_a_world_takes_whole_steps_as_one_vehicle_does(n):
+    with (
+        WorldSimulation(row(2), engine="free_body") as sim,
+        pytest.raises(InputError, match="is not a number of steps"),
+    ):
+        sim.step(n)
+    assert sim.steps == 0
+
+
+def test_a_state_of_other_vehicles_is_refused():
+    with WorldSimulation(row(2), engine="free_body") as two, WorldSimulation(row(3), engine="free_body") as three:
+        with pytest.raises(InputError, match="another WorldSimulation"):
+            two.restore(three.save())
+        with pytest.raises(InputError, match="another WorldSimulation"):
+            three.restore(two.save())
 
 
 # the command
