@@ -19,7 +19,8 @@ from .listing import controllers, keys, metrics, signals, stages, vehicles
 from .logs import export, info, replay
 from .new import new
 from .plot import compare, plot, video
-from .run import run, sitl
+from .run import run
+from .sitl import sitl
 from .study import study
 from .tune import tune
 

@@ -340,22 +340,25 @@ class Simulation:
         """Take n time steps, at native speed and without Python's global lock.
 
         Raises:
+            InputError: n is no number of steps, or no speed controller takes a pulse width.
             Diverged: the state or a command left its bounds. The message names it. Only reset goes on.
             StageFault: a user's stage raised or violated its contract.
             RuntimeError: mjcb_control was replaced, or somebody else has stepped ``data``.
         """
-        if not isinstance(n, int | np.integer) or n < 0:
-            raise InputError(f"step: {n!r} is not a number of steps")
-        if isinstance(self.scenario.actuation, Pwm):
-            self._check_pulses()
+        self.refuse_step(n)
         with self._alone:
             self._run(n, np.inf)
             self._prepare()
         if (diverged := self.diverged) is not None:
             raise diverged
 
-    def _check_pulses(self) -> None:
-        """Raise InputError for a pulse width that no speed controller takes, such as 0 for no signal."""
+    def refuse_step(self, n: int) -> None:
+        """Raise InputError if n is no number of steps, and for a pulse width that no speed controller takes, such as 0
+        for no signal."""
+        if not isinstance(n, int | np.integer) or n < 0:
+            raise InputError(f"step: {n!r} is not a number of steps")
+        if not isinstance(self.scenario.actuation, Pwm):
+            return
         wrong = [i for i, pulse in enumerate(self.pwm_cmd.tolist()) if not LEAST_US <= pulse <= GREATEST_US]
         if wrong:
             place = f"pwm_cmd[{wrong[0]}] = {self.pwm_cmd[wrong[0]]:g} us"

@@ -159,18 +159,29 @@ def refuse_callers(scenario: Scenario) -> None:
             raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
 
 
-def told(sim: Simulation, whose: str = "") -> tuple[str, ...]:
-    """The notes of a Simulation, which are given as warnings."""
+def told(sim: Simulation, whose: str = "", stacklevel: int = 3) -> tuple[str, ...]:
+    """The notes of a Simulation, which are given as warnings after ``whose`` they are, at the line of the caller of
+    ``simulate``."""
     notes = sim.notes
     for note in notes:
         slow = note in sim.slow_stages
-        warnings.warn(f"{whose}{note}", PlainPythonWarning if slow else SamplingWarning, stacklevel=3)
+        warnings.warn(f"{whose}{note}", PlainPythonWarning if slow else SamplingWarning, stacklevel=stacklevel)
     return notes
 
 
 @dataclasses.dataclass
 class Run:
-    """One run, from the initial state to the trace."""
+    """One run, from the initial state to the trace.
+
+    Attributes:
+        row_steps: number of time steps from a row to the next.
+        keep_s: length of the run's end that the trace keeps [s].
+        notes: warnings with which it begins.
+        ended: whether it has a trace.
+        interrupted: whether somebody outside has stopped it.
+        most: largest number of steps from one look at signals and rows to the next.
+        advance: takes at most n steps, and returns how many it took. Coupled vehicles take them together.
+    """
 
     sim: Simulation
     row_steps: int
@@ -207,15 +218,15 @@ class Run:
             self.writing.end(outcome)
         self._trace, self.ended = Trace(header, Columns(header, [*self.blocks]), outcome), True
 
-    def result(self) -> Trace:
-        """The trace, when the run has ended. Raises what stopped it."""
+    def result(self, whose: str = "") -> Trace:
+        """The trace, when the run has ended. Raises what stopped it, with ``whose`` run it is before the message."""
         trace, raised, outcome = self._trace, self._raised, self._trace.outcome
         if isinstance(raised, StageFault):
-            raise LawError(outcome.message, trace) from raised.__cause__
+            raise LawError(f"{whose}{outcome.message}", trace) from raised.__cause__
         if raised is not None:
             raise raised
         if self.writing.error is not None:
-            raise SinkError(self.writing.message, trace) from self.writing.error
+            raise SinkError(f"{whose}{self.writing.message}", trace) from self.writing.error
         return trace
 
     def _outcome(self) -> Generator[int, None, tuple[Outcome, Exception | None]]:

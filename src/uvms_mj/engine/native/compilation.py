@@ -73,9 +73,9 @@ PLAIN = "UVMS_MJ_PLAIN"
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
 short_run: ContextVar[bool] = ContextVar("short_run", default=False)
-"""Whether machine code is for one short run: code that is not kept is made when the run needs it, and optimized less. It has
-the same numbers, since neither an optimization nor LLVM's choice of instructions changes a rounding. Fused code is
-always optimized: it decides which sums are rounded once."""
+"""Whether machine code is for one short run: code that is not kept is made when the run needs
+it, and optimized less. It has the same numbers, since neither an optimization nor LLVM's choice of instructions changes
+a rounding. Fused code is always optimized: it decides which sums are rounded once."""
 
 
 @dataclass(frozen=True)
