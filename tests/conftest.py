@@ -32,7 +32,10 @@ FOR_EACH_COMMIT = {
 """Folders and modules whose tests have the marker bits unless they are slow."""
 
 
-LONGEST = {"test_site.py", "test_rerun_viewers.py", "test_pages.py", "test_bench.py", "test_video.py"}
+LONGEST = {
+    *("test_site.py", "test_rerun_viewers.py", "test_pages.py", "test_bench.py", "test_video.py"),
+    *("test_figures.py", "test_fleet.py", "test_notebook.py"),
+}
 """Modules that begin first, so that no worker waits for another one at the end."""
 WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 """Folders whose tests are about MuJoCo's steps. Elsewhere a run that names no engine takes free_body, which is several
