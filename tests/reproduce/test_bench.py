@@ -530,6 +530,8 @@ def test_the_command_prints_and_refuses(ran, wrong, tmp_path):
     for arguments, said in (
         (("gst",), "can't run on any task"),
         (("gsta", "--tasks", "slid"), "no task 'slid'"),
+        (("gsta", "trials=-1"), "trials: -1 must be a number of trials"),
+        (("gsta", "trials=0.5"), "trials: 0.5 must be a number of trials"),
         (("gsta", "--at-most", "61"), "at_most: 61 must be from 1 to 60"),
         (("gsta", "--draws", "secret:no"), "draws: no: no such file; a secret is a file of 16 random bytes or more"),
         (("gsta", "--draws", f"secret:{tmp_path / 'short'}"), "has 4 bytes; a secret has at least 16"),

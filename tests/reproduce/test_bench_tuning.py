@@ -62,6 +62,9 @@ def test_a_tuned_law_is_a_second_row_and_the_search_goes_on(tmp_path):
     laws = tomllib.loads((tmp_path / LAWS).read_text())["laws"]
     assert [law["label"] for law in laws] == ["parallel", "parallel, tuned"]
     entries = entries_of([str(tmp_path / LAWS)], TASKS)
+    assert [entry.trials for entry in entries] == [0, 3], "the budget goes with the gains"
+    assert found["laws"][1]["trials"] == 2
+    assert "trials" not in found["laws"][0]
     best = min(again, key=lambda trial: trial.value)
     own = entries[0].plan(TASKS["two_bumpers"], 1, most=1).base
     assert own.controller.name == "gsta", "the base is the task's"

@@ -347,7 +347,7 @@ def _law(folder: Path, law: Mapping[str, Any], members: dict[str, bytes | Path])
     if digests != {each for text in law["files"].values() for each in text.split()}:
         raise InputError(f"{study}: has other files of {label} than {folder / RESULT}")
     members |= packed
-    return table
+    return table | {key: law[key] for key in ("trials",) if key in law}
 
 
 # the paper's runs

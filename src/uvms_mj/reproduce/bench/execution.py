@@ -113,5 +113,6 @@ def _law(mine: Sequence[Job], found: dict[tuple[str, str], dict[str, Any]]) -> d
     """A law in the result: label, identity, and its ladders by task."""
     entry = mine[0].entry
     plan = next(job.first for job in mine if job.first is not None)
-    law: dict[str, Any] = {"label": entry.label, "knows_the_truth": entry.knows, **law_of(entry, plan)}
+    law: dict[str, Any] = {"label": entry.label, "knows_the_truth": entry.knows, **entry.budget}
+    law |= law_of(entry, plan)
     return law | {"tasks": {job.task.name: found[entry.label, job.task.name] for job in mine}}

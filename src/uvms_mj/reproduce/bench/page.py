@@ -355,8 +355,9 @@ def colours_of(found: Mapping[str, Any]) -> list[str]:
 
 
 def about(law: Mapping[str, Any]) -> str:
-    """A law's name, its settings and its digest."""
-    parts = [law["name"], settings_text(law["settings"]), settings_text(law["gains"]), f"digest {law['digest']}"]
+    """A law's name, its settings, the trials that chose them, and its digest."""
+    parts = [law["name"], settings_text(law["settings"]), settings_text(law["gains"])]
+    parts += [f"the best of {law['trials']} trials" if law.get("trials") else "", f"digest {law['digest']}"]
     return "; ".join(part for part in parts if part)
 
 

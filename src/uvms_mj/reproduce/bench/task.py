@@ -167,16 +167,23 @@ class Entry:
         label: its name in tables, and of its folder.
         source: a shipped name, or path/to/file.py:Class, path/to/file.c, path/to/library.so:NAME, path/to/file.fmu.
         settings: dotted keys, the same for all tasks.
+        trials: the budget of the search that chose its gains (:mod:`.tuning`); 0 if none did.
     """
 
     label: str
     source: str
     settings: Mapping[str, Any] = field(default_factory=dict)
+    trials: int = 0
 
     @property
     def knows(self) -> bool:
         """Whether the law is told the truth: the yardstick."""
         return self.source in SHIPPED and SHIPPED[self.source].uses_truth
+
+    @property
+    def budget(self) -> dict[str, int]:
+        """The budget of its gains, in a file of laws and in a result; empty if no search chose them."""
+        return {"trials": self.trials} if self.trials else {}
 
     def plan(self, task: Task, level: int, draws: Draws = KNOWN, most: int = MOST) -> Plan:
         """Its runs at a level of a task, at most so many draws. Raises InputError if it can't run there."""
@@ -280,8 +287,11 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
     if not isinstance(label, str) or not _LABEL.fullmatch(label) or not label.isprintable() or label in _NO_LABELS:
         wanted = "must be a text of 1 to 60 characters without / and :, which names a folder"
         faults.append(Fault(place, f"label: {shortened(label)} {wanted}"))
+    trials = table.pop("trials", 0)
+    if not isinstance(trials, int) or isinstance(trials, bool) or trials < 0:
+        faults.append(Fault(place, f"trials: {shortened(trials)} must be a number of trials, 0 or more"))
     settings = _settings(table, folder, place, faults)
-    return Entry(label, source, settings) if len(faults) == before else None
+    return Entry(label, source, settings, trials) if len(faults) == before else None
 
 
 def _settings(table: Mapping[str, Any], folder: Path, place: str, faults: list[Fault]) -> dict[str, Any]:

@@ -144,7 +144,7 @@ def tuned(
         search(kinds, start, "minimize", settings, journal, evaluate, lambda number, _: advance(number + 1))
         best = min(journal.trials[:trials], key=lambda trial: trial.value)
     found = {gain.key: gain.scaled(best.params[gain.key]) for gain in gains}
-    return Entry(f"{entry.label}, tuned", entry.source, {**entry.settings, **found})
+    return Entry(f"{entry.label}, tuned", entry.source, {**entry.settings, **found}, trials)
 
 
 def tuned_laws(
@@ -161,8 +161,8 @@ def tuned_laws(
             found.append(
                 tuned(entry, tasks, folder, trials, executor, lambda n, b=before: told(b + n, len(searched) * trials))
             )
-    laws = {"laws": [{"name": each.source, "label": each.label, **each.settings} for each in found]}
-    write(folder / LAWS, tomli_w.dumps(laws))
+    laws = [{"name": each.source, "label": each.label, **each.budget, **each.settings} for each in found]
+    write(folder / LAWS, tomli_w.dumps({"laws": laws}))
     return found
 
 
