@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from matplotlib.lines import Line2D
 
 from uvms_mj import McapLog, Scenario, Trace, simulate
-from uvms_mj.cli.plot import FORMATS, WHATS, WIDTHS, plot
+from uvms_mj.cli.plot import FORMATS, WHATS, plot
 from uvms_mj.views import figures
 from uvms_mj.views.figures import style
 
@@ -45,7 +45,6 @@ def command(*arguments):
 def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
     assert WHATS == figures.WHATS
     assert FORMATS == figures.FORMATS
-    assert WIDTHS == figures.WIDTHS == style.WIDTHS
     done = command(log)
     assert done.exit_code == 0, done.output
     assert done.stdout == f"{log.parent / 'summary.png'}\n"
@@ -83,9 +82,11 @@ def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
             "--to '500ms': is not a finite number; write the number alone, 0.5, in s",
         ),
         (["LOG", "--out", "y.png", "--from", "2"], "gsta: has 0 samples from 2 to 1 s; its samples are from 0 to 1 s"),
-        (["LOG", "--out", "y.png", "--width", "2"], "--width 2: must be from 4 to 100 cm"),
-        (["LOG", "--out", "y.png", "--width", "20mm"], "--width 20: must be from 40 to 1000 mm"),
-        (["LOG", "--out", "y.png", "--width", "3 feet"], "--width '3 feet': is not a finite number"),
+        (["LOG", "--out", "y.png", "--width", "12"], "width '12': choose from column"),
+        (["LOG", "--out", "y.png", "--width", "20mm"], "width '20mm': must be from 1 to 40 inches"),
+        (["LOG", "--out", "y.png", "--width", "3 feet"], "in, cm, mm or pt (72.27 pt are an inch): 88mm"),
+        (["LOG", "--out", "y.png", "--width", "-252pt"], "width '-252pt': choose from column"),
+        (["LOG", "--out", "y.png", "--width", "ieee_column"], "did you mean 'ieee-column'?"),
         (["LOG", "--format", "tiff"], "--format tiff: choose from png, svg, pdf, pgf"),
         (["LOG", "--format", "pdf", "--out", "y.png"], "does not fit --format pdf; the name must end in .pdf"),
         (["LOG", "--fonts", "times", "--out", "y.png"], "fonts 'times'"),
@@ -141,12 +142,12 @@ def test_a_window_of_time_is_drawn_from_its_first_to_its_last_sample(log, tmp_pa
 
     real = figures.plot
     monkeypatch.setattr(figures, "plot", spy)
-    size = ("--width", "12.7", "--out", tmp_path / "w.png")
+    size = ("--width", "12.7 cm", "--out", tmp_path / "w.png")
     assert command(log, "--from", "0.25", "--to", "0.5", "--what", "summary,push", *size).exit_code == 0
     (trace,) = seen["traces"].values()
     assert (trace.t[0], trace.t[-1], len(trace)) == (pytest.approx(0.25), pytest.approx(0.5), 251)
     assert np.array_equal(trace.tau, Trace.load(log).tau[250:501])
-    assert seen["width"] == pytest.approx(5.0)
+    assert style.width_of(seen["width"], 0.0) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize("what", ["attitude", "velocity", "thrusters"])
@@ -180,7 +181,13 @@ def test_a_pgf_has_the_texts_for_latex_or_one_message_without_it(log, tmp_path, 
 def test_formats_widths_and_fonts_for_a_paper(log, tmp_path):
     """The width of a PDF is in its page, its fonts by their names in it."""
     out = tmp_path / "force.pdf"
-    for width, inches in (("page", 7.16), ("88mm", 88 / 25.4), ("5in", 5.0)):
+    for width, inches in (
+        ("page", 516 / 72.27),
+        ("88mm", 88 / 25.4),
+        ("5in", 5.0),
+        ("252pt", 252 / 72.27),
+        ("12 cm", 12 / 2.54),
+    ):
         done = command(log, "--what", "nu", "--format", "pdf,svg", "--width", width, "--out", out, "--force")
         assert done.exit_code == 0, done.output
         assert done.stdout.split() == [str(out), str(out.with_suffix(".svg"))]

@@ -1,6 +1,7 @@
 """Archives: what is in one is repeated elsewhere to the same bits, and a wrong zip is refused before anything of it is
 written or run."""
 
+import copy
 import json
 import re
 import shlex
@@ -21,6 +22,10 @@ from fmus import build
 from uvms_mj import Trace
 from uvms_mj.engine.native.shared_library import compiler
 from uvms_mj.reproduce.archive import repeated
+from uvms_mj.reproduce.archive.contents import RESULTS
+from uvms_mj.reproduce.archive.repeated import UNPACKED, differences
+from uvms_mj.reproduce.bench import results
+from uvms_mj.reproduce.bench.task import RESULT
 
 REPOSITORY = Path(__file__).parents[2]
 LAW = """
@@ -336,6 +341,26 @@ def test_a_result_of_the_benchmark_is_repeated_to_the_same_bytes(here, there, el
     reviewer = elsewhere()
     ok(here("bench", "--from", "b.zip", "--out", "again", "-q"))
     assert (reviewer / "again" / "bench.json").read_bytes() == before
+
+
+def test_a_result_of_another_python_is_equal_if_its_numbers_are(tmp_path):
+    """Versions and the digest over them are the repetition's own; a number, or another form of the same, is not."""
+    there, here = tmp_path / UNPACKED / RESULTS / RESULT, tmp_path / RESULT
+    there.parent.mkdir(parents=True)
+    found = results.shipped()
+    there.write_text(json.dumps(found))
+    for code, changed, said in (
+        ({"python": "3.99.0"}, 0.0, []),
+        ({"python": "3.99.0"}, 1e-12, ["gsta, waves"]),
+        ({}, 0.0, ["its bytes, though no number"]),
+    ):
+        other = copy.deepcopy(found)
+        other["code"] |= code
+        other["digest"] = results.digest(other)
+        row = next(law for law in other["laws"] if law["label"] == "gsta")["tasks"]["waves"]["levels"]["1"]["rows"][0]
+        row["hold.error_N"] += changed
+        here.write_text(json.dumps(other, indent=2))
+        assert differences("bench", tmp_path) == said
 
 
 # wrong zips

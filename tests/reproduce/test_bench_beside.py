@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 from uvms_mj import InputError
 from uvms_mj.reproduce.bench import results
-from uvms_mj.reproduce.bench.page import latex_table, order
+from uvms_mj.reproduce.bench.page import comparison, latex_table, order
 from uvms_mj.reproduce.bench.results import drawn
 from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.views.figures.style import typeset
@@ -93,22 +93,31 @@ def test_a_comparison_is_a_table_for_a_paper(here):
     assert done.exit_code == 0, done.stderr
     text = Path("pairs.tex").read_text()
     rows = [line for line in text.splitlines() if line.endswith("\\\\")]
-    assert len(rows) == 1 + len(tasks())
-    assert all(row.count("&") - row.count("\\&") == 7 for row in rows)
+    found = results.compared("shipped:gsta", "shipped:dob_impedance")
+    (table,) = comparison(found)
     assert "dob\\_impedance" in rows[0]
-    assert "95 \\% interval" in rows[0]
+    assert all(row.count("&") - row.count("\\&") == 4 for row in rows)
+    assert table.width <= 516.0
+    assert ("put it in table*" in done.stderr) == (table.width > 252.0)
+    for name, task in found["pairs"][0]["tasks"].items():
+        (at,) = (i for i, row in enumerate(rows) if row.startswith(name.replace("_", "\\_")))
+        value, low, high = (round(100.0 * each) for each in (task["difference"], *task["interval"]))
+        assert rows[at].endswith(f"& {f'{value:+d}' if value >= 0 else f'$-${-value}'} \\\\")
+        assert "-" not in rows[at + 1].replace("$-$", "")
+        assert all(str(abs(each)) in rows[at + 1] for each in (low, high))
+    assert "at least 50 \\%" in text, "ten intervals of 95 %"
     assert here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "pairs.tex").exit_code == 2
     assert "must end in .tex" in here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "p.csv").stderr
 
 
 def test_the_order_of_the_laws_is_a_figure_in_the_width_of_a_paper_with_a_legible_text(here):
     how = ("shipped:gsta", "--with", "shipped:sta", "--fonts", "serif")
-    for width, inches in (("ieee-column", 88.9 / 25.4), ("page", 7.16)):
+    for width, inches in (("ieee-column", 252 / 72.27), ("page", 516 / 72.27)):
         done = here("bench", "plot", *how, "--width", width, "--out", "order.pdf", "--force")
         assert done.exit_code == 0, done.stderr
         (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", Path("order.pdf").read_bytes())
         assert float(box) == pytest.approx(72.0 * inches, abs=0.01)
-    for width in (3.5, 7.16):
+    for width in (252 / 72.27, 516 / 72.27):
         with typeset("serif", width):
             figure = order(results.shipped(), {law["label"]: "#336699" for law in results.shipped()["laws"]})
         assert min(text.get_fontsize() for text in figure.findobj(Text) if text.get_text()) >= 6.0

@@ -11,7 +11,11 @@ import pytest
 
 from short_study import HERE
 from uvms_mj import InputError, Study
-from uvms_mj.studies.report.tables import latex, statistics, to_csv, to_latex
+from uvms_mj.analysis.hold import HOLD_S
+from uvms_mj.analysis.summary import NUMBERS
+from uvms_mj.studies.report.data import StudyRows
+from uvms_mj.studies.report.latex import Column, LatexTable, Stacked, latex, ranged
+from uvms_mj.studies.report.tables import printed, statistics, to_csv
 
 METRICS = ("contact.peak_N", "effort_N2s", "final.position_m.x")
 
@@ -33,7 +37,7 @@ def test_the_numbers_are_those_of_the_rows(study):
         rows = frame[frame["law"] == law]
         assert found.loc[label, ("runs", "")] == len(rows) == 5
         for metric, head in zip(METRICS, ("contact.peak [N]", "effort [N² s]", "final.position.x [m]"), strict=True):
-            for name, q in (("5 %", 0.05), ("median", 0.5), ("95 %", 0.95)):
+            for name, q in (("quantile 5 %", 0.05), ("median", 0.5), ("quantile 95 %", 0.95)):
                 assert found.loc[label, (head, name)] == pytest.approx(rows[metric].quantile(q), rel=1e-12)
     with pytest.raises(InputError, match=r"did you mean 'contact\.peak_N'"):
         study.statistics(["contact.peek_N"])
@@ -46,10 +50,10 @@ def test_the_share_that_succeeds_has_the_interval_of_wilsons_equation(study):
         share = study.frame["success"][study.frame["law"] == law].mean()
         assert found.loc[law, ("success [%]", "share")] == 100.0 * share
         for end in ("low", "high"):
-            p = found.loc[law, ("success [%]", end)] / 100.0
+            p = found.loc[law, ("success [%]", f"interval {end}")] / 100.0
             assert (share - p) ** 2 == pytest.approx(z**2 * p * (1.0 - p) / 5, abs=1e-12)
-        assert found.loc[law, ("success [%]", "low")] <= 100.0 * share <= found.loc[law, ("success [%]", "high")]
-    assert "% low, high: 95 % interval" in to_latex(found)
+        ends = (found.loc[law, ("success [%]", f"interval {end}")] for end in ("low", "high"))
+        assert next(ends) <= 100.0 * share <= next(ends)
 
 
 def test_csv_gives_the_same_numbers_again(study):
@@ -64,24 +68,84 @@ def test_texts_for_latex():
     assert latex("[m/s^2]") == "[m/s$^{2}$]"
     assert latex("[s^-1]") == "[s$^{-1}$]"
     assert latex("[N² s]") == "[N$^2$ s]"
-    frame = pd.DataFrame({("x", ""): [1.5e-7, np.nan, -2.0]}, index=pd.Index(["a", "b", "c"], name="law"))
-    text = to_latex(frame)
-    for cell in (r"a & $1.5 \cdot 10^{-7}$ \\", r"b & -- \\", r"c & $-2$ \\"):
-        assert cell in text
+    assert latex("-3 to -.5, a-2, s^-1, (-1)") == r"$-$3 to $-$.5, a-2, s$^{-1}$, ($-$1)"
+    assert latex("|F_d| < 1") == r"$|$F\_d$|$ $<$ 1"
 
 
-@pytest.mark.skipif(not shutil.which("pdflatex"), reason="needs pdflatex")
-def test_latex_takes_the_table(study, tmp_path):
-    study.save_table(tmp_path / "table.tex", METRICS)
-    text = (tmp_path / "table.tex").read_text()
-    cells = [line.count(" & ") for line in text.splitlines() if line.endswith(r"\\")]
-    assert cells[1:] == [13, 13, 13]
-    plain = r"\documentclass{article}\providecommand\toprule{\hline}\providecommand\midrule{\hline}"
-    plain += r"\providecommand\bottomrule{\hline}\begin{document}\input{table.tex}\end{document}"
-    (tmp_path / "paper.tex").write_text(plain)
+@pytest.mark.parametrize(
+    ("rows", "cells", "exponent"),
+    [
+        ([[17.2514, 10.19, 23.52], [17.2914, 10.26, 23.55]], ["17 (10 to 24)", "17 (10 to 24)"], 0),
+        ([[1.49183, 1.48654, 1.49724], [1.49761, 1.4, 1.6]], ["1.492 (1.487 to 1.497)", "1.498 (1.400 to 1.600)"], 0),
+        ([[391.83, 206.21, 1023.4]], ["390 (210 to 1020)"], 0),
+        ([[-0.51, -1.2, 0.04]], ["−0.5 (−1.2 to 0.0)"], 0),
+        ([[1234567.0, 1201234.0, 1300000.0]], ["1.235 (1.201 to 1.300)"], 6),
+        ([[2.51e-7, 2.4e-7, 2.6e-7]], ["251 (240 to 260)"], -9),
+        ([[3.0, 3.0, 3.0], [np.nan] * 3], ["3.00 (3.00 to 3.00)", "–"], 0),
+        ([[1.0, 1.0 - 1e-8, 1.0 + 1e-8]], ["1.0000 (1.0000 to 1.0000)"], 0),
+        ([[0.0, 0.0, 0.0]], ["0 (0 to 0)"], 0),
+    ],
+)
+def test_a_number_has_the_digits_that_its_range_supports(rows, cells, exponent):
+    """The narrowest range of a column has two digits, a number at most five, and a column one power of ten."""
+    found = ranged(np.array(rows))
+    assert [cell.text for cell in found.cells] == cells
+    assert found.exponent == exponent
+
+
+def test_the_note_says_over_which_time_a_metric_is_taken(study, here):
+    found = study.statistics(["contact.peak_N"])
+    assert found.attrs["meanings"] == {"contact.peak [N]": NUMBERS["contact.peak_N"].meaning}
+    data = StudyRows(study.plan, study.frame.assign(**{"hold.error_N": 1.0}))
+    (metric,) = data.named(["hold.error_N"])
+    assert "over the last 5 s" in metric.meaning
+    assert f"last {HOLD_S:g} s" in metric.meaning, "the definition has another length"
+    for text in (printed(found).text, here("study", "table", str(study.folder), "--metrics", "contact.peak_N").stdout):
+        assert "contact.peak: largest push." in " ".join(text.split())
+
+
+def compiled(tmp_path, text):
+    """What pdflatex prints of a document with a text, in the class IEEEtran if it is there."""
+    kind = r"\documentclass[journal]{IEEEtran}" if shutil.which("kpsewhich") and _has("IEEEtran.cls") else ""
+    kind = kind or r"\documentclass{article}"
+    rules = r"\usepackage{booktabs}" if _has("booktabs.sty") else r"\let\toprule\hline\let\midrule\hline"
+    rules += "" if "usepackage" in rules else r"\let\bottomrule\hline"
+    (tmp_path / "paper.tex").write_text(rf"{kind}{rules}\begin{{document}}{text}\end{{document}}")
     tex = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
     done = subprocess.run(tex, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-1000:]
+    return done.stdout
+
+
+def _has(file):
+    return bool(subprocess.run(["kpsewhich", file], capture_output=True, text=True).stdout.strip())
+
+
+@pytest.mark.skipif(not shutil.which("pdflatex"), reason="needs pdflatex")
+@pytest.mark.parametrize("metrics", [METRICS[:1], METRICS[:2], METRICS, (*METRICS, "final.position_m.y")])
+def test_latex_takes_the_table_and_finds_it_as_narrow_as_it_is_said_to_be(study, tmp_path, metrics):
+    """LaTeX measures it: in no paper it is wider than said, and two metrics fit a column of IEEEtran."""
+    study.save_table(tmp_path / "table.tex", metrics)
+    said = printed(study.statistics(metrics))
+    measure = r"\setbox0\hbox{\input{table.tex}}\typeout{WIDE \the\wd0}"
+    for font in ("", r"\fontfamily{cmr}\fontsize{10}{12}\selectfont "):
+        found = re.search(r"WIDE ([\d.]+)pt", compiled(tmp_path, font + measure))
+        assert 0.75 * said.width < float(found[1]) <= said.width
+    if len(metrics) <= 2:
+        assert said.width <= 252.0
+        assert "fits a column" in (tmp_path / "table.tex").read_text()
+        text = r"\begin{table}\centering\input{table.tex}\end{table}x"
+        assert "Overfull" not in compiled(tmp_path, text)
+
+
+def test_a_wide_table_says_where_it_fits(study, tmp_path, here):
+    done = here("study", "table", str(study.folder), "--metrics", ",".join(METRICS), "--out", "wide.tex")
+    said = printed(study.statistics(METRICS))
+    assert ("put it in table*" in done.stderr) == (said.width > 252.0)
+    many = LatexTable("law", ["a"], [Column("a metric", "[N]", [Stacked("1.0", "0.5 to 1.5")])] * 6)
+    assert "put it in table*" in many.fits
+    assert "choose fewer columns" in LatexTable("law", ["a"], many.columns * 4).fits
+    assert LatexTable("law", ["a" * 300], many.columns).width < many.width + 100.0
 
 
 def test_a_law_without_a_finished_run_has_dashes(study):
@@ -100,8 +164,8 @@ def test_the_commands_write_what_the_calls_write(study, tmp_path, here):
     assert here("study", "table", folder, "--out", "a.csv", "--metrics", ",".join(METRICS)).exit_code == 0
     for kind in ("tex", "csv"):
         assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"mine.{kind}").read_bytes()
-    printed = here("study", "table", folder, "--metrics", "contact.peak_N").stdout
-    assert f"{study.statistics(['contact.peak_N']).iloc[1, 5]:.4g}" in printed
+    said = here("study", "table", folder, "--metrics", "contact.peak_N").stdout
+    assert all(column.cells[1].text in said for column in printed(study.statistics(["contact.peak_N"])).columns)
     refused = here("study", "table", folder, "--out", "a.xls")
     assert "must end in .tex or .csv" in refused.stderr
     assert "exists" in here("study", "table", folder, "--out", "a.tex").stderr
@@ -112,7 +176,8 @@ def test_a_figure_of_a_study_for_a_paper(study, tmp_path, here):
     done = here(*words, "--out", "x.pdf")
     assert done.exit_code == 0, done.output
     data = (tmp_path / "x.pdf").read_bytes()
-    assert re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", data) == [b"252"]
+    (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", data)
+    assert float(box) * 72.27 / 72.0 == pytest.approx(252.0, abs=0.01)
     assert b"STIX" in data
     narrow = study.plot("distributions", width="column")
     assert narrow.axes[0].get_subplotspec().get_gridspec().ncols == 2

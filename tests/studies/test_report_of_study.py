@@ -1,6 +1,7 @@
 """The page of a study: its statistics against known answers, and its contents."""
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from scipy import stats
 from pages import HOSTILE, complete_by_itself
 from synthetic_study import VARY, frame_of, plan_of, pushes
 from uvms_mj import InputError
+from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.studies.report import page
 from uvms_mj.studies.report.data import StudyRows, spans_decades
 from uvms_mj.studies.report.figures import _edges, cumulative, maps, pairs, scale, shown, success_rates
@@ -18,6 +20,7 @@ from uvms_mj.studies.report.statistics import (
     SUCCESS,
     difference_of_rates,
     median,
+    of_many,
     paired,
     rank_correlation,
     rate,
@@ -228,6 +231,13 @@ def test_runs_without_a_value_lower_the_distribution_instead_of_leaving_it():
     distribution(ax, data, data.metrics[0], first=True)
     tops = {line.get_color(): line.get_ydata()[-1] for line in ax.lines if len(line.get_ydata()) > 1}
     assert tops == {data.colours["gsta"]: 1.0, data.colours["fosm"]: 0.75}
+    ends = {line.get_color(): line for line in ax.lines if line.get_marker() == "o"}
+    for law, face in (("gsta", data.colours["gsta"]), ("fosm", "white")):
+        line = ends[data.colours[law]]
+        assert line.get_markerfacecolor() == face
+        assert (*line.get_xdata(), *line.get_ydata()) == (39.5, tops[data.colours[law]]), "a gap may hide the end"
+    low, high = ax.get_xlim()
+    assert low < 0.5 < 39.5 < high, "the dots have room"
 
 
 def test_a_run_far_away_is_counted_and_does_not_flatten_the_others(rng):
@@ -265,6 +275,49 @@ def test_differences_are_of_the_same_draws(plan, frame):
         assert peak.draws == len(plan.points)
         assert peak.matters == (abs(more) > 0.01 * peak.size)
         assert found[first, second].success.value == 0.0
+
+
+def test_all_pairs_of_many_laws_are_in_the_report_with_what_holds_for_all_at_once(rng):
+    """Five laws alike but for one: ten pairs, and the intervals that hold all at once are the wider ones."""
+    laws = ("gsta", "fosm", "sta", "impedance", "pid")
+    plan = plan_of([VARY[0]], laws=laws, runs=60, keep={"metrics": ["contact.peak_N"]})
+
+    def row(given):
+        values = rng.normal(10.0, 1.0, len(given)) + 5.0 * (given["law"] == "pid")
+        return {"contact.peak_N": values, "status": "completed"}
+
+    frame = frame_of(plan, row)
+    found = paired(StudyRows(plan, frame))
+    assert {(each.first, each.second) for each in found} == {*itertools.combinations(laws, 2)}
+    for each in found:
+        for estimate, together in ((each.success, each.among_all), *((m.median, m.among_all) for m in each.metrics)):
+            assert together.value == estimate.value
+            assert together.low <= estimate.low
+            assert together.high >= estimate.high
+        assert each.metrics[0].among_all.apart == ("pid" in (each.first, each.second))
+    text = words(page(plan, frame))
+    assert "sta minus fosm" in text
+    assert "pid minus impedance" in text
+    assert "some of the 20 may miss by chance" in text
+    assert of_many(1) == ""
+    assert "all 10 at once with at least 50 %" in of_many(10)
+
+
+def test_intervals_for_all_at_once_miss_in_one_study_of_twenty_at_most(rng):
+    """Of six metrics without a difference: Bonferroni's intervals are all right in 95 % of the studies."""
+    level, wrong = 1.0 - 0.05 / 6, 0
+    for _ in range(400):
+        wrong += any(median(rng.normal(size=40), level).apart for _ in range(6))
+    assert wrong / 400 < 0.05 + 3.0 * math.sqrt(0.05 * 0.95 / 400)
+    assert median(rng.normal(size=8), 1.0 - 1e-9).low == -math.inf
+
+
+def test_the_report_says_over_which_time_its_metrics_are_taken():
+    plan = plan_of([VARY[0]], laws=("gsta",), runs=20, keep={"metrics": ["hold.error_N", "contact.final_N"]})
+    frame = frame_of(plan, lambda given: {"hold.error_N": given["draw"] + 0.5, "contact.final_N": given["draw"] + 1.0})
+    text = words(page(plan, frame))
+    assert text.count(NUMBERS["hold.error_N"].meaning) == 2  # below the table of laws, and above the quantiles
+    assert "contact.final: mean push over the last 0.5 s." in text
 
 
 def test_a_sign_of_success_counts_draws(plan, frame):

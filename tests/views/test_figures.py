@@ -2,6 +2,8 @@
 
 import dataclasses
 import itertools
+import shutil
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -219,12 +221,28 @@ def test_where_a_colour_has_two_meanings_each_panel_has_its_legend(width):
 
 @pytest.mark.parametrize(
     ("name", "width"),
-    [("ieee-column", 88.9), ("ieee-page", 181.0), ("elsevier-column", 90.0), ("elsevier-middle", 140.0)],
+    [("elsevier-column", 90.0), ("elsevier-middle", 140.0), ("elsevier-page", 190.0)],
 )
 def test_a_width_of_a_publisher_is_the_width_of_the_pdf(traces, tmp_path, name, width):
     figures.plot(traces["gsta"], "force", width=name, fonts="serif").savefig(tmp_path / "f.pdf")
     box = (tmp_path / "f.pdf").read_bytes().partition(b"/MediaBox [ 0 0 ")[2].split()[0]
     assert float(box) * 25.4 / 72.0 == pytest.approx(width, abs=0.05)
+
+
+@pytest.mark.parametrize(("name", "points"), [("column", 252.0), ("ieee-column", 252.0), ("page", 516.0)])
+def test_a_figure_fits_the_width_of_ieeetran(traces, tmp_path, name, points):
+    """TeX's width of the page of the PDF, which has big points, is the class's, and not above it."""
+    figures.plot(traces["gsta"], "force", width=name, fonts="serif").savefig(tmp_path / "f.pdf")
+    box = float((tmp_path / "f.pdf").read_bytes().partition(b"/MediaBox [ 0 0 ")[2].split()[0])
+    assert points - 0.01 < box * 72.27 / 72.0 <= points + 1e-4
+    if shutil.which("pdflatex"):
+        width = rf"\hbadness=10000 \hfuzz=0.001pt \hsize={points:g}pt \parindent=0pt \includegraphics{{f}}\par"
+        text = rf"\documentclass{{article}}\usepackage{{graphicx}}\begin{{document}}{width}\end{{document}}"
+        (tmp_path / "paper.tex").write_text(text)
+        command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-1000:]
+        assert "Overfull" not in done.stdout
 
 
 def test_units_and_symbols_are_typeset():
@@ -313,7 +331,7 @@ def test_linear_and_angular_components_have_axes_of_their_own(drawn):
 def test_axes_have_labels_with_units_and_nothing_is_wider_than_its_column(drawn):
     for name in PAPER:
         figure = drawn[name]
-        assert figure.get_figwidth() == (7.16 if name == "overview" else 3.5)
+        assert figure.get_figwidth() == (style.PAGE_IN if name == "overview" else style.COLUMN_IN)
         for ax in figure.axes:
             assert ax.get_ylabel().endswith("]"), name
         assert figure.axes[-1].get_xlabel() == "time [s]"
@@ -616,6 +634,29 @@ def test_what_is_wrong_is_said(traces, fine):
         figures.paper(traces, fine | {"gsta": shorter})
     with pytest.raises(InputError, match="no log"):
         figures.plot({}, "tau")
+
+
+def test_the_legend_says_whose_each_expected_force_is(traces):
+    """Of runs that rest at different forces, each line has another name and other dashes, also in the inset."""
+    other = simulate(
+        Scenario.load("push_wall", {"simulation.duration": 7.0, "wall.stiffness": 2e3}), engine="free_body"
+    )
+    runs = {"hard": traces["gsta"], "soft": other, "first": traces["fosm"]}
+    figure = figures.plot(runs, "force")
+    for ax in (figure.axes[0], *figure.axes[0].child_axes):
+        drawn = [line for line in ax.lines if str(line.get_gid()).startswith("analytic")]
+        if not drawn:
+            continue
+        found = {line.get_label().partition(" (")[2].rstrip(")"): line for line in drawn}
+        assert set(found) == {"hard", "soft", "first"}
+        for name, line in found.items():
+            assert line.get_ydata() == pytest.approx([runs[name].analytic.force] * 2, rel=1e-6)
+        assert len({line._unscaled_dash_pattern[1] for line in drawn}) == 3
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(set(texts)) == len(texts) == 3 + len({t for t in texts if t.startswith(("expected", "analytic"))})
+    alike = figures.plot({"a": traces["gsta"], "b": traces["gsta_alone"]}, "force")
+    texts = [text.get_text() for text in alike.legends[0].get_texts()]
+    assert texts.count("analytic, at rest at this wall") == 1
 
 
 def test_a_law_without_the_impedance_task_has_no_sliding_variable_to_draw(traces):

@@ -36,7 +36,7 @@ from .options import (
     set_option,
     workers_option,
 )
-from .plot import figure_files, figure_options, inches
+from .plot import figure_files, figure_options
 from .study import pool_of
 
 if TYPE_CHECKING:
@@ -529,17 +529,19 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
     with bad_input():
         from ..errors import InputError
         from ..files import atomic_write
-        from ..reproduce.bench.page import latex_comparison
+        from ..reproduce.bench.page import comparison
         from ..reproduce.bench.results import compared, sentences
+        from ..studies.report.latex import COLUMN_PT
 
         if out is not None:
             if Path(out).suffix != ".tex":
                 raise InputError(f"--out {out}: the name must end in .tex")
             refuse_existing("--out", Path(out), force)
         found = compared(first, second)
+        tables = comparison(found) if out is not None else []
         if out is not None:
             with atomic_write(Path(out)) as part:
-                part.write_text(latex_comparison(found), encoding="utf-8")
+                part.write_text("\n".join(table.text for table in tables), encoding="utf-8")
     if as_json:
         click.echo(json.dumps(found, allow_nan=False))
         return
@@ -551,7 +553,8 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
         Listing(title, heads, rows, right=heads[1:], width=80).show()
     valid = {True: "valid", False: "not valid", None: "not known to be valid"}[found["valid"]]
     click.echo(printable(f"{valid}: {found['why']}"))
-    for note in found["notes"]:
+    wide = [f"{out}: {table.fits}" for table in tables if table.width > COLUMN_PT]
+    for note in (*found["notes"], *dict.fromkeys(wide)):
         click.echo(printable(f"note: {note}"), err=True)
 
 
@@ -590,12 +593,12 @@ def bench_plot(
     with bad_input():
         from ..reproduce.bench.page import colours_of, order
         from ..views import figures
-        from ..views.figures.style import PAGE_IN, typeset
+        from ..views.figures.style import PAGE_IN, typeset, width_of
 
         stem, formats = figure_files(kinds, out, Path("order"), force)
         found = _result(result, beside)
         shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
-        with typeset(fonts, inches(width) or PAGE_IN):
+        with typeset(fonts, width_of(width, PAGE_IN)):
             drawn = order(found, shown)
         for written in figures.save(drawn, stem, formats):
             click.echo(str(written))

@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf", "pgf")
-WIDTHS = {
-    **{"column": 3.5, "page": 7.16, "ieee-column": 88.9 / 25.4, "ieee-page": 181.0 / 25.4},
-    **{"elsevier-column": 90.0 / 25.4, "elsevier-middle": 140.0 / 25.4, "elsevier-page": 190.0 / 25.4},
-}
-"""Widths of a figure by name [in]."""
 FONTS = ("sans", "serif", "cm", "latex")
-_CM = {"": 1.0, "cm": 1.0, "mm": 0.1, "in": 2.54}
-"""Units of a width [cm]."""
 
 
 def figure_options(function: Any) -> Any:
@@ -42,8 +35,8 @@ def figure_options(function: Any) -> Any:
         click.option(
             "--width",
             metavar="WIDTH",
-            help="column (3.5in) or page (7.16in); ieee-column (88.9mm), ieee-page (181mm); elsevier-column, -middle, "
-            "-page (90, 140, 190mm); or 12cm, 88mm, 5in; 12 is cm.",
+            help="column (252pt of TeX) or page (516pt), as IEEE has them, also by the names ieee-column, ieee-page; "
+            "elsevier-column, -middle, -page (90, 140, 190mm); or a length in in, cm, mm or pt of TeX: 88mm.",
         ),
         click.option(
             "--format",
@@ -76,17 +69,6 @@ def figure_files(kinds: Sequence[str], out: str | None, default: Path, force: bo
     for each in chosen:
         refuse_existing("--out", stem.with_name(f"{stem.name}.{each}"), force)
     return stem, chosen
-
-
-def inches(width: str | None) -> float | None:
-    """A width of the command line [in]. Raises InputError if it is none."""
-    if width is None or width in WIDTHS:
-        return None if width is None else WIDTHS[width]
-    unit = width.lstrip("0123456789.+-eE ")
-    if unit not in _CM:
-        return number("--width", width, "cm", 4.0, 100.0)  # which refuses it
-    cm = number("--width", width.removesuffix(unit).strip(), unit or "cm", 4.0 / _CM[unit], 100.0 / _CM[unit])
-    return cm * _CM[unit] / 2.54
 
 
 @command()
@@ -123,7 +105,7 @@ def plot(
     \b
     uvms-mj plot results/run.mcap
     uvms-mj plot results/run.mcap --what force --out force.svg
-    uvms-mj plot results/run.mcap --what tau.x,p_WB --from 5 --to 6 --width 12
+    uvms-mj plot results/run.mcap --what tau.x,p_WB --from 5 --to 6 --width 12cm
     uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
     uvms-mj plot results/run.mcap --what force --format pdf,pgf --width column --fonts cm
     """
@@ -135,9 +117,8 @@ def plot(
         beside = Path(logs[0])
         default = (beside if beside.is_dir() else beside.parent) / "_".join(names)[:60]
         stem, formats = figure_files(kinds, out, default, force)
-        wide = inches(width)
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
-        for written in figures.save(figures.plot(traces, names, wide, fonts), stem, formats):
+        for written in figures.save(figures.plot(traces, names, width, fonts), stem, formats):
             click.echo(str(written))
 
 

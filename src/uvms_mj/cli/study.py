@@ -35,7 +35,7 @@ from .options import (
     set_by_option,
     workers_option,
 )
-from .plot import figure_files, figure_options, inches
+from .plot import figure_files, figure_options
 
 if TYPE_CHECKING:
     from ..studies.pool.execution import Estimate
@@ -253,12 +253,11 @@ def study_plot(
         if not Path(folder).is_dir():
             raise InputError(f"{folder}: is not a folder with the results of a study")
         stem, formats = figure_files(kinds, out, Path(folder, what), force)
-        wide = inches(width)
         drawn: Any = Study.load(folder).plot(
             what,
             over=names_in("--over", [over] if over else []),
             metrics=names_in("--metrics", metrics),
-            width=wide,
+            width=width,
             fonts=fonts,
         )
         for written in figures.save(drawn, stem, formats):
@@ -276,8 +275,9 @@ def study_plot(
 @path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
 @force_option
 def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: bool) -> None:
-    """Print or write a table of a study for a paper: of each law its runs, its rate of success with the 95 % interval,
-    and of each metric the median and the quantiles of 5 and 95 %. The LaTeX is for the package booktabs.
+    """Print or write a table of a study for a paper: of each law its rate of success with the 95 % interval, and of
+    each metric the median with the quantiles of 5 and 95 %, in the digits that they support. The LaTeX is for the
+    package booktabs; a table that is wider than a column says so. A .csv has all digits.
 
     \b
     uvms-mj study table results
@@ -286,6 +286,8 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
     """
     with bad_input():
         from ..errors import InputError
+        from ..studies.report.latex import COLUMN_PT
+        from ..studies.report.tables import note, printed
         from ..studies.study import Study
 
         if not Path(folder).is_dir():
@@ -295,15 +297,19 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
         if out is not None:
             refuse_existing("--out", Path(out), force)
             study.save_table(out, names)
-            click.echo(out)
-            return
         found = study.statistics(names)
-    laws = [*map(printable, found.index)]
+        table = printed(found)
+    if out is not None:
+        click.echo(out)
+        if Path(out).suffix.lower() == ".tex" and table.width > COLUMN_PT:
+            click.echo(f"note: {out}: {table.fits}", err=True)
+        return
+    laws = [*map(printable, table.names)]
     rows = [
-        (printable(" ".join(filter(None, heads))), *("-" if value != value else f"{value:.4g}" for value in values))
-        for heads, values in found.items()
+        (printable(f"{each.head} {each.below}".strip()), *(cell.text for cell in each.cells)) for each in table.columns
     ]
     Listing(study.title, ("", *laws), rows, right=laws, width=60).show()
+    click.echo(printable(note(found)))
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":

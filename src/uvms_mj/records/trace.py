@@ -172,9 +172,9 @@ class Trace:
         Args:
             what: one or several of position, attitude, velocity, force, sliding, tau, thrusters, integral, joints and
                 summary, of the names of recorded signals, or of their components, ``tau.x``.
-            width: of the figure: "column" (3.5 in), "page" (7.16 in), "ieee-page" and others of
-                :data:`uvms_mj.views.figures.WIDTHS`, or a number [in]; default: page for the summary,
-                otherwise column.
+            width: of the figure: "column" (252 pt of TeX), "page" (516 pt), "elsevier-page" and others of
+                :data:`uvms_mj.views.figures.WIDTHS`, a length with its unit, "88mm", or a number [in]; default: page
+                for the summary, otherwise column.
             fonts: "sans" (default), "serif" (Times), "cm" (Computer Modern), or "latex": LaTeX sets the texts when the
                 figure is written as .pdf or .pgf.
 

@@ -198,15 +198,16 @@ class Study:
 
     def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
         """One row a law: its runs, the share that succeeds [%] with its 95 % interval, and of each metric the median
-        and the quantiles of 5 and 95 %, with units in the heads. ``metrics`` are names of kept metrics; default: the
-        first three that vary. Raises InputError if the study has not run, or lacks a metric."""
+        and the quantiles of 5 and 95 %, with units in the heads. ``attrs["meanings"]`` says what each metric is, and
+        over which time. ``metrics`` are names of kept metrics; default: the first three that vary. Raises InputError if
+        the study has not run, or lacks a metric."""
         from .report import tables
 
         return tables.statistics(self.plan_of_results, self.frame, metrics)
 
     def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = ()) -> None:
-        """Write :meth:`statistics` as LaTeX, .tex, or .csv. An existing file is replaced. Raises InputError for another
-        ending."""
+        """Write :meth:`statistics` as LaTeX, .tex, with the digits that the ranges support, or as .csv, with all. An
+        existing file is replaced. Raises InputError for another ending."""
         from .report import tables
 
         tables.write(self.statistics(metrics), Path(path), f"study {self.title}")

@@ -30,12 +30,13 @@ from ...studies.pages import (
     versions_of,
 )
 from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
-from ...studies.report.tables import latex
+from ...studies.report.latex import Column, LatexTable, Stacked, label
+from ...studies.report.statistics import of_many
 from ...studies.results import frame
 from ...views import colours
 from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .draws import DEVELOPMENT
-from .results import broken, drawn, levels_of, sentences
+from .results import broken, drawn, levels_of
 from .sequential import HELD, NOT_HELD, chance
 from .task import LEVELS, Job, Task
 
@@ -58,14 +59,15 @@ def ended(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]] | None:
 
 def latex_table(found: Mapping[str, Any]) -> str:
     """Of each law and task the level that the law holds, and below it the draws passed at this level and at the next; a
-    dash where it can't run, with the reason below the table. It fits the width of a page of two columns, 7.16 in, at
+    dash where it can't run, with the reason below the table. It fits the width of a page of two columns, 516 pt, at
     10 pt.
 
     The heads are the numbers of the tasks; comments have their names, versions, the draws and the digest of the result.
     """
     tasks = found["tasks"]
     lines = [
-        f"% {found['benchmark']} version {found['version']}, result {found['digest']}: levels held; {drawn(found)}"
+        f"% {found['benchmark']} version {found['version']}, result {found['digest']}: levels held; {drawn(found)}",
+        f"% A draw is judged by the push of the hold, the last {HOLD_S:g} s, and by the other criteria of its task.",
     ]
     lines += [
         f"% {task['number']}: {name}, version {task['version']}, digest {task['digest']}"
@@ -82,7 +84,7 @@ def latex_table(found: Mapping[str, Any]) -> str:
         if law["label"] in also["labels"][:1]:
             lines.append("\\midrule")
         cells = [_texts(law["tasks"][name]) for name in tasks]
-        lines.append(" & ".join([_label(law["label"]), *(level for level, _ in cells)]) + " \\\\")
+        lines.append(" & ".join([label(law["label"], LABEL_PT), *(level for level, _ in cells)]) + " \\\\")
         lines.append(" & ".join(["", *(counts for _, counts in cells)]) + " \\\\")
         notes += [
             f"% {law['label']} on {name}: {' '.join(ladder['reason'].split())}"
@@ -92,17 +94,45 @@ def latex_table(found: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
 
 
-def latex_comparison(found: Mapping[str, Any]) -> str:
-    """The pairs of :func:`.results.compared` as a table in LaTeX, for the package booktabs."""
-    lines = [f"% results {' and '.join(found['results'])}", f"% {_may_compare(found)}", "% \\usepackage{booktabs}"]
-    for pair in found["pairs"]:
-        labels = (pair["first"], pair["second"])
-        heads = ("task", *labels, "only first", "only second", "better", "by points", "95 % interval")
-        rows = [heads, *(sentences(name, task, labels) for name, task in pair["tasks"].items())]
-        texts = [" & ".join(map(latex, row)) + " \\\\" for row in rows]
-        lines += ["\\begin{tabular}{lrrrrlrr}", "\\toprule", texts[0], "\\midrule", *texts[1:]]
-        lines += ["\\bottomrule", "\\end{tabular}"]
-    return "\n".join(lines) + "\n"
+def comparison(found: Mapping[str, Any]) -> list[LatexTable]:
+    """The pairs of :func:`.results.compared` as tables for a paper: of each task the levels that both laws hold, and
+    below them the draws passed; the draws that one alone passes; the difference of the shares, and its interval."""
+    return [_pair(pair, [f"results {' and '.join(found['results'])}", _may_compare(found)]) for pair in found["pairs"]]
+
+
+def _pair(pair: Mapping[str, Any], comments: Sequence[str]) -> LatexTable:
+    labels, tasks = (pair["first"], pair["second"]), pair["tasks"]
+    missing = Stacked("–")
+    columns = [
+        Column(label, "level", [missing if "reason" in task else _judged_by(task, k) for task in tasks.values()])
+        for k, label in enumerate(labels)
+    ]
+    alone = [missing if "reason" in task else Stacked(" : ".join(map(str, task["only"]))) for task in tasks.values()]
+    change = [missing if "reason" in task else _change(task) for task in tasks.values()]
+    columns += [Column("alone", "[draws]", alone), Column("difference", "[points]", change)]
+    n = sum("reason" not in task for task in tasks.values())
+    said = [
+        "Level that a law holds, and the draws that it passes of those that both ran.",
+        f"alone: draws that {labels[0]} alone passes, and that {labels[1]} alone passes.",
+        f"difference: {labels[1]} minus {labels[0]} of the share of passed draws, with its 95 % interval; "
+        f"without zero in it, it is resolved. {of_many(n)}",
+        *(f"{name}: {task['reason']}." for name, task in tasks.items() if "reason" in task),
+    ]
+    return LatexTable("task", list(tasks), columns, " ".join(said), comments)
+
+
+def _judged_by(task: Mapping[str, Any], k: int) -> Stacked:
+    level, counts = task["levels"][k], f"{task['passed'][k]}/{task['draws']}"
+    return Stacked(counts) if level is None else Stacked(str(level), counts)
+
+
+def _change(task: Mapping[str, Any]) -> Stacked:
+    if task["same_numbers"]:
+        return Stacked("same runs")
+    value, low, high = (
+        f"{round(100.0 * each) + 0:+d}".replace("-", "−") for each in (task["difference"], *task["interval"])
+    )
+    return Stacked(value, f"{low} to {high}")
 
 
 def _may_compare(also: Mapping[str, Any]) -> str:
@@ -115,16 +145,6 @@ SPACE_PT = 6
 """Space between the columns of the LaTeX table [pt]."""
 LABEL_PT = 160
 """Width in which the labels of laws are set [pt]."""
-_NARROW = frozenset("abcdefghijklnopqrstuvxyz0123456789 _-.,+=()")
-"""Letters below 6 pt; others have at most 11 pt."""
-
-
-def _label(label: str) -> str:
-    """A label in LaTeX. A long one has several lines, and may be broken everywhere."""
-    if sum(6 if letter in _NARROW else 11 for letter in label) <= LABEL_PT:
-        return latex(label)
-    broken = "\\allowbreak{}".join(map(latex, label))
-    return f"\\parbox[t]{{{LABEL_PT}pt}}{{\\raggedright {broken}\\strut}}"
 
 
 def _texts(ladder: Mapping[str, Any]) -> tuple[str, str]:

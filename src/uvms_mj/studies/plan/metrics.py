@@ -104,6 +104,12 @@ def columns_of(place: str) -> list[str]:
     return [f"{place}.{each}" for each in COMPONENTS.get(size) or [f"{i:02d}" for i in range(size)]]
 
 
+def meaning_of(column: str) -> str:
+    """What the metric of a column is, from its definition; empty for a function of the user's."""
+    number = number_of(column) or number_of(column.rpartition(".")[0])
+    return "" if number is None else number.meaning
+
+
 def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
     """Whether a user's metric could have a column of a row, of other metrics or of keys that vary."""
     column = name.rpartition(":")[2]

@@ -19,6 +19,7 @@ from ..plan.metrics import (
     columns_of,
     in_words,
     is_settled,
+    meaning_of,
     of_each,
     successes,
     unit_of_column,
@@ -103,6 +104,11 @@ class Metric:
     def short(self) -> str:
         return without_unit(self.name)
 
+    @property
+    def meaning(self) -> str:
+        """What a shipped metric is, and over which time; empty for others."""
+        return meaning_of(self.name)
+
 
 @dataclass(frozen=True, eq=False)
 class StudyRows:
@@ -155,7 +161,11 @@ class StudyRows:
         known = {metric.name: metric for metric in self.metrics}
         for name in names:
             if name not in known:
-                there = "keeps it, but it is no number" if name in self.frame else "does not keep it"
+                there = "does not keep it"
+                if name in self.frame:
+                    empty = self.frame[name].isna().all()
+                    there = "keeps it, but no run has a value" if empty else "keeps it, but it is no number"
+                    there += f" ({meaning})" if empty and (meaning := meaning_of(name)) else ""
                 raise InputError(f"metrics: {name!r}: the study {there}; {suggestion(name, known)}")
         return [known[name] for name in names]
 

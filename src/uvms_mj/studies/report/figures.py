@@ -30,6 +30,8 @@ _MOST_DOTS = 1500
 """Most dots of a law in a panel; of more runs, so many evenly chosen ones."""
 ABOVE_PANEL = 1.045
 """Height of marks above a panel, over its own: there they cover no point."""
+_MARGIN = 0.04
+"""Room for a dot beside the first and the last value, as a share of the range."""
 _BULK = (0.02, 0.98)
 """Quantiles between which values are shown if a few others would make them look flat."""
 
@@ -87,8 +89,8 @@ def _leftmost(ax: Axes) -> bool:
 
 
 def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None:
-    """Cumulative distribution of a metric for each law, as shares of all its runs. A curve that ends below 1, at an
-    open circle, lacks the runs without a value."""
+    """Cumulative distribution of a metric for each law, as shares of all its runs. A curve ends at a dot, or below 1 at
+    an open circle if it lacks the runs without a value."""
     values = data.values(metric)
     for i, law in enumerate(data.laws):
         rows = data.rows[law]
@@ -98,8 +100,10 @@ def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None
         x, share = cumulative(found)
         top = len(found) / len(rows)
         ax.plot(x, top * share, color=data.colours[law], drawstyle="steps-post", **stripe(i, len(data.laws)))
-        if top < 1.0:
-            ax.plot(x[-1], top, "o", color=data.colours[law], markerfacecolor="white", markersize=3.5, zorder=4.0)
+        # marked, since the end of a curve may be in a gap of its dashes
+        face = "white" if top < 1.0 else data.colours[law]
+        end: dict[str, Any] = {"markerfacecolor": face, "markersize": 3.5, "zorder": 4.0, "clip_on": False}
+        ax.plot(x[-1], top, "o", color=data.colours[law], **end)
     scale(ax, values)
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(metric.label, parse_math=False)
@@ -121,6 +125,7 @@ def scale(ax: Axes, values: np.ndarray) -> None:
         return
     if spans_decades(found):
         decades(ax, "x")
+        ax.margins(x=_MARGIN)
         return
     low, high = np.quantile(found, _BULK)
     if len(found) >= 20 and np.ptp(found) > 5.0 * (high - low) > 0.0:
@@ -131,7 +136,7 @@ def scale(ax: Axes, values: np.ndarray) -> None:
             f"{beyond} {'run' if beyond == 1 else 'runs'} beyond", loc="right", fontsize=SMALL, color="#555555"
         )
     else:
-        ax.margins(x=0.04)
+        ax.margins(x=_MARGIN)
 
 
 def decades(ax: Axes, name: str) -> None:

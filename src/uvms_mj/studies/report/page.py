@@ -11,7 +11,7 @@ from ..pages import Group, Items, Page, Part, Picture, Section, Table, Text, fac
 from ..plan import Plan
 from . import figures, tables
 from .data import StudyRows
-from .statistics import SUCCESS, Paired, Sensitivities, paired, sensitivities
+from .statistics import SUCCESS, Paired, Sensitivities, of_many, paired, sensitivities
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +33,12 @@ _PAIRED = (
     "Each draw has the same values and random numbers for all laws. The interval of a median is distribution-free; "
     "the interval of success is Agresti and Min’s. Metrics are compared in the draws that both laws completed."
 )
+_AMONG_ALL = (
+    "“Resolved among all” is a difference whose interval has no zero where all intervals hold at once with 95 %, each "
+    "with 1 − 0.05/{} (Bonferroni’s)."
+)
+_MOST_LAWS = 3
+"""Laws of which each pair has a sentence; of more laws, each has one beside the first."""
 _OVERVIEW = "Success rates with 95 % intervals, and the distributions of the first metrics as in the next section."
 
 
@@ -84,7 +90,7 @@ def page(
             Section(
                 "differences",
                 "Differences in the same draws",
-                [Text(_PAIRED, "soft"), *shown],
+                [Text(" ".join(filter(None, (_PAIRED, *_together(pairs)))), "soft"), *shown],
                 "differences",
                 "Differences",
             )
@@ -127,6 +133,12 @@ def page(
     return rendered(Page(plan.name, lead, sections, [_STYLE]))
 
 
+def _together(pairs: Sequence[Paired]) -> list[str]:
+    """What all intervals of differences say together."""
+    n = sum(1 + len(pair.metrics) for pair in pairs)
+    return [of_many(n), _AMONG_ALL.format(n)] if n > 1 else []
+
+
 def _how_counted(data: StudyRows) -> str:
     """How the rates, medians and intervals of the laws are to be read."""
     repeats = ", with the repeats of a draw counted as one run" if data.plan.repeats > 1 else ""
@@ -135,10 +147,12 @@ def _how_counted(data: StudyRows) -> str:
         if data.plan.design == "grid"
         else ""
     )
+    of_laws = data.varying[: tables.HEAD_METRICS]
+    meanings = " ".join(f"{metric.short}: {metric.meaning}." for metric in of_laws if metric.meaning)
     return (
         f"Here {data.success_text}. Medians are of completed runs, with the range from 5 % to 95 %. Intervals are "
-        f"Wilson’s{repeats}{grid}."
-    )
+        f"Wilson’s{repeats}{grid}. {meanings}"
+    ).rstrip()
 
 
 def _map_section(plan: Plan, pictures: Sequence[Picture]) -> list[Section]:
@@ -276,7 +290,8 @@ WEAK = 0.3
 
 def findings(data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Table) -> list[str]:
     """The findings of the numbers: differences between laws, the strongest influences, the most frequent failure."""
-    return [*_differences(pairs), *_influences(data, found), *_failures(failures)]
+    first = [pair for pair in pairs if len(data.laws) <= _MOST_LAWS or pair.first == data.laws[0]]
+    return [*_differences(first), *_influences(data, found), *_failures(failures)]
 
 
 def _differences(pairs: Sequence[Paired]) -> list[str]:
@@ -284,7 +299,7 @@ def _differences(pairs: Sequence[Paired]) -> list[str]:
     for pair in pairs:
         parts, compared = [], pair.metrics[:_MOST_METRICS]
         rate = pair.success
-        if rate.low > 0.0 or rate.high < 0.0:
+        if rate.apart:
             low, high = (tables.signed(100.0 * each) for each in (rate.low, rate.high))
             parts.append(f"success {tables.signed(100.0 * rate.value)} points ({low} to {high})")
         for each in compared:

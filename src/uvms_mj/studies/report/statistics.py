@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -31,6 +32,11 @@ class Estimate:
     low: float
     high: float
 
+    @property
+    def apart(self) -> bool:
+        """Whether zero is outside its interval."""
+        return self.low > 0.0 or self.high < 0.0
+
 
 def rate(successes: int, runs: int, draws: int) -> Estimate:
     """A rate with Wilson's interval. Runs that repeat a draw count as one run of it, since they are not independent;
@@ -42,8 +48,8 @@ def rate(successes: int, runs: int, draws: int) -> Estimate:
     return Estimate(share, min(interval.low, share), max(interval.high, share))
 
 
-def difference_of_rates(differences: np.ndarray) -> Estimate:
-    """Mean of the differences (n,) between two laws' success shares of each draw, with its interval.
+def difference_of_rates(differences: np.ndarray, level: float = LEVEL) -> Estimate:
+    """Mean of the differences (n,) between two laws' success shares of each draw, with its interval of a level.
 
     Of single runs, the interval is Agresti and Min's (2005): Wald's after adding one half to each cell of the
     2 x 2 table of both laws' successes, within -1 and 1.
@@ -51,12 +57,14 @@ def difference_of_rates(differences: np.ndarray) -> Estimate:
     n, total = len(differences) + 2.0, float(differences.sum())
     deviation = math.sqrt(float((differences**2).sum()) + 1.0 - total**2 / n) / n
     mean, middle = total / len(differences), total / n
-    low, high = max(-1.0, middle - _Z * deviation), min(1.0, middle + _Z * deviation)
+    z = NormalDist().inv_cdf(0.5 * (1.0 + level))
+    low, high = max(-1.0, middle - z * deviation), min(1.0, middle + z * deviation)
     return Estimate(mean, min(mean, low), max(mean, high))
 
 
-def median(differences: np.ndarray) -> Estimate | None:
-    """Median of values (n,) with the distribution-free interval between two order statistics (inverted sign test).
+def median(differences: np.ndarray, level: float = LEVEL) -> Estimate | None:
+    """Median of values (n,) with the distribution-free interval of a level, between two order statistics (inverted sign
+    test). Without order statistics that are far enough apart for a high level, it is infinite.
 
     None for fewer than eight values.
     """
@@ -64,8 +72,9 @@ def median(differences: np.ndarray) -> Estimate | None:
         return None
     from scipy.stats import quantile_test
 
-    interval = quantile_test(differences, p=0.5).confidence_interval(LEVEL)
-    return Estimate(float(np.median(differences)), float(interval.low), float(interval.high))
+    interval = quantile_test(differences, p=0.5).confidence_interval(level)
+    low, high = (math.inf * sign if each != each else float(each) for each, sign in zip(interval, (-1, 1), strict=True))
+    return Estimate(float(np.median(differences)), low, high)
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
@@ -123,26 +132,37 @@ _MOST_RESAMPLED = 1_000_000
 
 
 MOST_OF_ALL_PAIRS = 4
-MOST_LAWS = 3
-"""Up to this many laws, each pair is compared; of more laws, each with the first."""
+"""Most metrics that are compared."""
+
+
+def of_many(n: int) -> str:
+    """What n intervals of 95 % say together, in a sentence; empty for one."""
+    if n < 2:
+        return ""
+    least = 100.0 * (1.0 - n * (1.0 - LEVEL))
+    together = f"all {n} at once with at least {least:.0f} %" if least > 0.5 else f"some of the {n} may miss by chance"
+    return f"Each interval holds with 95 %, {together}."
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a metric between two laws: the median over the draws that both completed, the share of draws in
-    which the second law's value is smaller, the number of draws, and the median size of the first law's values."""
+    """Difference of a metric between two laws: the median over the draws that both completed, the shares of draws in
+    which the second law's value is smaller and in which it is larger, the number of draws, and the median size of the
+    first law's values. ``among_all`` is the median with the interval that holds with 95 % for all pairs and metrics at
+    once."""
 
     metric: Metric
     median: Estimate
     smaller: float
+    larger: float
     draws: int
     size: float
+    among_all: Estimate
 
     @property
     def matters(self) -> bool:
         """Whether the interval excludes zero, and the difference is at least 1 % of the values and not rounding."""
-        apart = self.median.low > 0.0 or self.median.high < 0.0
-        return apart and abs(self.median.value) >= max(0.01 * self.size, ROUNDING)
+        return self.median.apart and abs(self.median.value) >= max(0.01 * self.size, ROUNDING)
 
 
 @dataclass(frozen=True)
@@ -153,6 +173,7 @@ class Paired:
         draws: in which every run of both is done.
         success: difference of the success rates.
         only_first, only_second: draws in which more runs of this law than of the other succeed.
+        among_all: ``success`` with the interval that holds with 95 % for all pairs and metrics at once.
     """
 
     first: str
@@ -162,16 +183,21 @@ class Paired:
     only_first: int
     only_second: int
     metrics: tuple[Difference, ...]
+    among_all: Estimate
 
 
 def paired(data: StudyRows) -> list[Paired]:
-    """Compare laws in the draws that both have done."""
-    laws = data.laws
-    pairs = list(itertools.combinations(laws, 2)) if len(laws) <= MOST_LAWS else [(laws[0], law) for law in laws[1:]]
-    return [found for first, second in pairs if (found := _compared(data, first, second)) is not None]
+    """Compare each pair of laws in the draws that both have done, in the first metrics that vary.
+
+    n intervals of 1 - 0.05 / n hold all at once with 95 % (Bonferroni).
+    """
+    pairs = list(itertools.combinations(data.laws, 2))
+    n = max(1, len(pairs)) * (1 + len(data.varying[:MOST_OF_ALL_PAIRS]))
+    level = 1.0 - (1.0 - LEVEL) / n
+    return [found for first, second in pairs if (found := _compared(data, first, second, level)) is not None]
 
 
-def _compared(data: StudyRows, first: str, second: str) -> Paired | None:
+def _compared(data: StudyRows, first: str, second: str, level: float) -> Paired | None:
     success = data.success.astype(float)
     differences = data.by_draw(second, success) - data.by_draw(first, success)
     differences = differences[np.isfinite(differences)]
@@ -186,7 +212,10 @@ def _compared(data: StudyRows, first: str, second: str) -> Paired | None:
         found = median(change[both])
         if found is not None:
             size = float(np.median(np.abs(before[both])))
-            metrics.append(Difference(metric, found, float((change[both] < 0.0).mean()), int(both.sum()), size))
+            among_all = median(change[both], level)
+            assert among_all is not None
+            smaller, larger = (float((sign * change[both] > 0.0).mean()) for sign in (-1.0, 1.0))
+            metrics.append(Difference(metric, found, smaller, larger, int(both.sum()), size, among_all))
     return Paired(
         first,
         second,
@@ -195,6 +224,7 @@ def _compared(data: StudyRows, first: str, second: str) -> Paired | None:
         int((differences < 0.0).sum()),
         int((differences > 0.0).sum()),
         tuple(metrics),
+        difference_of_rates(differences, level),
     )
 
 

@@ -4,7 +4,7 @@ its numbers by law as a data frame, CSV or LaTeX, for a paper."""
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..plan import Plan
 from ..plan.metrics import COMPLETED
 from . import figures
 from .data import StudyRows
+from .latex import Column, LatexTable, Stacked, ranged
 from .statistics import Estimate, Paired
 
 HEAD_METRICS = 3
@@ -89,7 +90,7 @@ def quantiles(data: StudyRows) -> list[Table]:
             values = values[np.isfinite(values)]
             numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else [np.nan] * (len(heads) - 1)
             rows.append((law, [len(values), *(number(each, digits_of(numbers)) for each in numbers)]))
-        found.append(Table(metric.label, heads, rows))
+        found.append(Table(metric.label, heads, rows, caption=metric.meaning))
     return found
 
 
@@ -100,21 +101,26 @@ def digits_of(numbers: Sequence[float]) -> int:
 
 
 def differences(pairs: Sequence[Paired]) -> list[Table]:
-    """One table for each pair of laws."""
-    found = []
+    """One table for the success and for each metric, with a row for each pair of laws."""
+    found: dict[str, list[tuple[str, list[Any]]]] = {}
     for pair in pairs:
-        heads = ["draws", "difference", "95 % interval", f"smaller with {pair.second}"]
-        rate = pair.success
-        value, low, high = (f"{100.0 * each:+.1f}".replace("-", "−") for each in (rate.value, rate.low, rate.high))
-        cells: list[Any] = [pair.draws, value, f"{low} to {high}"]
-        cells.append(f"{pair.only_first} draws; larger in {pair.only_second}")
-        rows = [("success [% points], mean", cells)]
+        name, rate = f"{pair.second} minus {pair.first}", pair.success
+        points = (f"{100.0 * each:+.1f}".replace("-", "−") for each in (rate.value, rate.low, rate.high))
+        counts = f"{pair.only_first} draws", f"{pair.only_second} draws"
+        row = (name, _difference(pair.draws, points, counts, pair.among_all.apart))
+        found.setdefault("success [% points], mean", []).append(row)
         for each in pair.metrics:
-            interval = f"{signed(each.median.low)} to {signed(each.median.high)}"
-            cells = [each.draws, signed(each.median.value), interval, f"{100.0 * each.smaller:.0f} % of draws"]
-            rows.append((f"{each.metric.label}, median", cells))
-        found.append(Table(f"{pair.second} minus {pair.first}", heads, rows))
-    return found
+            numbers = map(signed, (each.median.value, each.median.low, each.median.high))
+            shares = f"{100.0 * each.smaller:.0f} % of draws", f"{100.0 * each.larger:.0f} % of draws"
+            row = (name, _difference(each.draws, numbers, shares, each.among_all.apart))
+            found.setdefault(f"{each.metric.label}, median", []).append(row)
+    heads = ["draws", "difference", "95 % interval", "smaller in", "larger in", "resolved among all"]
+    return [Table(head, heads, rows) for head, rows in found.items()]
+
+
+def _difference(draws: int, numbers: Iterable[str], counts: tuple[str, str], among_all: bool) -> list[Any]:
+    value, low, high = numbers
+    return [draws, value, f"{low} to {high}", *counts, "yes" if among_all else "no"]
 
 
 def signed(value: float) -> str:
@@ -211,28 +217,19 @@ def studied(data: StudyRows, versions: Mapping[str, str]) -> list[tuple[str, str
 
 
 FORMATS = ("tex", "csv")
-_QUANTILES = {"median": 0.5, "5 %": 0.05, "95 %": 0.95}
-_ESCAPED = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "µ": r"$\mu$",
-    "·": r"$\cdot$",
-    "²": "$^2$",
-    "³": "$^3$",
-    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
-}
-"""LaTeX of the characters that it does not take as they are."""
-_POWER = re.compile(r"\^(-?\d+)")
-"""A power in a unit, m/s^2."""
+_SHARE = {"share": "value", "interval low": "low", "interval high": "high"}
+"""The attribute of an estimate by its head."""
+_QUANTILES = {"median": 0.5, "quantile 5 %": 0.05, "quantile 95 %": 0.95}
+_SUCCESS = "success [%]"
 
 
 def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
     """One row a law: its runs, the share that succeeds [%] with the ends of its 95 % interval (Wilson's), and of each
     metric the median and the quantiles of 5 and 95 %.
 
-    The columns have two heads: the quantity with its unit, and the number. ``metrics`` are names of kept metrics;
-    default: the first three that vary. Raises InputError for an unknown one.
+    The columns have two heads: the quantity with its unit, and the number. ``attrs["meanings"]`` has by the first head
+    what a shipped metric is, and over which time. ``metrics`` are names of kept metrics; default: the first three that
+    vary. Raises InputError for an unknown one.
     """
     data = StudyRows(plan, frame)
     chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
@@ -240,9 +237,8 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
     rows: dict[str, dict[tuple[str, str], float]] = {}
     for law, at in data.rows.items():
         row = {("runs", ""): float(len(at))}
-        for name in ("share", "low", "high"):
-            share = getattr(rates[law], "value" if name == "share" else name) if law in rates else np.nan
-            row["success [%]", name] = 100.0 * share
+        for name, attribute in _SHARE.items():
+            row[_SUCCESS, name] = 100.0 * getattr(rates[law], attribute) if law in rates else np.nan
         for metric in chosen:
             values = data.values(metric)[at]
             values = values[np.isfinite(values)]
@@ -253,6 +249,7 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
     found.columns = pd.MultiIndex.from_tuples(found.columns)
     found.index.name = "law"
     found["runs", ""] = found["runs", ""].astype(int)
+    found.attrs["meanings"] = {metric.label: metric.meaning for metric in chosen if metric.meaning}
     return found
 
 
@@ -263,36 +260,29 @@ def to_csv(found: pd.DataFrame) -> str:
     return str(flat.to_csv(lineterminator="\n"))
 
 
-def to_latex(found: pd.DataFrame, comment: str = "") -> str:
-    """The table as LaTeX, for the package booktabs: four digits, heads with their units, texts escaped."""
-    table = found.map(_number)
-    table.columns = table.columns.map(lambda each: tuple(map(latex, each)))
-    table.index = table.index.map(latex)
-    names = [latex(str(found.index.name)), *[""] * (table.columns.nlevels - 1)]
-    table = table.rename_axis(index=None).rename_axis(columns=names)
-    form = "l" + "r" * len(table.columns)
-    text = str(table.to_latex(escape=False, column_format=form, multicolumn_format="c"))
-    if ("success [%]", "low") in found.columns:
-        comment += "\nlow, high: 95 % interval of the share that succeeds (Wilson)"
-    said = "".join(f"% {line}\n" for line in comment.splitlines() if line)
-    return f"{said}% \\usepackage{{booktabs}}\n{text}"
+def printed(found: pd.DataFrame, comment: str = "") -> LatexTable:
+    """The table of :func:`statistics` for a paper: a row for each law, and below each number its range, with the digits
+    that the range supports. The runs are in the note if all laws have as many."""
+    runs = found["runs", ""]
+    columns = []
+    if runs.nunique() > 1:
+        columns.append(Column("runs", "", [Stacked(str(n)) for n in runs]))
+    for head in dict.fromkeys(found.columns.get_level_values(0)[1:]):
+        numbers = ranged(found[head].to_numpy(dtype=float))
+        name, _, unit = head.removesuffix("]").partition(" [")
+        factor = f"10^{numbers.exponent}" if numbers.exponent else ""
+        unit = " ".join(filter(None, (factor, unit)))
+        columns.append(Column(name, f"[{unit}]" if unit else "", numbers.cells))
+    return LatexTable("law", [*map(str, found.index)], columns, note(found), [*filter(None, comment.splitlines())])
 
 
-def latex(text: str) -> str:
-    """A text as LaTeX prints it; powers in units are raised."""
-    parts = _POWER.split(text)  # text, power, text, ...
-    escaped = ["".join(_ESCAPED.get(letter, letter) for letter in part) for part in parts[::2]]
-    raised = [f"$^{{{power}}}$" for power in parts[1::2]]
-    return "".join(a + b for a, b in zip(escaped, [*raised, ""], strict=True))
-
-
-def _number(value: float) -> str:
-    if not np.isfinite(value):
-        return "--"
-    mantissa, e, exponent = f"{value:.4g}".partition("e")
-    if not e and mantissa.startswith("-"):
-        return f"${mantissa}$"
-    return f"${mantissa} \\cdot 10^{{{int(exponent)}}}$" if e else mantissa
+def note(found: pd.DataFrame) -> str:
+    """How the numbers of :func:`statistics` are to be read: their ranges, the runs, and what each metric is."""
+    runs = found["runs", ""]
+    each = f"{runs.iloc[0]} runs of each law. " if runs.nunique() == 1 else ""
+    said = [f"{head.partition(' [')[0]}: {meaning}." for head, meaning in found.attrs.get("meanings", {}).items()]
+    medians = "Of success the 95 % interval (Wilson's); of the others medians, and the quantiles of 5 % and 95 %"
+    return " ".join([f"{each}{medians} over the runs that completed.", *said])
 
 
 def write(found: pd.DataFrame, path: Path, comment: str = "") -> None:
@@ -302,4 +292,4 @@ def write(found: pd.DataFrame, path: Path, comment: str = "") -> None:
     if kind not in FORMATS:
         raise InputError(f"{path}: the name must end in .{' or .'.join(FORMATS)}")
     with atomic_write(path) as part:
-        part.write_text(to_csv(found) if kind == "csv" else to_latex(found, comment), encoding="utf-8")
+        part.write_text(to_csv(found) if kind == "csv" else printed(found, comment).text, encoding="utf-8")

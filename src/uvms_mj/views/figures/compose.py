@@ -88,8 +88,9 @@ def plot(
     Args:
         traces: a run, or several runs by name.
         what: one or several of :data:`WHATS`, of the names of recorded signals, or of their components, ``tau.x``.
-        width: of the figure: a name of :data:`WIDTHS`, "column", "ieee-page", or a number [in]; default: a column for
-            one run, a page for several runs, components side by side and the summary.
+        width: of the figure: a name of :data:`WIDTHS`, "column", "ieee-page", a length with its unit, "88mm", or a
+            number [in]; default: a column for one run, a page for several runs, components side by side and the
+            summary.
         fonts: "sans", "serif", "cm", or "latex", whose texts LaTeX sets when a .pdf or .pgf is written; default: sans.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run

@@ -29,10 +29,14 @@ MOST_LINES = 6
 """Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
 REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
 LEVELS: dict[str, dict[str, Any]] = {
-    "expected": REFERENCE | {"linestyle": (0, (9, 3))},
-    "analytic": {"color": BLACK, "linestyle": "dotted", "linewidth": LINE, "zorder": 5},
+    "expected": REFERENCE,
+    "analytic": {"color": BLACK, "linewidth": LINE, "zorder": 5},
 }
-"""Line styles of the expected forces."""
+"""Line styles of the expected forces, but for their dashes."""
+_DASHES = {"expected": (9.0, 3.0), "analytic": (1.0, 1.2)}
+"""A dash of each and the gap behind it, in line widths."""
+_MOST_OWNERS = 3
+"""Most runs that the legend names beside one force."""
 MEANINGS = {"expected": "expected at a rigid wall", "analytic": "analytic, at rest at this wall"}
 """Their entries in a legend."""
 WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
@@ -294,9 +298,9 @@ def pair_handles() -> list[Line2D]:
     ]
 
 
-def level(ax: Axes, t: np.ndarray, value: float, name: str, look: dict[str, Any]) -> None:
-    """Draw a horizontal line over the time of a run."""
-    ax.plot(t[[0, -1]], [value, value], label=MEANINGS.get(name, name), gid=name, **look)
+def level(ax: Axes, t: np.ndarray, value: float, name: str, look: dict[str, Any], of: str = "") -> None:
+    """Draw a horizontal line over the time of a run; ``of`` says in the legend whose it is."""
+    ax.plot(t[[0, -1]], [value, value], label=MEANINGS.get(name, name) + of, gid=name, **look)
 
 
 def states_of(trace: Trace) -> Sequence[Signal]:
@@ -327,7 +331,7 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
 
     def draw(ax: Axes) -> None:
         _pushes(ax, traces, looks)
-        _expected(ax, traces)
+        _expected(ax, traces, looks)
         ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
 
     sizes = [_peak(trace) for trace in traces.values()]
@@ -369,13 +373,33 @@ def _pushes(
     return ends
 
 
-def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
-    """Draw the expected forces of all runs, each once; return their values [N]."""
+def _expected(ax: Axes, traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> list[float]:
+    """Draw the expected forces of all runs, each once; return their values [N]. Where runs expect different forces, the
+    legend says whose each is, and the n-th has its dashes in groups of n."""
     span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
-    found = dict.fromkeys(pair for trace in traces.values() for pair in expected_forces(trace))
-    for name, force in found:
-        level(ax, span, force, name, LEVELS[name])
-    return [force for _, force in found]
+    found: dict[str, dict[float, list[str]]] = {name: {} for name in LEVELS}
+    for label, trace in traces.items():
+        for name, force in expected_forces(trace):
+            same = next((other for other in found[name] if math.isclose(force, other, rel_tol=_SAME)), force)
+            found[name].setdefault(same, []).append(str(looks[label]["label"]))
+    for name, forces in found.items():
+        on, off = _DASHES[name]
+        for i, (force, owners) in enumerate(forces.items()):
+            alone = len(forces) == 1
+            dashes = (on, off) if alone else (on, off) * i + (on, 4.0 * off)
+            level(ax, span, force, name, LEVELS[name] | {"linestyle": (0.0, dashes)}, "" if alone else _of(owners))
+    return [force for forces in found.values() for force in forces]
+
+
+_SAME = 1e-6
+"""Relative difference of two forces that no figure shows."""
+
+
+def _of(owners: Sequence[str]) -> str:
+    """Whose a force is."""
+    names = list(dict.fromkeys(owners))
+    more = f", {len(names) - _MOST_OWNERS} more" if len(names) > _MOST_OWNERS else ""
+    return f" ({', '.join(names[:_MOST_OWNERS])}{more})"
 
 
 def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
@@ -408,7 +432,7 @@ def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
         return ()
 
     def draw(ax: Axes, _: float) -> None:
-        seen = [*_pushes(ax, resting, looks, (start, end)), *_expected(ax, resting)]
+        seen = [*_pushes(ax, resting, looks, (start, end)), *_expected(ax, resting, looks)]
         margin = max(0.2 * (max(seen) - min(seen)), 0.005 * max(seen))
         ax.set(xlim=(start, end), ylim=(min(seen) - margin, max(seen) + margin))
 

@@ -31,18 +31,26 @@ from ...stages.signals import AXES
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
 """Style file with fonts, widths and colours."""
-COLUMN_IN, PAGE_IN = 3.5, 7.16
-"""Width of one column and of two columns of a paper [in]."""
+PT_IN = 72.27
+"""Points of TeX in an inch."""
+COLUMN_IN, PAGE_IN = 252.0 / PT_IN, 516.0 / PT_IN
+"""Width of one column and of two columns of a paper, as the class IEEEtran has them [in]. A wider figure would be an
+overfull box."""
 WIDTHS = {
     "column": COLUMN_IN,
     "page": PAGE_IN,
-    "ieee-column": 88.9 / 25.4,
-    "ieee-page": 181.0 / 25.4,
+    "ieee-column": COLUMN_IN,
+    "ieee-page": PAGE_IN,
     "elsevier-column": 90.0 / 25.4,
     "elsevier-middle": 140.0 / 25.4,
     "elsevier-page": 190.0 / 25.4,
 }
-"""Widths by name [in]: of any paper with two columns, of IEEE's, and of Elsevier's, which has one of 1.5 columns."""
+"""Widths by name [in]: IEEE's, which are also the widths of any paper with two columns, and Elsevier's, which has one
+of 1.5 columns."""
+_LENGTH = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(in|cm|mm|pt)\s*")
+_UNITS_IN = {"in": 1.0, "cm": 1.0 / 2.54, "mm": 1.0 / 25.4, "pt": 1.0 / PT_IN}
+"""Units of a width [in]."""
+_NARROWEST_IN, _WIDEST_IN = 1.0, 40.0
 FONTS: dict[str, Any] = {
     "sans": {},
     "serif": {"font.family": ["STIXGeneral", "DejaVu Sans"], "mathtext.fontset": "stix"},
@@ -289,16 +297,21 @@ def typeset(fonts: str, width: float = PAGE_IN) -> Iterator[None]:
 
 
 def width_of(given: str | float | None, default: float) -> float:
-    """A width in inches: a number, or a name of :data:`WIDTHS`. Raises InputError for others."""
+    """A width in inches: a number, a name of :data:`WIDTHS`, or a length with its unit, ``"88mm"``, in in, cm, mm or
+    points of TeX, pt. Raises InputError for others."""
     if given is None:
         return default
-    if isinstance(given, str):
-        if given not in WIDTHS:
-            raise InputError(f"width {given!r}: {suggestion(given, WIDTHS)}, or give a number of inches")
-        return WIDTHS[given]
-    if not 1.0 <= given <= 40.0:
-        raise InputError(f"width {given:g}: must be from 1 to 40 inches")
-    return float(given)
+    said = f"{given:g}" if isinstance(given, float | int) else repr(given)
+    wide = WIDTHS.get(given) if isinstance(given, str) else float(given)
+    if wide is None:
+        found = _LENGTH.fullmatch(str(given))
+        if found is None:
+            lengths = f"or a length with its unit, in, cm, mm or pt ({PT_IN:g} pt are an inch): 88mm"
+            raise InputError(f"width {said}: {suggestion(str(given), WIDTHS)}, {lengths}")
+        wide = float(found[1]) * _UNITS_IN[found[2]]
+    if not _NARROWEST_IN <= wide <= _WIDEST_IN:
+        raise InputError(f"width {said}: must be from {_NARROWEST_IN:g} to {_WIDEST_IN:g} inches")
+    return wide
 
 
 _POWER = re.compile(r"\^(?:\(([-\d/]+)\)|(-?\d+))")
@@ -347,7 +360,9 @@ _MATHS = {
 """LaTeX of the characters in texts of figures that its fonts may lack."""
 
 
-_LATEX_ON_DEBIAN = "On Debian or Ubuntu, as root: apt install texlive-latex-recommended texlive-pictures"
+_LATEX_ON_DEBIAN = (
+    "On Debian or Ubuntu, as root: apt install texlive-latex-recommended texlive-pictures texlive-fonts-recommended"
+)
 
 
 @contextlib.contextmanager
