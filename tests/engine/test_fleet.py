@@ -334,7 +334,7 @@ def test_what_is_wrong_is_said():
         with pytest.raises(InputError, match=said):
             Fleet(**{"n": 1, "device": "cpu"} | arguments)
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(InputError, match="can't be copied or sent to another process"):
+        with pytest.raises(InputError, match="sent to another process"):
             copied(fleet)
     fleet.close()
     fleet.close()
@@ -349,12 +349,12 @@ SPHERE = {"shape": "sphere", "position": [1.3, 0.0, 0.0], "radius": 0.2, "stiffn
 @pytest.mark.parametrize(
     ("first", "other", "said"),
     [
-        ({}, {"simulation.integrator": "implicitfast"}, "simulation.integrator = 'implicitfast' is not computed"),
-        ({}, {"controller.name": "pid"}, "controller.name: is another one"),
-        ({"controller.name": "external"}, {"controller.name": "pid"}, "controller.name: is another one"),
-        ({"actuation.name": "external"}, {"actuation.name": "pseudo_inverse"}, "actuation.name: is another one"),
-        ({}, {"observer.name": "momentum_observer"}, "observer.name: is another one"),
-        ({}, {"thrusters.name": "t200"}, "thrusters.name: is another one"),
+        ({}, {"simulation.integrator": "implicitfast"}, r"simulation\.integrator = 'implicitfast' is not computed"),
+        ({}, {"controller.name": "pid"}, r"controller\.name: is another one"),
+        ({"controller.name": "external"}, {"controller.name": "pid"}, r"controller\.name: is another one"),
+        ({"actuation.name": "external"}, {"actuation.name": "pseudo_inverse"}, r"actuation\.name: is another one"),
+        ({}, {"observer.name": "momentum_observer"}, r"observer\.name: is another one"),
+        ({}, {"thrusters.name": "t200"}, r"thrusters\.name: is another one"),
         ({}, {"bumper.stiffness": 1e3}, "other walls or contacts"),
         ({}, {"wall.present": False, "walls": [SPHERE]}, "other walls or contacts"),
         ({}, {"vehicle.model": "bluerov2_heavy"}, "another number of thrusters"),
@@ -373,6 +373,7 @@ def test_a_run_of_another_kind_is_refused_and_not_computed_as_the_first_one(firs
     ("overrides", "reason"),
     [
         ({"vehicle.model": "bluerov2_alpha5"}, "has joints"),
+        ({"actuation.name": "pwm", "thrusters.name": "t200"}, "actuation.name: pwm: a fleet takes no pulse widths"),
         ({"simulation.integrator": "implicitfast"}, "simulation.integrator"),
         ({"current.deviation": [0.1, 0.1, 0.0]}, "can't be compiled for many runs at once"),
     ],
@@ -403,6 +404,19 @@ def test_the_code_for_a_gpu_is_kernels_that_round_every_operation():
     assert not re.search(r"\bfma\b", text)
     for operation in re.findall(r"\b(?:add|sub|mul|div|sqrt)[.\w]*\.f64", text):
         assert ".rn" in operation, operation
+
+
+def test_the_code_of_a_law_with_erf_is_complete(tmp_path):
+    """Nothing is left to a library of the device."""
+    text = LAW.replace("150.0 * signals.nu_e[k]", "150.0 * math.erf(signals.nu_e[k])").replace(
+        "import numpy", "import math\n\nimport numpy"
+    )
+    (tmp_path / "erf.py").write_text(text)
+    starts = Starts(Scenario.load("push_wall", {"controller.name": f"{tmp_path / 'erf.py'}:Late"}))
+    memory, stages = starts.memory, starts.memory.stages
+    first = starts.parts()["p_WB"][0]
+    source = FleetSource(memory.shape, stages.running, starts.template.view(np.uint8), [], [first], stages.control)
+    assert ".extern" not in source.emitted(PTX).code.decode()
 
 
 def has_gpu() -> bool:

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ..actuation.base import Pwm
 from ..compiler.refusals import Untranslatable
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
@@ -64,6 +65,11 @@ class Starts:
                 raise NotInFleet(f"{stage.stage.label()} has machine code of this machine; write the stage in Python")
             if stage.code is None:
                 raise NotInFleet(f"{stage.slow}; a fleet runs compiled stages only")
+        if isinstance(scenario.actuation, Pwm):
+            name = scenario.actuation.label()
+            raise NotInFleet(
+                [Fault("actuation.name", f"{name}: a fleet takes no pulse widths from outside; use external")]
+            )
         self.external = scenario.controller.external, scenario.actuation.external
         self._tables = self._digest(self.setup)
         self.template = self.of_setup(self.setup)
