@@ -339,7 +339,7 @@ def test_what_is_wrong_is_said():
     fleet.close()
     fleet.close()
     for used in (fleet.step, fleet.reset, fleet.finish, fleet.table, fleet.describe, lambda: fleet.signals["nu"]):
-        with pytest.raises(InputError, match="^the fleet is closed; make a new one$"):
+        with pytest.raises(InputError, match=r"^the fleet is closed; make a new one$"):
             used()
 
 
