@@ -199,7 +199,7 @@ def _row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | 
     if code or files:
         warn(f"the run may differ from the row: {'; '.join([*code, *(f'{name} changed' for name in files)])}")
     engine = _engine_of(Path(folder), row) or plan.engine
-    return scenario, chosen_engine(scenario) if engine == "auto" else engine
+    return scenario, chosen_engine(scenario) if engine in ("auto", "gpu") else engine  # free_body has a GPU's bits
 
 
 def _changed(folder: str, row: int, files: list[str]) -> str:

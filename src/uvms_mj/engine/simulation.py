@@ -22,6 +22,7 @@ from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.changes import Change, Reads, changed
 from ..setup.checks import checked, warnings_of
+from ..setup.world import World
 from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
@@ -568,6 +569,8 @@ class Simulation:
 
 def valid_scenario(scenario: Scenario | None) -> Scenario:
     """The scenario, or the default one. Raises InputError if it is of another type."""
+    if isinstance(scenario, World):
+        raise InputError("scenario: is a world of several vehicles; use WorldSimulation(world)")
     if not isinstance(scenario, Scenario | None):
         raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
     return scenario if scenario is not None else Scenario()
@@ -645,5 +648,7 @@ class OneThread:
 def engine_of(name: str, setup: Setup) -> Engine:
     """A new engine. Raises InputError if there is none of this name, or it can't run the scenario."""
     if name not in ENGINES:
-        raise InputError(f"engine {name!r}: is not an engine; {suggestion(str(name), ENGINES)}")
+        of_many = "takes many runs at once: in a study, or as uvms_mj.Fleet; a single run takes free_body"
+        hint = of_many if name == "gpu" else f"is not an engine; {suggestion(str(name), ENGINES)}"
+        raise InputError(f"engine {name!r}: {hint}")
     return ENGINES[name](setup)

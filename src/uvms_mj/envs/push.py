@@ -165,7 +165,8 @@ class Pushes:
         if action not in get_args(Action):
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
         if engine not in (*ENGINES, "auto"):
-            faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'"))
+            fleet = "; on a GPU, uvms_mj.Fleet steps many runs with a law from outside" if engine == "gpu" else ""
+            faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'{fleet}"))
         wanted = "a positive force [N]; without it, the scenario's impedance demands it"
         demanded = _demanded(self.scenario) if force_d is None else force_d
         number = checked(domain.positive, "force_d", demanded, ((), (1,)), wanted)
