@@ -134,6 +134,24 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
     assert library.record < 12_000
 
 
+def test_the_recorded_steps_are_of_a_run_from_its_beginning(tmp_path, monkeypatch):
+    """The run goes on from a state before the touch, if it can be saved."""
+    scenario, restored, restore = Scenario.load("push_wall", {}, "gsta"), [], Simulation.restore
+
+    def refuses(self):
+        raise InputError("save: a stage may keep numbers that are not saved")
+
+    monkeypatch.setattr(Simulation, "restore", lambda self, saved: restored.append(saved) or restore(self, saved))
+    write_library(scenario, tmp_path / "saved", ["x86_64"], test=False)
+    assert len(restored) == 1
+    monkeypatch.setattr(Simulation, "save", refuses)
+    write_library(scenario, tmp_path / "begun", ["x86_64"], test=False)
+    assert len(restored) == 1
+    one, other = ((tmp_path / name / "vectors.h").read_bytes() for name in ("saved", "begun"))
+    assert one == other
+    assert b'"pressing"' in one
+
+
 def test_a_library_has_the_rows_of_its_reference_that_come(gsta, tmp_path):
     """One step, or three, which take four rows: 32 bytes each. The room for a thousand stays behind. With all of the
     steps, and a time after the last one, the recorded steps are the run's."""

@@ -16,7 +16,9 @@ from law_files import law_file, one_liner
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native import compilation, objects, run_memory
+from uvms_mj.engine.simulation import engine_of
 from uvms_mj.physics.kernels import kernels
+from uvms_mj.setup.base import set_up
 
 
 def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monkeypatch, tmp_path):
@@ -207,6 +209,28 @@ def test_code_of_a_short_run_has_the_same_bits(tmp_path, monkeypatch, name, sett
             compilation.short_run.reset(before)
     assert levels == {0, 1}
     np.testing.assert_array_equal(*rows)
+
+
+def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch):
+    """Stages and the loop share what they call. Another run of the process takes the same machine code."""
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
+    scenario, made, compiled = Scenario.load("push_wall", SHORT), [], compilation._compiled
+    monkeypatch.setattr(compilation, "_compiled", lambda *given: made.append(given[2]) or compiled(*given))
+    compilation._native_functions.cache_clear()
+    run_memory.entry_points.cache_clear()
+    monkeypatch.setattr(compilation, "_made_together", {})
+    before = compilation.short_run.set(True)
+    try:
+        one, other = (
+            run_memory.RunMemory(setup, engine_of("free_body", setup), lambda memory: None)
+            for setup in (set_up(scenario), set_up(scenario))
+        )
+    finally:
+        compilation.short_run.reset(before)
+    assert len(made) == 1
+    assert len(made[0]) > len(one.stages.stages)
+    assert [each.address for each in one.code.values()] == [each.address for each in other.code.values()]
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
