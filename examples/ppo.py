@@ -81,7 +81,7 @@ def make(n, **pictures):
 
 
 def network(dice, sizes, last=1.0):
-    """Weights (in, out) and offsets (out,) of each layer, one after another; those of the last layer times ``last``."""
+    """Weights (in, out) and offsets (out,) of each layer, one after another; the last layer's are times ``last``."""
     layers = [(dice.normal(size=shape) / np.sqrt(shape[0]), np.zeros(shape[1])) for shape in pairwise(sizes)]
     layers[-1][0][:] *= last
     return [array for layer in layers for array in layer]
@@ -154,7 +154,7 @@ def advantages(rewards, values, going, gamma, lam):
 
 
 def episodes(env, policy, seeds, dice=None):
-    """One episode of each seed, with noise from ``dice``: what the networks see (T + 1, n, 22), actions (T, n, 6),
+    """One episode of each seed, with noise from ``dice``: observations (T + 1, n, 22), actions (T, n, 6),
     rewards (T, n), whether a run has not diverged (T + 1, n), and successes (n,), 1 s within a tenth of the demanded
     force at the end."""
     seen, infos = env.reset(seed=list(seeds))

@@ -31,7 +31,8 @@ def stacked(figures: Sequence[Figure], name: str, colours: int = 128) -> None:
     for each in drawn:
         whole.paste(each, (0, top))
         top += each.height
-    file = next(DOCS.rglob(f"{name}.png"), DOCS / f"{name}.png")
+    places = (file for file in DOCS.rglob(f"{name}.png") if "_build" not in file.parts)  # a built site has copies
+    file = next(places, DOCS / f"{name}.png")
     if colours == 256:
         palette = whole.quantize(colours, Image.Quantize.FASTOCTREE)
         few = whole.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)

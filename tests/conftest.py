@@ -32,8 +32,11 @@ FOR_EACH_COMMIT = {
 """Folders and modules whose tests have the marker bits unless they are slow."""
 
 
-LONGEST = {"test_site.py", "test_rerun_viewers.py", "test_pages.py", "test_bench.py", "test_video.py"}
-"""Modules that begin first, so that no worker waits for another one at the end."""
+LONGEST = (
+    *("test_site.py", "test_fleet.py", "test_pages.py", "test_bench.py", "test_figures.py", "test_rerun_viewers.py"),
+    *("test_notebook.py", "test_video.py"),
+)
+"""Modules that begin first, in this order, so that no worker waits for another one at the end."""
 WITH_MUJOCO = {"engine", "envs", "physics", "plant"}
 """Folders whose tests are about MuJoCo's steps. Elsewhere a run that names no engine takes free_body, which is several
 times as fast and has the same laws, sensors and walls (tests/engine), where it can."""
@@ -60,7 +63,8 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: (item.path.name not in LONGEST, item.path))
+    order = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (order.get(item.path.name, len(order)), item.path))
     for item in items:
         place = item.path.relative_to(HERE).parts[0]
         if place in FOR_EACH_COMMIT and not any(item.get_closest_marker(each) for each in ("slow", "long")):

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-import uvms_mj
+from two_bars import BAR, DRY, bars
 from uvms_mj import (
     InputError,
     McapLog,
@@ -136,9 +136,7 @@ def test_two_coupled_vehicles_follow_equations_that_are_written_anew(kind, seed)
 
 # a contact body of one vehicle in front of a surface of another
 
-BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
 BODY = Mjcf.find(BAR).vehicle
-DRY = {"added_mass": 0.0, "linear_damping": 0.0, "quadratic_damping": 0.0}
 SHAPES = {
     "plane": {},
     "sphere": {"radius": 0.2},
@@ -146,23 +144,6 @@ SHAPES = {
     "capsule": {"radius": 0.2, "length": 0.4},
     "box": {"edges": [0.4, 1.0, 0.6]},
 }
-
-
-def bars(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
-    """A world of two bars without law and without water at two positions, and one coupling of them."""
-    vehicles = [
-        {"name": name, "initial": {"position": list(p)}, "vehicle": {"model": BAR, **DRY}}
-        for name, p in zip("ab", positions, strict=True)
-    ]
-    given = {
-        "simulation": {"duration": duration, "timestep": timestep},
-        "wall": {"present": False},
-        "current": {"speed": 0.0},
-        "controller": {"name": "none"},
-        "couplings": [{"vehicles": ["a", "b"], **coupling}],
-        "vehicles": vehicles,
-    }
-    return World.from_dict(given | tables)
 
 
 def heavy_bar(folder):

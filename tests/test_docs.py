@@ -88,3 +88,17 @@ def test_an_equation_is_no_block_of_code(path):
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "how_to").glob("*.md")), ids=lambda path: path.name)
 def test_a_task_fits_on_a_page(path):
     assert len(path.read_text().splitlines()) <= 120
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*sorted(ROOT.glob("*.md")), *(path for path in PAGES[1:] if path.stem not in GENERATED)],
+    ids=lambda path: path.name,
+)
+def test_a_line_has_at_most_140_characters(path):
+    """But for tables, blocks of code and addresses."""
+    lines = path.read_text().splitlines()
+    for token in MarkdownIt().enable("table").parse(path.read_text()):
+        if token.type in ("fence", "code_block", "table_open"):
+            lines[slice(*token.map)] = [""] * (token.map[1] - token.map[0])
+    assert [line for line in lines if len(re.sub(r"https?://\S+", "", line)) > 140] == []

@@ -47,7 +47,8 @@ NOT_RUN = {
 
 def shortened(words: list[str]) -> list[str]:
     """The arguments of a command, with what makes it short unless the page says otherwise: few steps, or those up to a
-    contact where the page uses the log; few draws and trials with the fast engine."""
+    contact where the page uses the log; few draws and trials with the fast engine. A benchmark has two trials, even if
+    the page asks for more."""
     match words:
         case [_, "--from", name, *_] if name.endswith(".zip"):
             more = []  # it is repeated as it was
@@ -63,6 +64,7 @@ def shortened(words: list[str]) -> list[str]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]
         case ["bench", first, *_] if first not in ("compare", "tasks"):
             more = ["--at-most=1", "--tasks=two_bumpers", "--workers=1"]
+            words = [("2" if before == "--tune" else word) for before, word in zip(["", *words], words, strict=False)]
         case ["video", *_]:
             more = ["--size=320x180"]
         case _:

@@ -8,13 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import uvms_mj
+from two_bars import BAR, bars
 from uvms_mj import Diverged, InputError, McapLog, Scenario, Simulation, Trace, WorldSimulation, simulate, still
 from uvms_mj.cli import main
 from uvms_mj.engine.world_run import EncounterWarning
@@ -29,7 +28,6 @@ from uvms_mj.setup.world import OF_WORLD, World, vehicles_of
 from uvms_mj.stages.base import Stage
 
 ENGINES = ("free_body", "mujoco")
-BAR = str(Path(uvms_mj.__file__).parent / "scenarios" / "bar.xml")
 PUSH = """from dataclasses import dataclass
 
 from uvms_mj import Controller
@@ -45,8 +43,6 @@ class Push(Controller):
         tau_cmd[0] = 10.0
 """
 """A law that pushes with 10 N."""
-DRY = {"added_mass": 0.0, "linear_damping": 0.0, "quadratic_damping": 0.0}
-"""A vehicle that feels no water."""
 
 
 def row(n, **more):
@@ -64,23 +60,6 @@ def row(n, **more):
     return World.from_dict(
         {"name": "row", "simulation": {"duration": 0.3}, "wall": {"position": 0.985}, "vehicles": vehicles} | more
     )
-
-
-def bodies(coupling, *positions, duration=1.0, timestep=1e-4, **tables):
-    """A world of two bars without law at two positions, and one coupling of them."""
-    vehicles = [
-        {"name": name, "initial": {"position": list(p)}, "vehicle": {"model": BAR, **DRY}}
-        for name, p in zip(("a", "b"), positions, strict=True)
-    ]
-    given = {
-        "simulation": {"duration": duration, "timestep": timestep},
-        "wall": {"present": False},
-        "current": {"speed": 0.0},
-        "controller": {"name": "none"},
-        "couplings": [{"vehicles": ["a", "b"], **coupling}],
-        "vehicles": vehicles,
-    }
-    return World.from_dict(given | tables)
 
 
 def test_every_table_says_whether_all_vehicles_share_it():
@@ -206,8 +185,9 @@ def test_a_vehicle_inside_another_is_refused_and_a_meeting_is_told():
     towards = {"vehicles[1].initial.velocity": [0.0, -1.0, 0.0, 0.0, 0.0, 0.0], "controller.name": "none"}
     with pytest.warns(
         EncounterWarning, match=r"v0 and v1 meet at t = 0\.4\d+ s: contact between vehicles is not computed"
-    ):
+    ) as told:
         simulate(row(2).updated({"simulation.duration": 0.5, "wall.position": 9.0} | towards), engine="free_body")
+    assert {each.filename for each in told} == {__file__}
 
 
 @pytest.mark.parametrize("turn", [0.0, 30.0, 90.0])
@@ -303,7 +283,7 @@ def test_a_spring_is_the_closed_form_and_its_error_falls_with_the_time_step(engi
     for h in (2e-3, 1e-3, 5e-4):
         spring = {"kind": "spring", "stiffness": k, "damping": b, "length": length}
         start = (0.0, 0.0, 0.0), (length + stretch, 0.0, 0.0)
-        world = bodies(spring, *start, duration=duration, timestep=h)
+        world = bars(spring, *start, duration=duration, timestep=h)
         one, two = simulate(world, engine=engine, log_rate="full").values()
         t, found = one.t, two.p_WB[:, 0] - one.p_WB[:, 0] - length
         wave = np.cos(omega * t) + decay / omega * np.sin(omega * t)
@@ -333,7 +313,7 @@ def test_momentum_is_kept_without_water(coupling, engine):
     start = (0.0, 0.0, 0.0), (0.1, 1.0 + gap, -0.1)
     M, losses = Mjcf.find(BAR).vehicle.M_RB, []
     for h in (4e-4, 2e-4):
-        world = bodies(coupling | {"points": points}, *start, timestep=h).updated(turning)
+        world = bars(coupling | {"points": points}, *start, timestep=h).updated(turning)
         traces = simulate(world, engine=engine).values()
         spun, moved = 0.0, 0.0
         for trace in traces:
@@ -350,7 +330,7 @@ def test_momentum_is_kept_without_water(coupling, engine):
 
 
 def test_a_cable_never_pushes():
-    world = bodies({"stiffness": 300.0, "length": 1.0, "kind": "cable"}, (0.0, 0.0, 0.0), (0.9, 0.0, 0.0), duration=3.0)
+    world = bars({"stiffness": 300.0, "length": 1.0, "kind": "cable"}, (0.0, 0.0, 0.0), (0.9, 0.0, 0.0), duration=3.0)
     towards = world.updated({"vehicles[1].initial.velocity": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]})
     one, two = simulate(towards, engine="free_body").values()
     distance = np.linalg.norm(two.p_WB - one.p_WB, axis=1)
@@ -366,7 +346,7 @@ def test_two_spheres_bounce_with_their_energy_and_momentum(engine):
     k, speed, losses = 5e3, 0.4, []
     for h in (2e-4, 1e-4):
         contact = {"kind": "contact", "stiffness": k, "length": 0.2}
-        world = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.08), timestep=h, duration=1.0)
+        world = bars(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.08), timestep=h, duration=1.0)
         going = world.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
         one, two = simulate(going, engine=engine).values()
         m = float(Mjcf.find(BAR).vehicle.M_RB[0, 0])
@@ -377,7 +357,7 @@ def test_two_spheres_bounce_with_their_energy_and_momentum(engine):
         assert one.f_couplings_W[-1].tolist() == [[0.0] * 3]
         losses.append(abs((energies[0] + energies[1])[-1] / energies[0][0] - 1.0))
     assert losses[0] < 1e-3
-    head_on = bodies(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.0), duration=1.0, timestep=1e-4)
+    head_on = bars(contact, (0.0, 0.0, 0.0), (0.25, 0.0, 0.0), duration=1.0, timestep=1e-4)
     going = head_on.updated({"vehicles[0].initial.velocity": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
     one, two = simulate(going, engine=engine).values()
     assert [one.nu[-1, 0], two.nu[-1, 0]] == pytest.approx([0.0, speed], abs=1e-3 * speed)
@@ -477,7 +457,7 @@ def test_with_a_stiff_bar_two_vehicles_are_one_body(tmp_path):
 )
 def test_a_wrong_coupling_is_refused_by_name(coupling, said):
     with pytest.raises(InputError) as raised:
-        simulate(bodies(coupling, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), engine="free_body")
+        simulate(bars(coupling, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), engine="free_body")
     assert said in str(raised.value)
 
 
@@ -609,6 +589,37 @@ def test_a_caller_commands_one_vehicle_of_a_world(engine):
             assert np.array_equal(both.vehicles[name].signals.nu, single.signals.nu)
         with pytest.raises(ValueError, match=r"read-only"):
             both.vehicles["v0"].tau_cmd[:] = 0.0
+
+
+@pytest.mark.parametrize("run", [simulate, WorldSimulation])
+def test_errors_of_vehicles_name_them_and_come_together(run):
+    wrong = {"vehicles[v0].initial.joints": [1.0], "vehicles[v1].initial.joints": [1.0]}
+    with pytest.raises(InputError) as raised:
+        run(row(2).updated(wrong), engine="free_body")
+    assert [fault.key for fault in raised.value.faults] == ["vehicles[0].initial.joints", "vehicles[1].initial.joints"]
+
+
+def test_a_law_of_the_caller_is_refused_with_its_vehicle():
+    with pytest.raises(InputError, match=r"vehicles\[1\]\.controller\.name: external leaves tau_cmd"):
+        simulate(row(2).updated({"vehicles[v1].controller.name": "external"}))
+
+
+@pytest.mark.parametrize("n", [-1, 1.5])
+def test_a_world_takes_whole_steps_as_one_vehicle_does(n):
+    with (
+        WorldSimulation(row(2), engine="free_body") as sim,
+        pytest.raises(InputError, match="is not a number of steps"),
+    ):
+        sim.step(n)
+    assert sim.steps == 0
+
+
+def test_a_state_of_other_vehicles_is_refused():
+    with WorldSimulation(row(2), engine="free_body") as two, WorldSimulation(row(3), engine="free_body") as three:
+        with pytest.raises(InputError, match="another WorldSimulation"):
+            two.restore(three.save())
+        with pytest.raises(InputError, match="another WorldSimulation"):
+            three.restore(two.save())
 
 
 # the command

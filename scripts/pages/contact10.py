@@ -95,8 +95,9 @@ def numbers(folder: str | None = None) -> Iterator[tuple]:
     yield "On task 1 tuned `admittance` ends at level {}, and", level("admittance, tuned", "gusts_and_delay")
     yield "on task 10 `parallel` ends at level {}, and the same", level("parallel", "everything_real")
     yield "tuned gains the first holds level {} of task 2,", level("fosm, tuned", "gust_band")
-    sta = level("sta, tuned", "gust_band"), level("sta", "gusts_and_delay")
-    yield "STA gains level {} of task 2 and loses level {} of task 1.", *sta
+    yield "the second holds level {} of task 10.", level("pid, tuned", "everything_real")
+    tuned = level("gsta, tuned", "heaving_hull"), level("gsta, tuned", "arm"), level("gsta", "arm")
+    yield "GSTA gains level {} of task 9 and holds level {} of task 7, where it has {} by default.", *tuned
 
 
 def without(task: Task, keys: Mapping[str, Any]) -> Task:

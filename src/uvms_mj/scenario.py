@@ -192,7 +192,7 @@ class Scenario:
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``;
-                a warning names the gains that are left out. What every stage of a table has stays: the period of the
+                a warning names the gains that are left out. Settings of every stage of a table stay: the period of the
                 table, ``controller.delay`` and ``reference.attitude_deg`` belong to the loop.
         """
         path = toml_path(scenario, "scenario", "scenarios")

@@ -38,6 +38,7 @@ SHORT = ("--set", "simulation.duration=0.05")
             "x.mcap: is a log, not a scenario; --from x.mcap uses the scenario and the vehicle of a log",
         ),
         (["run", "--engine", ""], "engine '': is not an engine"),
+        (["run", "--engine", "gpu"], "engine 'gpu': takes many runs at once: in a study, or as uvms_mj.Fleet"),
         (["run", "--set", "wall.stiffness.x=3"], "wall.stiffness.x: no such key; did you mean 'stiffness'?"),
         (["run", "--set", "simulation.seed=1.5"], "simulation.seed: 1.5 is not a whole number"),
         (

@@ -23,7 +23,7 @@ def trace():
 
 def table_of(trace, capsys) -> dict[str, str]:
     """Lines of the table that ``uvms-mj run`` prints, by name."""
-    Console(as_json=False, quiet=False).report(trace, summary(trace, {"mcap": "run.mcap"}))
+    Console(as_json=False, quiet=False).report({"": trace}, summary(trace, {"mcap": "run.mcap"}))
     lines = [line.split("│") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
     return {name.strip(): value.rstrip() for _, name, value, _ in lines}
 

@@ -1,5 +1,7 @@
 """A run of a fleet is one of the engine free_body: bit for bit."""
 
+import copy
+import pickle
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import InputError, Scenario, Simulation, World, simulate
 from uvms_mj.compiler.targets import PTX
 from uvms_mj.engine.fleet import Fleet, NotInFleet, Starts
 from uvms_mj.engine.native.devices import Gpu
@@ -47,6 +49,7 @@ class Late(Controller):
         x[5] = np.abs(tau_cmd).max()
         state_dot.z[:] = state.a - state.b
 """
+# Features of other stages share a case, since each case is a loop to compile
 CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
     "fosm, delay, two walls that move and turn, friction": (
         {
@@ -100,12 +103,11 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"sea.surface": [0.05, -0.02]},
     ),
-    "a tether that moves": (
-        {"tether.length": 4.0, "tether.elements": 4, "tether.anchor": [-2.0, 0.0, 0.0]},
-        {"tether.length": [4.0, 4.5], "tether.mass": [0.04, 0.06]},
-    ),
-    "water at the wall": (
+    "a tether that moves, water at the wall": (
         {
+            "tether.length": 4.0,
+            "tether.elements": 4,
+            "tether.anchor": [-2.0, 0.0, 0.0],
             "near_wall": [
                 {"shape": "spheroid", "radius": 0.15, "length": 0.5, "position": [0.0, 0.0, 0.1]},
                 {"shape": "cylinder", "radius": 0.1, "length": 0.4, "axis": [0.2, 1.0, 0.3]},
@@ -113,7 +115,12 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
             ],
             "pads": [{"radius": 0.1, "position": [0.02, 0.0, 0.0]}],
         },
-        {"near_wall[0].length": [0.45, 0.6], "near_wall[2].radius": [0.2, 0.15]},
+        {
+            "tether.length": [4.0, 4.5],
+            "tether.mass": [0.04, 0.06],
+            "near_wall[0].length": [0.45, 0.6],
+            "near_wall[2].radius": [0.2, 0.15],
+        },
     ),
     "a linear mixer, late and slow pulses, outputs that freeze": (
         {
@@ -128,7 +135,7 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
         },
         {"thrusters.pilot_gain": [1.0, 0.5], "thrusters.freeze_at": [3e-3, 0.0]},
     ),
-    "sensors with noise and delay": (
+    "sensors with noise and delay, fins that an actuator moves": (
         {
             "controller.name": "pid",
             "navigation.name": "sensors",
@@ -137,12 +144,9 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
             "navigation.attitude_noise": [1e-3, 1e-3, 1e-3],
             "navigation.attitude_jitter": 5e-4,
             "observer.name": "momentum_observer",
+            "fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.0], "mixing_deg": [0.1] * 6}],
         },
-        {"navigation.position_noise": [[1e-3] * 3, [2e-3, 0.0, 0.0]]},
-    ),
-    "fins that an actuator moves": (
-        {"controller.name": "pid", "fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.0], "mixing_deg": [0.1] * 6}]},
-        {"fins[0].lag": [0.1, 0.003]},
+        {"navigation.position_noise": [[1e-3] * 3, [2e-3, 0.0, 0.0]], "fins[0].lag": [0.1, 0.003]},
     ),
     "a law from a file": ({"controller.name": "LAW"}, {"controller.k_p": [150.0, 250.0]}),
     "contact bodies, a path, lagging thrusters": (
@@ -228,9 +232,12 @@ def test_each_run_is_that_of_free_body(what, tmp_path):
 
 
 def test_it_starts_again_with_other_numbers():
-    """Steps of any size are one; other keys may vary."""
+    """Steps of any size are one; other keys may vary, and those of the reset before are the scenario's again."""
     base = scenario({}, 120)
-    keys: list[dict[str, Any]] = [{"wall.stiffness": np.array([1e4, 5e4])}, {"controller.k_1": 3.0}, {}]
+    keys: list[dict[str, Any]] = [
+        {"wall.stiffness": np.array([1e4, 5e4]), "controller.k_1": 3.0},
+        {"controller.k_2": np.array([5.0, 15.0])},
+    ]
     fleet = fleet_of(base, 2, ("p_WB", "tau", "force_peak"))
     for overrides in keys:
         fleet.reset(overrides)
@@ -311,14 +318,67 @@ def test_what_is_wrong_is_said():
         _ = fleet.tau_cmd
     with pytest.raises(KeyError, match="give it in signals="):
         fleet.signal("nu_dot")
-    with pytest.raises(InputError, match="is not a number of steps"):
-        fleet.step(-1)
+    for steps in (-1, 1.5, True, "1"):
+        with pytest.raises(InputError, match="is not a number of steps"):
+            fleet.step(steps)  # type: ignore[arg-type]
+    for wrong, said in (
+        ({"wall.stiffness": np.array([None, 1e4, 1e4])}, "None is not a finite number"),
+        ({"wall.stiffness": np.array([1e4, np.nan, 1e4])}, "nan is not a finite number"),
+        ({"wall.stiffness": np.array([1e4, 1e5])}, "an array with a value for each run has 3 rows"),
+        ([1, 2], "is not a mapping from dotted keys"),
+    ):
+        with pytest.raises(InputError, match=said):
+            fleet.reset(wrong)  # type: ignore[arg-type]
+    for arguments, said in (
+        ({"n": True}, "n: True: must be a positive integer"),
+        ({"n": 10**15}, "n: 10+: must be a positive integer"),
+        ({"signals": "nu"}, "signals: 'nu': must be a list of names"),
+        ({"scenario": World.load("press_together")}, "^scenario: is a world of several vehicles; .*$"),
+        ({"mjcf": "bluerov1"}, "^mjcf: expected an Mjcf"),
+    ):
+        with pytest.raises(InputError, match=said):
+            Fleet(**{"n": 1, "device": "cpu"} | arguments)
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(InputError, match="sent to another process"):
+            copied(fleet)
+    fleet.close()
+    fleet.close()
+    for used in (fleet.step, fleet.reset, fleet.finish, fleet.table, fleet.describe, lambda: fleet.signals["nu"]):
+        with pytest.raises(InputError, match=r"^the fleet is closed; make a new one$"):
+            used()
+
+
+SPHERE = {"shape": "sphere", "position": [1.3, 0.0, 0.0], "radius": 0.2, "stiffness": 1e4}
+
+
+@pytest.mark.parametrize(
+    ("first", "other", "said"),
+    [
+        ({}, {"simulation.integrator": "implicitfast"}, r"simulation\.integrator = 'implicitfast' is not computed"),
+        ({}, {"controller.name": "pid"}, r"controller\.name: is another one"),
+        ({"controller.name": "external"}, {"controller.name": "pid"}, r"controller\.name: is another one"),
+        ({"actuation.name": "external"}, {"actuation.name": "pseudo_inverse"}, r"actuation\.name: is another one"),
+        ({}, {"observer.name": "momentum_observer"}, r"observer\.name: is another one"),
+        ({}, {"thrusters.name": "t200"}, r"thrusters\.name: is another one"),
+        ({}, {"bumper.stiffness": 1e3}, "other walls or contacts"),
+        ({}, {"wall.present": False, "walls": [SPHERE]}, "other walls or contacts"),
+        ({}, {"vehicle.model": "bluerov2_heavy"}, "another number of thrusters"),
+    ],
+)
+def test_a_run_of_another_kind_is_refused_and_not_computed_as_the_first_one(first, other, said):
+    """Records of one shape may be of other stages, whose code is not the fleet's."""
+    fleet = fleet_of(Scenario.load("push_wall", first), 2)
+    start = fleet._words
+    with pytest.raises(NotInFleet, match=said):
+        fleet.reset(other)
+    assert fleet._words is start
 
 
 @pytest.mark.parametrize(
     ("overrides", "reason"),
     [
         ({"vehicle.model": "bluerov2_alpha5"}, "has joints"),
+        ({"actuation.name": "pwm", "thrusters.name": "t200"}, "actuation.name: pwm: a fleet takes no pulse widths"),
         ({"simulation.integrator": "implicitfast"}, "simulation.integrator"),
         ({"current.deviation": [0.1, 0.1, 0.0]}, "can't be compiled for many runs at once"),
     ],
@@ -349,6 +409,19 @@ def test_the_code_for_a_gpu_is_kernels_that_round_every_operation():
     assert not re.search(r"\bfma\b", text)
     for operation in re.findall(r"\b(?:add|sub|mul|div|sqrt)[.\w]*\.f64", text):
         assert ".rn" in operation, operation
+
+
+def test_the_code_of_a_law_with_erf_is_complete(tmp_path):
+    """Nothing is left to a library of the device."""
+    text = LAW.replace("150.0 * signals.nu_e[k]", "150.0 * math.erf(signals.nu_e[k])").replace(
+        "import numpy", "import math\n\nimport numpy"
+    )
+    (tmp_path / "erf.py").write_text(text)
+    starts = Starts(Scenario.load("push_wall", {"controller.name": f"{tmp_path / 'erf.py'}:Late"}))
+    memory, stages = starts.memory, starts.memory.stages
+    first = starts.parts()["p_WB"][0]
+    source = FleetSource(memory.shape, stages.running, starts.template.view(np.uint8), [], [first], stages.control)
+    assert ".extern" not in source.emitted(PTX).code.decode()
 
 
 def has_gpu() -> bool:

@@ -391,7 +391,8 @@ def test_results_are_compared_in_the_same_draws(ran, tmp_path):
     same = compared(one, str(folder))
     assert [(pair["first"], pair["second"]) for pair in same["pairs"]] == [("impedance",) * 2, ("Wrong",) * 2]
     assert all(task["same_numbers"] for pair in same["pairs"] for task in pair["tasks"].values())
-    assert [pair["first"] for pair in compared(one, "shipped")["pairs"]] == ["impedance"]
+    with pytest.raises(InputError, match=r"no draw is in both; .* has known draws, .* has blind draws of the seed"):
+        compared(one, "shipped")
     (pair,) = compared(f"{one}:impedance", f"{one}:Wrong")["pairs"]
     task = pair["tasks"]["gusts_and_delay"]
     ladders = [law["tasks"]["gusts_and_delay"] for law in found["laws"]]
@@ -595,7 +596,7 @@ def test_each_level_is_held_by_a_law_and_not_by_another(name, level):
 @pytest.mark.parametrize("name", TASKS)
 def test_a_force_control_holds_the_first_level_and_no_law_the_last_but_the_one_that_is_told_the_truth(name):
     laws = {law["label"]: law["tasks"][name] for law in SHIPPED["laws"] if not law["knows_the_truth"]}
-    assert laws["parallel, tuned"]["level"] >= 1
+    assert max(laws[label]["level"] for label in ("parallel", "parallel, tuned")) >= 1
     assert max(task["level"] for task in laws.values()) < 5
 
 

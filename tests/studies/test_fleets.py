@@ -8,6 +8,7 @@ import pytest
 
 from short_study import HERE, study_text
 from uvms_mj import InputError, Study
+from uvms_mj.cli.run import row_of
 from uvms_mj.engine.native.devices import Gpu
 from uvms_mj.studies.fleets import CpuWarning, Fleets, instants
 from uvms_mj.studies.pool import execution
@@ -59,9 +60,23 @@ def test_metrics_that_need_every_row_send_the_runs_to_the_processor(tmp_path, on
 
 
 def test_a_run_that_is_shorter_than_a_metric_needs_goes_to_the_processor(tmp_path, on_processor):
+    text = study_text(runs=2, engine="gpu").replace('[[laws]]\nname = "gsta"\n', "")
     with pytest.warns(CpuWarning, match="2 of 2 runs are not run on the GPU: a metric needs other rows"):
-        study = ran(tmp_path, "s", study_text(runs=1, engine="gpu"))
+        study = ran(tmp_path, "s", text)
     assert set(study.frame["engine"]) == {"free_body"}
+
+
+def test_a_run_with_other_stages_is_not_computed_as_the_first_one(tmp_path, on_processor):
+    """Its record has the same shape. It goes to the processor, and its log is that of free_body."""
+    vary = '[[vary]]\nkey = "observer.name"\nvalues = ["none", "momentum_observer"]\n'
+    base = '[base]\nscenario = "push_wall"\nsimulation.timestep = 1e-3\ncontroller.name = "impedance"\n'
+    text = f'{base}{vary}[keep]\nmetrics = ["effort_N2s"]\n[run]\nengine = "gpu"\n'
+    with pytest.warns(CpuWarning, match=r"1 of 2 runs are not run on the GPU: observer\.name: is another one"):
+        study = ran(tmp_path, "s", text, 0.3)
+    assert study.frame["engine"].tolist() == ["gpu", "free_body"]
+    for row in range(2):
+        scenario, engine = row_of(str(study.folder), row, {}, None)
+        assert (engine, scenario.observer.name) == ("free_body", study.frame["observer.name"][row])
 
 
 @pytest.mark.skipif(has_gpu(), reason="this machine has a GPU")

@@ -1,10 +1,11 @@
 """The scene: arrows stay in it, and solids are closed."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from tree_run import tree_run
-from uvms_mj import Scenario, simulate
+from uvms_mj import Scenario, World, simulate
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant import looks
@@ -73,6 +74,39 @@ def test_walls_and_contact_bodies_are_drawn_where_they_touch():
     for round_wall in (cylinder, sphere):
         (solid,) = solids(Geometry((round_wall,), {}))
         assert len(solid.triangles) > 100
+
+
+def test_what_vehicles_touch_each_other_with_is_drawn_at_their_frames():
+    """MuJoCo's poses of the site and of its body give the place of the surface that rides on a tool."""
+    surface = {"shape": "box", "edges": [0.1, 0.2, 0.3], "position": [0.2, 0.1, 0.0], "attitude_deg": [10.0, 0.0, 40.0]}
+    body = {"position": [0.3, 0.1, 0.0], "radius": 0.05}
+    coupling = {"kind": "contact", "vehicles": ["a", "b"], "at": ["body", "tool"], "body": body, "surface": surface}
+    arm = Mjcf.find("planar_arm")
+    vehicles = [{"name": "a"}, {"name": "b", "vehicle": {"model": "planar_arm"}}, {"name": "c"}]
+    world = World.from_dict({"couplings": [coupling], "controller": {"name": "none"}, "vehicles": vehicles})
+    a, b, c = world.scenarios.values()
+    rov = Mjcf.find(a.vehicle.model)
+    assert looks.drawn_vehicle(rov.geometry, c, rov.vehicle.arm) == rov.geometry
+    ball = looks.drawn_vehicle(rov.geometry, a, rov.vehicle.arm).shapes[-1]
+    assert (ball.kind, ball.position, ball.size[0]) == ("sphere", (0.3, 0.1, 0.0), 0.05)
+    drawn = looks.drawn_vehicle(arm.geometry, b, arm.vehicle.arm)
+    assert drawn.shapes == arm.geometry.shapes
+    ((link, box),) = [
+        (after.name, after.shapes[-1])
+        for before, after in zip(arm.geometry.links, drawn.links, strict=True)
+        if after.shapes != before.shapes
+    ]
+    model = arm.compiled(arm.spec())
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    site, carrier = data.site("tool"), data.body(link)
+    R, carried = site.xmat.reshape(3, 3), carrier.xmat.reshape(3, 3)
+    own = looks.drawn_wall(b.couplings[0].surface)
+    assert model.site("tool").bodyid[0] == carrier.id
+    assert carrier.xpos + carried @ box.position == pytest.approx(site.xpos + R @ surface["position"], abs=1e-12)
+    turned, expected = (carried @ rotation_matrix(np.array(box.quat)), R @ rotation_matrix(np.array(own.quat)))
+    np.testing.assert_allclose(turned, expected, atol=1e-12)
+    assert box.size == (0.05, 0.1, 0.15)
 
 
 def test_a_contact_body_is_drawn_with_the_link_that_carries_it():

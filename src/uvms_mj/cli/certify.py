@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .chosen import one_vehicle
 from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
@@ -22,7 +23,6 @@ from .common import (
     warn,
 )
 from .options import command, output_options, run_options
-from .run import chosen
 
 if TYPE_CHECKING:
     from ..control.theory.certificate import Certificate
@@ -81,7 +81,7 @@ def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
     if log is None:
-        return chosen(arguments, settings, controller, None, None)[0], None
+        return one_vehicle(arguments, settings, controller, None)[0], None
     from ..errors import InputError
     from ..records.trace import Trace
 
@@ -191,7 +191,7 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
         if "list" in metrics:
             click.echo("\n".join(CONVERGING))
             return
-        scenario, mjcf, *_ = chosen(**asked, log_rate=None)
+        scenario, mjcf = one_vehicle(**asked)
         try:
             with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
                 found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)

@@ -237,6 +237,11 @@ def label_of(scenario: Any) -> str:
     return scenario.label if hasattr(scenario, "scenarios") else scenario.controller.label()
 
 
+def scenarios_of(scenario: Any) -> Mapping[str, Any]:
+    """The scenario of each vehicle of a world by the vehicle's name; of one vehicle alone the name is empty."""
+    return getattr(scenario, "scenarios", {"": scenario})
+
+
 class Console:
     """Prints progress and warnings to standard error and the result to standard output."""
 
@@ -260,19 +265,13 @@ class Console:
             h = scenario.simulation.timestep
             yield lambda done, total: update(done, total, what=label, simulated=done * h)
 
-    def report(self, trace: Any, report: dict[str, Any]) -> None:
-        if self.as_json:
-            click.echo(json.dumps(report, allow_nan=False), file=self._out)
-        elif not self.quiet:
-            _run_table(trace, report)
-
-    def reports(self, traces: Mapping[str, Any], report: dict[str, Any]) -> None:
-        """As :meth:`report`, of each vehicle of a world."""
+    def report(self, traces: Mapping[str, Any], report: dict[str, Any]) -> None:
+        """Print the report of a run, or a table of each vehicle. The name of one vehicle alone is empty."""
         if self.as_json:
             click.echo(json.dumps(report, allow_nan=False), file=self._out)
         elif not self.quiet:
             for name, trace in traces.items():
-                _run_table(trace, report["vehicles"][name], f"{name} · ")
+                _run_table(trace, report["vehicles"][name] if name else report, f"{name} · " if name else "")
 
 
 @dataclass(frozen=True)

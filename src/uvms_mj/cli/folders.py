@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import label_of
+from .common import label_of, scenarios_of
 
 if TYPE_CHECKING:
     from ..records.header import Header
@@ -52,26 +52,31 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
 
 
 def log_of(vehicle: str) -> str:
-    """The name of the log of a vehicle of a world."""
-    return f"{vehicle}.mcap"
+    """The name of the log of a vehicle of a world; of one vehicle alone, whose name is empty, run.mcap."""
+    return f"{vehicle}.mcap" if vehicle else LOG
 
 
 class RunFolder:
-    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
+    """The first sink: moves the files of an earlier run to a subfolder, with what was made from its logs, and writes
+    scenario.toml."""
 
-    def __init__(self, folder: Path, files: dict[str, Path], made: Iterable[str], world: "World | None" = None) -> None:
-        """``files`` gets the paths of the run's files, by kind, when these may be overwritten. ``made`` are the names
-        of files that are made from a log, and go with it. A world has a log for each vehicle, of the vehicle's kind."""
-        self.folder, self.files, self.made, self.world = folder, files, made, world
+    def __init__(self, folder: Path, files: dict[str, Path], scenario: "Scenario | World") -> None:
+        """``files`` gets the paths of the run's files, by kind, when these may be overwritten. The kind of a log is
+        mcap; of a vehicle's log in a world its name."""
+        self.folder, self.files, self.scenario = folder, files, scenario
 
     def begin(self, header: "Header") -> None:
-        logs = {"mcap": LOG} if self.world is None else {name: log_of(name) for name in self.world.scenarios}
-        paths = {kind: self.folder / name for kind, name in (logs | {"scenario": SCENARIO}).items()}
-        made = [self.folder / name for name in self.made] if any(paths[kind].exists() for kind in logs) else []
-        move_aside(self.folder, (*paths.values(), *made), "the earlier run")
-        self.files |= paths
-        scenario = header.scenario if self.world is None else self.world
-        paths["scenario"].write_text(scenario.to_toml(), encoding="utf-8")
+        from .logs import FORMATS
+        from .plot import WHATS
+
+        logs = [self.folder / log_of(vehicle) for vehicle in scenarios_of(self.scenario)]
+        made = [self.folder / f"{what}.png" for what in WHATS]
+        made += [log.with_suffix(f".{kind}") for log in logs for kind in (*FORMATS, "mp4")]
+        scenario = self.folder / SCENARIO
+        made = made if any(log.exists() for log in logs) else []
+        move_aside(self.folder, (*logs, scenario, *made), "the earlier run")
+        self.files |= {"mcap" if log.name == LOG else log.name: log for log in logs} | {"scenario": scenario}
+        scenario.write_text(self.scenario.to_toml(), encoding="utf-8")
 
     def write(self, rows: Any) -> None:
         pass

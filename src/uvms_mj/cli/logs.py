@@ -88,7 +88,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
             attached = {name: len(data) for name, data in files.items()}
             click.echo(json.dumps(report | about | {"rows": len(trace), "signals": signals, "attachments": attached}))
             return
-        Console(as_json=False, quiet=False).report(trace, report)
+        Console(as_json=False, quiet=False).report({"": trace}, report)
         log_tables(Path(log), trace, files)
         say_how_measured(trace)
 

@@ -125,7 +125,7 @@ def _emit(text: str, optimizer: Target, targets: Sequence[Target]) -> bytes:
 
 
 def _forked(calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
-    """What each call returns in a process of its own: nothing where it has ended early."""
+    """The result of each call in a process of its own: nothing where it has ended early."""
     ends = []
     for call in calls:
         end, into = os.pipe()

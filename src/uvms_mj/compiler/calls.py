@@ -45,7 +45,8 @@ def entry(*functions: Any, method: str = "") -> Callable[[Callable], Callable]:
     """
 
     def mark(writer: Callable) -> Callable:
-        FUNCTIONS.update({each: _bound(writer, each) for each in functions})
+        parameters = [*inspect.signature(writer).parameters.values()][1:]
+        FUNCTIONS.update({each: _bound(writer, parameters, each) for each in functions})
         if method:
             METHODS[method] = functions[0]
         return writer
@@ -53,9 +54,8 @@ def entry(*functions: Any, method: str = "") -> Callable[[Callable], Callable]:
     return mark
 
 
-def _bound(writer: Callable, function: Any) -> Writer:
-    """The writer of a call from one that takes its arguments by their names, each read as its annotation says."""
-    _, *parameters = inspect.signature(writer).parameters.values()
+def _bound(writer: Callable, parameters: Sequence[inspect.Parameter], function: Any) -> Writer:
+    """The writer of a call from one that takes these arguments by their names, each read as its annotation says."""
     names = {each.name: each for each in parameters if each.kind is not each.VAR_POSITIONAL}
     read = {each.name: _READ[each.annotation.removesuffix(" | None")] for each in parameters}
     further = next((each.name for each in parameters if each.kind is each.VAR_POSITIONAL), "")

@@ -10,7 +10,7 @@ import numpy as np
 from llvmlite import ir
 
 from .refusals import STOPPED, Lacking, Mistake, code_of
-from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Place, Value, dense, scalar, whole
+from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Entries, Kind, Place, Value, dense, scalar, whole, word
 
 Intrinsic = Callable[["Emission", Sequence[ir.Value]], "Value | None"]
 
@@ -148,7 +148,7 @@ class Emission:
             self.at.position_at_start(block) if last is None else self.at.position_after(last)
             for k, number in enumerate(entries.numbers):
                 if number is not None:
-                    self.store(number, self.shifted(memory, WORD(k * base.itemsize)))
+                    self.store(number, self.shifted(memory, word(k * base.itemsize)))
             self.at = here
             here.position_at_end(here.block)
         return memory
@@ -176,7 +176,7 @@ class Emission:
             if distance.constant == 0:
                 return pointer
             if isinstance(pointer, ir.GEPInstr) and isinstance(pointer.indices[0], ir.Constant):
-                return self.shifted(pointer.pointer, WORD(pointer.indices[0].constant + distance.constant))
+                return self.shifted(pointer.pointer, word(pointer.indices[0].constant + distance.constant))
         return self.at.gep(pointer, [distance], source_etype=BYTE)
 
     def load(self, pointer: Any, base: np.dtype) -> Value:
@@ -205,18 +205,18 @@ class Emission:
             if isinstance(index, ir.Constant):
                 known += index.constant * stride
             else:
-                each = self.at.mul(index, WORD(stride))
+                each = self.at.mul(index, word(stride))
                 total = each if total is None else self.at.add(total, each)
         if total is None:
-            return WORD(known)
-        return self.at.add(total, WORD(known)) if known else total
+            return word(known)
+        return self.at.add(total, word(known)) if known else total
 
     def _own(self, array: Value, indices: Sequence[ir.Value]) -> list[ir.Value]:
         """The indices of an entry. The last axes are indexed where an array has fewer of them; a size of 1 is
         repeated."""
         n = len(array.kind.strides)
         of_these = zip(array.kind.shape or (), indices[len(indices) - n :], strict=True)
-        return [WORD(0) if size == 1 else index for size, index in of_these]
+        return [word(0) if size == 1 else index for size, index in of_these]
 
     def pointer(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
         """Of an entry."""
@@ -247,7 +247,7 @@ class Emission:
         """Code for each index of a shape: written out if they are few, otherwise a loop for each axis."""
         if int(np.prod(shape, dtype=int)) <= self.unit.unrolled:
             for indices in np.ndindex(*shape):
-                body([WORD(i) for i in indices])
+                body([word(i) for i in indices])
             return
 
         def axis(so_far: list[ir.Value]) -> None:

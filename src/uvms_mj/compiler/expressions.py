@@ -508,14 +508,14 @@ class Expressions(Forms):
         values = [self.value(each) for each in node.args]
         named = {name: self.value(each) for name, each in keywords.items()}
         try:
-            bound = inspect.signature(function, follow_wrapped=False).bind(*values, **named, **captured)
+            signature = inspect.signature(function, follow_wrapped=False)
+            bound = signature.bind(*values, **named, **captured)
         except TypeError as error:
             self.mistake(f"{function.__name__}: {error}")
         bound.apply_defaults()
         if hasattr(function, "__wrapped__"):
             self.lack("a function with a decorator is not compiled")
-        parameters = inspect.signature(function, follow_wrapped=False).parameters
-        return [self._argument(parameters[name].kind, given) for name, given in bound.arguments.items()]
+        return [self._argument(signature.parameters[name].kind, given) for name, given in bound.arguments.items()]
 
     def _argument(self, kind: Any, given: Any) -> Value:
         """One argument; of ``*x`` and ``**x``, the tuple or the dict."""

@@ -2,9 +2,10 @@
 
 import ast
 import functools
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .lifetimes import bindings
 
@@ -31,15 +32,17 @@ class TreeFacts:
 @functools.lru_cache(maxsize=4096)  # a tree that is kept keeps its identities
 def facts_of(tree: ast.FunctionDef) -> TreeFacts:
     """To go through the tree for each combination of kinds would take a fifth of the translation."""
-    nodes = list(ast.walk(tree))
-    lists, walrus = _lists_of(nodes), any(isinstance(each, ast.NamedExpr) for each in nodes)
+    nodes: dict[type, list[Any]] = defaultdict(list)
+    for each in ast.walk(tree):
+        nodes[type(each)].append(each)
+    lists, walrus = _lists_of([*nodes[ast.Assign], *nodes[ast.AnnAssign]]), bool(nodes[ast.NamedExpr])
     stored = Counter(bindings(tree.body, lists, walrus))
     parameters = {each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)}
-    calls = [each for each in nodes if isinstance(each, ast.Call) and _calls_at_once(each)]
+    calls = [each for each in nodes[ast.Call] if _calls_at_once(each)]
     return TreeFacts(
         lists,
         frozenset(id(each) for call in calls for each in call.args),
-        frozenset(id(loop) for loop in nodes if _is_left(loop)),
+        frozenset(id(loop) for loop in (*nodes[ast.For], *nodes[ast.While]) if _is_left(loop)),
         frozenset(name for name, times in stored.items() if times == 1) - parameters,
         frozenset(parameters) - stored.keys(),
         walrus,
@@ -49,12 +52,10 @@ def facts_of(tree: ast.FunctionDef) -> TreeFacts:
 _LISTS = ast.List | ast.ListComp | ast.Dict | ast.DictComp
 
 
-def _lists_of(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Names that stand for a list or a dict that a function with these nodes makes."""
+def _lists_of(assignments: Iterable[ast.Assign | ast.AnnAssign]) -> frozenset[str]:
+    """Names that stand for a list or a dict that a function with these assignments makes."""
     found = set()
-    for node in nodes:
-        if not isinstance(node, ast.Assign | ast.AnnAssign):
-            continue
+    for node in assignments:
         value = node.value
         if isinstance(value, ast.BinOp):
             value = value.left if isinstance(value.left, _LISTS) else value.right
@@ -159,10 +160,8 @@ def _is_users(node: ast.expr | None) -> bool:
     return not (isinstance(node.func, ast.Attribute) and ast.unparse(node.func).startswith(("np.", "numpy.", "math.")))
 
 
-def _is_left(loop: ast.AST) -> bool:
+def _is_left(loop: ast.For | ast.While) -> bool:
     """Whether a loop has a break or a continue of its own, or a return in it."""
-    if not isinstance(loop, ast.For | ast.While):
-        return False
     todo: list[tuple[ast.AST, bool]] = [(each, True) for each in loop.body]
     while todo:
         node, own = todo.pop()

@@ -1,5 +1,6 @@
 """Kinds of values, and the LLVM values that represent them."""
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -255,7 +256,16 @@ class Entries(Sequence[ir.Value]):
 
 def scalar(value: ir.Value, base: np.dtype) -> Value:
     """A number."""
-    return Value(Kind(base), (value,))
+    return Value(_NUMBERS.get(base) or Kind(base), (value,))
+
+
+_NUMBERS = {base: Kind(base) for base in SCALARS}
+
+
+@functools.lru_cache(maxsize=4096)
+def word(number: int) -> ir.Constant:
+    """An integer of machine code, as indices and distances are. Most are asked for many times."""
+    return WORD(int(number))
 
 
 def known_object(of: Any) -> Value:
@@ -265,7 +275,7 @@ def known_object(of: Any) -> Value:
 
 def whole(number: int) -> Value:
     """An integer that is known when compiling."""
-    return Value(Kind(INT), (WORD(number),))
+    return scalar(WORD(number), INT)
 
 
 def kind_of(dtype: np.dtype, readonly: str = "") -> Kind:

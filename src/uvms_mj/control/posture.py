@@ -135,8 +135,9 @@ def posture_notes(setup: SetupLike) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class PostureBelowTool(Stage):
-    """tau_posture = M (a - a_0 + P h) below a task at a tool. ``given`` has the measurements at B; ``state`` is the
-    record of the run. The levels begin with a_0 = -J_bar J_dot zeta of the law, which keeps the tool's velocity."""
+    """N^T tau_posture = M (a - a_0 + P h) below a task at a tool, which is the stage's signal. ``given`` has the
+    measurements at B; ``state`` is the record of the run. The levels begin with a_0 = -J_bar J_dot zeta of the law,
+    which keeps the tool's velocity."""
 
     name = "posture_below_tool"
     room: ClassVar[Room] = Room(

@@ -13,12 +13,14 @@ from ..physics.coupling import press_together, pull_together
 from ..physics.coupling_ends import place_end
 from ..physics.effects import state_of
 from ..plant.coupling import Coupling
-from ..setup.world import World, coupling_errors
+from ..quantities import overrides_of
+from ..setup.world import World, coupling_errors, each_vehicle
 from .native.compilation import NativeFunction, native_function
 from .native.loop import many_runs
 from .simulation import Diverged, Saved, Simulation
 
 _OF_END, _CONTACTS = ("couplings", state_of("couplings")), state_of("touches")
+"""Fields of the effects in a vehicle's record: an end of a coupling and its state, and the state of a contact."""
 _STEPS = 1000
 """Steps of all vehicles from one look at signals and rows to the next."""
 
@@ -58,6 +60,13 @@ class CoupledSimulation(Simulation):
         self._memory.run["observed"] = 0
         self._ready = False
         self.prepare()
+
+
+def simulation_of(world: World, name: str, engine: str) -> Simulation:
+    """The Simulation of a vehicle of a world, for :class:`Lockstep` if something couples it. Raises InputError if the
+    input is invalid."""
+    kind = CoupledSimulation if name in world.coupled else Simulation
+    return kind(world.scenarios[name], engine=engine, looks=False)
 
 
 class Lockstep:
@@ -146,7 +155,7 @@ class Lockstep:
             sim.observe_again()
 
     def of(self, name: str) -> Callable[[int], int]:
-        """What takes at most n steps of one vehicle, and returns how many it took. The first vehicle that asks for
+        """A function of at most n steps of one vehicle, which returns their number. The first vehicle that asks for
         steps takes them with all. Raises :class:`OtherStopped` if another vehicle has stopped."""
         taken = 0
 
@@ -193,10 +202,12 @@ class WorldSimulation:
     def __init__(self, world: World, *, engine: str = "mujoco") -> None:
         self.world, self._base = world, world
         self.vehicles: dict[str, Simulation] = {}
+
+        def made(name: str) -> None:
+            self.vehicles[name] = simulation_of(world, name, engine)  # one by one: close needs those before an error
+
         try:
-            for name, scenario in world.scenarios.items():
-                kind = CoupledSimulation if name in world.coupled else Simulation
-                self.vehicles[name] = kind(scenario, engine=engine, looks=False)
+            each_vehicle(world.scenarios, made, "scenario")
             coupled = {name: sim for name, sim in self.vehicles.items() if isinstance(sim, CoupledSimulation)}
             self._alone = [sim for name, sim in self.vehicles.items() if name not in coupled]
             self._together = Lockstep(coupled, world.couplings) if coupled else None
@@ -226,7 +237,10 @@ class WorldSimulation:
         Raises:
             Diverged: a vehicle left its bounds. The message names it. Only reset goes on.
             StageFault: a user's stage raised or violated its contract.
+            InputError: n is no number of steps, or a vehicle has a pulse width that no speed controller takes.
         """
+        for sim in self.vehicles.values():
+            sim.refuse_step(n)
         for sim in self._alone:
             sim.run(n, np.inf)
         if self._together is not None:
@@ -244,7 +258,7 @@ class WorldSimulation:
             InputError: a key or value is invalid, or needs a new WorldSimulation. All vehicles are then at the start of
                 the world that they were made with.
         """
-        given = {**(overrides or {}), **({} if seed is None else {"simulation.seed": seed})}
+        given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
         fixed = [key for key in given if key.startswith(("couplings", "simulation.timestep"))]
         if fixed:
             wrong = "reset can't change it; make a new WorldSimulation"
@@ -252,8 +266,7 @@ class WorldSimulation:
         self.world = self._base.updated(given, place="reset")
         own = self._base.overrides_of_each(given)
         try:
-            for name, sim in self.vehicles.items():
-                sim.reset(own[name])
+            each_vehicle(self.vehicles, lambda name: self.vehicles[name].reset(own[name]), "reset")
         except InputError:
             self.world = self._base
             for sim in self.vehicles.values():
@@ -271,6 +284,8 @@ class WorldSimulation:
     def restore(self, saved: SavedWorld) -> None:
         """Return to the instant of a :meth:`save`: the steps that follow have the same bits. Raises InputError as
         :meth:`Simulation.restore` does."""
+        if saved.vehicles.keys() != self.vehicles.keys():
+            raise InputError("restore: the state was saved by another WorldSimulation")
         for name, sim in self.vehicles.items():
             sim.restore(saved.vehicles[name])
         self.world = saved.world

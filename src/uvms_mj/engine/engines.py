@@ -67,6 +67,9 @@ class Engine(ABC):
     @abstractmethod
     def close(self) -> None: ...
 
+    def refuse(self, setup: Setup) -> None:  # noqa: B027  # MuJoCo takes every scenario
+        """Raise InputError for a scenario that the engine can't run."""
+
     @abstractmethod
     def enter(self, image: Image, run: np.ndarray, setup: Setup, code: Callable[[], dict[str, Any]]) -> None:
         """Take the record of a run (1,), which is in an image, and what gives its entry points."""
@@ -160,9 +163,12 @@ class FreeEngine(Engine):
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError for a scenario that it can't run."""
+        self.refuse(setup)
+        self._closed = False
+
+    def refuse(self, setup: Setup) -> None:
         if reasons := refusals(setup):
             raise InputError([Fault("engine", reason) for reason in reasons], "scenario")
-        self._closed = False
 
     def enter(self, image: Image, run: np.ndarray, setup: Setup, code: Callable[[], dict[str, Any]]) -> None:
         vehicle, plant, self._body = setup.vehicle, run["plant"], run["body"]

@@ -8,10 +8,11 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
+from ..actuation.base import Pwm
 from ..compiler.refusals import Untranslatable
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
@@ -32,6 +33,8 @@ _ADDED = ("stop", "steps")
 """Signals that every fleet has, behind the signals that are asked for."""
 _OF_ALL = ("simulation.timestep", "simulation.duration")
 """Keys that can't differ between the runs of a fleet."""
+MOST = 10**9
+"""Most runs of a fleet."""
 LAUNCH_S = 0.25
 """Wall time of a call of the device after which Python looks at signals such as Ctrl-C [s]."""
 
@@ -62,6 +65,11 @@ class Starts:
                 raise NotInFleet(f"{stage.stage.label()} has machine code of this machine; write the stage in Python")
             if stage.code is None:
                 raise NotInFleet(f"{stage.slow}; a fleet runs compiled stages only")
+        if isinstance(scenario.actuation, Pwm):
+            name = scenario.actuation.label()
+            raise NotInFleet(
+                [Fault("actuation.name", f"{name}: a fleet takes no pulse widths from outside; use external")]
+            )
         self.external = scenario.controller.external, scenario.actuation.external
         self._tables = self._digest(self.setup)
         self.template = self.of_setup(self.setup)
@@ -86,13 +94,7 @@ class Starts:
 
     def of(self, scenario: Scenario) -> np.ndarray:
         """The words of a run of a scenario at its start. Raises InputError as :class:`Simulation`, and NotInFleet."""
-        setup = checked(valid_scenario(scenario), self.mjcf)
-        stages = self.memory.stages.stages
-        for table, stage in stages.items():
-            given = scenario.named_stages.get(table)
-            if given is not None and type(given) is not type(stage.stage) and type(stage.stage).room.table == table:
-                raise NotInFleet(f"{table}.name is another one than in the first run")
-        return self.of_setup(setup)
+        return self.of_setup(checked(valid_scenario(scenario), self.mjcf))
 
     def rooms(self) -> np.ndarray:
         """The numbers behind the records, which all runs read."""
@@ -185,11 +187,16 @@ class Fleet:
         device: str = "gpu",
         mjcf: Mjcf | None = None,
     ) -> None:
-        if type(n) is not int or n < 1:
-            raise InputError([Fault("n", f"{n!r}: must be a positive integer")])
-        if device not in DEVICES:
+        if not isinstance(n, int | np.integer) or isinstance(n, bool) or not 1 <= n <= MOST:
+            raise InputError([Fault("n", f"{n!r}: must be a positive integer, at most {MOST:,}")])
+        if not isinstance(device, str) or device not in DEVICES:
             raise InputError([Fault("device", f"{device!r}; {suggestion(str(device), DEVICES)}")])
-        self._begin(DEVICES[device](), Starts(valid_scenario(scenario), mjcf), n, signals)
+        given = [] if signals is None else signals
+        if isinstance(given, str) or not isinstance(given, Sequence) or not all(isinstance(x, str) for x in given):
+            raise InputError([Fault("signals", f"{signals!r}: must be a list of names")])
+        if not isinstance(mjcf, Mjcf | None):
+            raise InputError([Fault("mjcf", f"expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")])
+        self._begin(DEVICES[device](), Starts(valid_scenario(scenario), mjcf), int(n), given)
 
     @classmethod
     def of(cls, starts: Starts, n: int, *, signals: Sequence[str] = (), device: str = "gpu") -> "Fleet":
@@ -228,17 +235,24 @@ class Fleet:
         Raises:
             InputError: a key or value is invalid, or needs another fleet. The fleet is as it was before.
         """
+        self._refuse_closed()
+        overrides_of(overrides)  # a mapping from keys
         given = dict(overrides or {}) | ({} if seed is None else {"simulation.seed": seed})
         base = self._starts.setup.scenario
         one, each = {}, {}
         for key, value in given.items():
             many = isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == self.n
             (each if many else one)[key] = value
-        if any(isinstance(value, np.ndarray) and value.ndim > 1 for value in one.values()):
-            raise InputError([Fault(key, f"an array of {self.n} rows, or one value") for key in one])
+        arrays = {key for key, value in one.items() if isinstance(value, np.ndarray) and value.ndim > 0}
+        if wrong := [key for key in arrays if one[key].ndim > 1]:
+            raise InputError([Fault(key, f"an array of {self.n} rows, or one value") for key in wrong], "reset")
         if faults := [Fault(key, "all runs of a fleet have one") for key in each if key in _OF_ALL]:
             raise InputError(faults, "reset")
-        base = base.updated(overrides_of(_plain(one))) if one else base
+        try:
+            base = base.updated(overrides_of(one)) if one else base
+        except InputError as error:
+            rows = f"; an array with a value for each run has {self.n} rows"
+            raise InputError([Fault(f.key, f.message + rows * (f.key in arrays)) for f in error.faults]) from None
         if each:
             self.start_columns(*self._drawn(base, each))
         else:
@@ -250,7 +264,7 @@ class Fleet:
         """The words in which the runs differ from the template, and their values (n, m)."""
         found: list[tuple[np.ndarray, np.ndarray]] = []
         for i in range(self.n):
-            own = {key: value[i].tolist() for key, value in each.items()}
+            own = {key: value[i] for key, value in each.items()}
             words = self._starts.of(base.updated(overrides_of(own)))
             columns = np.flatnonzero(words != self._starts.template)
             found.append((columns, words[columns]))
@@ -288,18 +302,29 @@ class Fleet:
 
     def _compiled(self) -> FleetCode:
         """The code, with its tables filled. Raises NotInFleet."""
-        if self._closed:
-            raise InputError("the fleet is closed")
+        self._refuse_closed()
         if self._code is None:
             begun = time.perf_counter()
             words = [first + k for name in self._names for first, size, _ in [self._place(name)] for k in range(size)]
-            self._code = code_for(self._starts, self._device, sorted(self._varying), words)
-            self._entries = self._device.load(self._code)
-            self._table = self._device.array((len(self._code.kept), self.n))
-            self._out = self._device.array((len(words), self.n))
+            code = code_for(self._starts, self._device, sorted(self._varying), words)
+            self._entries = self._device.load(code)
+            try:
+                self._table = self._device.array((len(code.kept), self.n))
+                self._out = self._device.array((len(words), self.n))
+            except (MemoryError, ValueError, InputError) as error:
+                size = 8e-9 * self.n * (len(code.kept) + len(words))
+                raise InputError([Fault("n", f"{self.n} runs need {size:.3g} GB of memory ({error})")]) from None
+            self._code = code
             self.compile_s = time.perf_counter() - begun
             self._fill()
         return self._code
+
+    def _refuse_closed(self) -> None:
+        if self._closed:
+            raise InputError("the fleet is closed; make a new one")
+
+    def __reduce__(self) -> NoReturn:
+        raise InputError("a fleet can't be copied or sent to another process; make one there")
 
     def _place(self, name: str) -> tuple[int, int, str]:
         first, shape, kind = self._parts[name]
@@ -333,7 +358,7 @@ class Fleet:
     def step(self, n: int = 1, progress: Callable[[int], None] | None = None) -> None:
         """Take n time steps in every run that has not stopped. ``progress`` is called with the steps done, some times
         a second."""
-        if not isinstance(n, int | np.integer) or n < 0:
+        if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 0:
             raise InputError(f"step: {n!r} is not a number of steps")
         self._compiled()
         self._ready, done = False, 0
@@ -400,7 +425,8 @@ class Fleet:
     def signal(self, name: str) -> Any:
         """A signal of the instant in hand, (n, ...)."""
         if name not in self._names:
-            hint = "give it in signals=" if name in self._parts else suggestion(name, self._parts)
+            hint = suggestion(str(name), self._parts)
+            hint = "give it in signals=" if isinstance(name, str) and name in self._parts else hint
             raise KeyError(f"no signal {name!r}; {hint}")
         self._prepare()
         row = sum(self._place(each)[1] for each in self._names[: self._names.index(name)])
@@ -426,7 +452,7 @@ class Fleet:
         return self._compiled().code
 
     def describe(self) -> str:
-        """What was compiled, in a sentence."""
+        """A sentence on the compiled code."""
         code = self._compiled()
         share = f"{code.constants} of {code.words} numbers of a run are constants of the code"
         text = f"{share}, {len(code.kept)} are in the device's memory, {8 * len(code.kept)} bytes a run"
@@ -452,13 +478,6 @@ def _usual(parts: Mapping[str, Any]) -> list[str]:
     """The signals that a fleet gives if nothing is asked for."""
     wanted = ("t", "p_WB", "quat_WB", "nu", "tau", "tau_cmd", "push", "force_peak", "touches", "first_contact")
     return [name for name in (*wanted, "impulse", "final_impulse", "final_low", "final_high") if name in parts]
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers and lists in place of NumPy's."""
-    return {
-        key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value for key, value in values.items()
-    }
 
 
 class _Signals(Mapping[str, Any]):

@@ -75,7 +75,7 @@ def simulate(
         keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
         engine: "mujoco" or "free_body", as in :class:`Simulation`.
         mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
-        peer: another program that sets what a stage leaves to the caller of a Simulation.
+        peer: another program that sets the commands which a stage leaves to the caller of a Simulation.
         guides: those who let the run go on, and change numbers of it, e.g. ``Again(trace.outcome.changes)``.
 
     Returns:

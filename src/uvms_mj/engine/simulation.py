@@ -22,6 +22,7 @@ from ..scenario import Scenario
 from ..setup.base import Setup
 from ..setup.changes import Change, Reads, changed
 from ..setup.checks import checked, warnings_of
+from ..setup.world import World
 from ..stages.loader import functions_again, stage_keeps
 from ..stages.signals import Signal, no_signal, record_dtype
 from .engines import Engine, FreeEngine, MujocoEngine
@@ -87,7 +88,7 @@ class Simulation:
     """
 
     _in_world: ClassVar[bool] = False
-    """Whether what couples the vehicle to others is computed where it is stepped."""
+    """Whether the couplings of the vehicle are computed where it is stepped."""
 
     def __init__(
         self,
@@ -340,22 +341,25 @@ class Simulation:
         """Take n time steps, at native speed and without Python's global lock.
 
         Raises:
+            InputError: n is no number of steps, or no speed controller takes a pulse width.
             Diverged: the state or a command left its bounds. The message names it. Only reset goes on.
             StageFault: a user's stage raised or violated its contract.
             RuntimeError: mjcb_control was replaced, or somebody else has stepped ``data``.
         """
-        if not isinstance(n, int | np.integer) or n < 0:
-            raise InputError(f"step: {n!r} is not a number of steps")
-        if isinstance(self.scenario.actuation, Pwm):
-            self._check_pulses()
+        self.refuse_step(n)
         with self._alone:
             self._run(n, np.inf)
             self._prepare()
         if (diverged := self.diverged) is not None:
             raise diverged
 
-    def _check_pulses(self) -> None:
-        """Raise InputError for a pulse width that no speed controller takes, such as 0 for no signal."""
+    def refuse_step(self, n: int) -> None:
+        """Raise InputError if n is no number of steps, and for a pulse width that no speed controller takes, such as 0
+        for no signal."""
+        if not isinstance(n, int | np.integer) or n < 0:
+            raise InputError(f"step: {n!r} is not a number of steps")
+        if not isinstance(self.scenario.actuation, Pwm):
+            return
         wrong = [i for i, pulse in enumerate(self.pwm_cmd.tolist()) if not LEAST_US <= pulse <= GREATEST_US]
         if wrong:
             place = f"pwm_cmd[{wrong[0]}] = {self.pwm_cmd[wrong[0]]:g} us"
@@ -427,7 +431,7 @@ class Simulation:
         return self._engine.name == FreeEngine.name and not self._plain and not isinstance(self.scenario.actuation, Pwm)
 
     def one_step(self) -> Callable[[], object]:
-        """What takes one step, after a look at the engine: the engine's own where no stage is a user's, which would be
+        """The function of one step, after a look at the engine: its own where no stage is a user's, which would be
         watched, or plain Python, which would wait."""
         with self._alone:
             if self._users or self._plain:
@@ -457,7 +461,7 @@ class Simulation:
         self._engine.evaluate()
 
     def prepare(self) -> None:
-        """Compute what is measured and wanted at the instant in hand, unless it is done."""
+        """Compute measurements and reference of the instant in hand, unless it is done."""
         if not self._ready:
             with self._alone:
                 self._prepare()
@@ -565,6 +569,8 @@ class Simulation:
 
 def valid_scenario(scenario: Scenario | None) -> Scenario:
     """The scenario, or the default one. Raises InputError if it is of another type."""
+    if isinstance(scenario, World):
+        raise InputError("scenario: is a world of several vehicles; use WorldSimulation(world)")
     if not isinstance(scenario, Scenario | None):
         raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
     return scenario if scenario is not None else Scenario()
@@ -642,5 +648,7 @@ class OneThread:
 def engine_of(name: str, setup: Setup) -> Engine:
     """A new engine. Raises InputError if there is none of this name, or it can't run the scenario."""
     if name not in ENGINES:
-        raise InputError(f"engine {name!r}: is not an engine; {suggestion(str(name), ENGINES)}")
+        of_many = "takes many runs at once: in a study, or as uvms_mj.Fleet; a single run takes free_body"
+        hint = of_many if name == "gpu" else f"is not an engine; {suggestion(str(name), ENGINES)}"
+        raise InputError(f"engine {name!r}: {hint}")
     return ENGINES[name](setup)

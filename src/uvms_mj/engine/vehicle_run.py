@@ -116,8 +116,8 @@ class PlainPythonWarning(UserWarning):
 
 
 def drive(runs: "Mapping[str, Run]", advance: Callable[[int, int], None]) -> None:
-    """Go through runs of the same number of steps, and call ``advance`` with the steps that all have done. What is
-    raised between two chunks, or interrupts one run, stops them all."""
+    """Go through runs of the same number of steps, and call ``advance`` with the steps that all have done. An
+    error between two chunks, or an interrupt of one run, stops them all."""
     going = {name: run.going() for name, run in runs.items()}
     done = dict.fromkeys(going, 0)
     try:
@@ -142,7 +142,7 @@ def drive(runs: "Mapping[str, Run]", advance: Callable[[int, int], None]) -> Non
 def followed(
     progress: Callable[[int, int], None] | bool | None, label: str, timestep: float
 ) -> AbstractContextManager[Callable[..., None]]:
-    """What a run calls with the steps done and their total."""
+    """The function that a run calls with the steps done and their total."""
 
     def shown(done: int, total: int) -> dict[str, float]:
         return {"done": done, "total": total, "simulated": done * timestep}
@@ -159,18 +159,29 @@ def refuse_callers(scenario: Scenario) -> None:
             raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
 
 
-def told(sim: Simulation, whose: str = "") -> tuple[str, ...]:
-    """The notes of a Simulation, which are given as warnings."""
+def told(sim: Simulation, whose: str = "", stacklevel: int = 3) -> tuple[str, ...]:
+    """The notes of a Simulation, which are given as warnings after ``whose`` they are, at the line of the caller of
+    ``simulate``."""
     notes = sim.notes
     for note in notes:
         slow = note in sim.slow_stages
-        warnings.warn(f"{whose}{note}", PlainPythonWarning if slow else SamplingWarning, stacklevel=3)
+        warnings.warn(f"{whose}{note}", PlainPythonWarning if slow else SamplingWarning, stacklevel=stacklevel)
     return notes
 
 
 @dataclasses.dataclass
 class Run:
-    """One run, from the initial state to the trace."""
+    """One run, from the initial state to the trace.
+
+    Attributes:
+        row_steps: number of time steps from a row to the next.
+        keep_s: length of the run's end that the trace keeps [s].
+        notes: warnings with which it begins.
+        ended: whether it has a trace.
+        interrupted: whether somebody outside has stopped it.
+        most: largest number of steps from one look at signals and rows to the next.
+        advance: takes at most n steps, and returns how many it took. Coupled vehicles take them together.
+    """
 
     sim: Simulation
     row_steps: int
@@ -207,15 +218,15 @@ class Run:
             self.writing.end(outcome)
         self._trace, self.ended = Trace(header, Columns(header, [*self.blocks]), outcome), True
 
-    def result(self) -> Trace:
-        """The trace, when the run has ended. Raises what stopped it."""
+    def result(self, whose: str = "") -> Trace:
+        """The trace, when the run has ended. Raises what stopped it, with ``whose`` run it is before the message."""
         trace, raised, outcome = self._trace, self._raised, self._trace.outcome
         if isinstance(raised, StageFault):
-            raise LawError(outcome.message, trace) from raised.__cause__
+            raise LawError(f"{whose}{outcome.message}", trace) from raised.__cause__
         if raised is not None:
             raise raised
         if self.writing.error is not None:
-            raise SinkError(self.writing.message, trace) from self.writing.error
+            raise SinkError(f"{whose}{self.writing.message}", trace) from self.writing.error
         return trace
 
     def _outcome(self) -> Generator[int, None, tuple[Outcome, Exception | None]]:
@@ -345,7 +356,7 @@ def _warned(notes: tuple[str, ...]) -> str:
 
 
 def _hint(touched: bool, of_thrusters: bool) -> str:
-    """What to try after a divergence: of a vehicle that has touched a wall, or of the thrust of a user's thrusters."""
+    """Remedies after a divergence: of a vehicle that has touched a wall, or of the thrust of a user's thrusters."""
     ways = ["a smaller simulation.timestep", "smaller gains"]
     ways += ["a softer wall"] if touched else []
     ways += ["a longer time constant of the thrusters"] if of_thrusters else []

@@ -14,9 +14,8 @@ from ..plant.coupling import Coupling
 from ..plant.mjcf import mujoco_warnings
 from ..records.header import Sink
 from ..records.trace import Trace
-from ..setup.world import World
-from .coupling import CoupledSimulation, Lockstep
-from .simulation import Simulation
+from ..setup.world import World, each_vehicle
+from .coupling import CoupledSimulation, Lockstep, simulation_of
 from .vehicle_run import Run, drive, followed, refuse_callers, row_steps_of, told
 
 
@@ -28,26 +27,27 @@ def simulate_world(
     keep_s: float | None,
     engine: str,
 ) -> dict[str, Trace]:
-    """Run the vehicles of a world, a chunk of one after a chunk of the other. What stops one vehicle does not stop the
-    others, but for an interrupt, which stops all."""
+    """Run the vehicles of a world, a chunk of one after a chunk of the other. The end of one vehicle does not stop the
+    others; an interrupt stops all."""
     if not isinstance(sinks, Mapping) or sinks.keys() - world.scenarios.keys():
         if sinks:
             raise InputError(f"sinks: of a world they are a mapping from the names of its vehicles, {world.label}")
         sinks = {}
     timestep = world.simulation.timestep
     row_steps, kept = row_steps_of(timestep, log_rate), np.inf if keep_s is None else keep_s
-    for scenario in world.scenarios.values():
-        refuse_callers(scenario)
+    each_vehicle(world.scenarios, lambda name: refuse_callers(world.scenarios[name]), "scenario")
     with (
         followed(progress, f"{world.name} · {world.label}", timestep) as advance,
         mujoco_warnings(),
         contextlib.ExitStack() as stack,
     ):
+        begun = each_vehicle(
+            world.scenarios, lambda name: stack.enter_context(simulation_of(world, name, engine)), "scenario"
+        )
         runs = {}
-        for name, scenario in world.scenarios.items():
-            kind = CoupledSimulation if name in world.coupled else Simulation
-            sim = stack.enter_context(kind(scenario, engine=engine, looks=False))
-            runs[name] = Run(sim, row_steps, sinks.get(name, ()), kept, told(sim, f"{name}: "))
+        for name, sim in begun.items():
+            notes = told(sim, f"{name}: ", stacklevel=4)
+            runs[name] = Run(sim, row_steps, sinks.get(name, ()), kept, notes)
         _couple({name: run for name, run in runs.items() if name in world.coupled}, world.couplings)
         joined = {frozenset(each.vehicles) for each in world.couplings if each.kind in ("joint", "contact")}
         watch = _Encounters(runs, joined)
@@ -57,11 +57,11 @@ def simulate_world(
             advance(done, total)
 
         drive(runs, advanced)
-        return {name: run.result() for name, run in runs.items()}
+        return {name: run.result(f"{name}: ") for name, run in runs.items()}
 
 
 def _couple(runs: Mapping[str, Run], couplings: Sequence[Coupling]) -> None:
-    """Let runs take their steps together."""
+    """Let runs of coupled vehicles take their steps together, and their rows at the same steps."""
     if not runs:
         return
     sims = {name: run.sim for name, run in runs.items() if isinstance(run.sim, CoupledSimulation)}
@@ -132,6 +132,8 @@ class _Encounters:
             if (inside := encounter.overlap(there[one], there[two])).any():
                 t = float(self._new[one][chosen[inside.argmax()], 0])
                 said = "contact between vehicles is not computed without a coupling, and they pass through each other"
-                warnings.warn(f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=4)
+                warnings.warn(
+                    f"{one} and {two} meet at t = {t:.4g} s: {said}", EncounterWarning, stacklevel=6
+                )  # simulate's caller
                 self._pairs.discard((one, two))
         self._new = {name: rows[n:] for name, rows in self._new.items()}

@@ -25,7 +25,7 @@ ends with ``reward_diverged``.
 **Info** after a control step (:data:`INFO`): the time ``t`` [s], the mean pushing force ``force`` of the step and the
 desired one ``force_d`` [N], the measured contact force ``f_contact_m_W`` (3,) [N] at its end, ``contact``, whether a
 wall was touched in the step, and ``is_success``: for the last ``success[1]`` seconds, ``force`` of every control step
-was within a share ``success[0]`` of ``force_d``. What the force does within a control step does not count. At a reset
+was within a share ``success[0]`` of ``force_d``. The force within a control step does not count. At a reset
 ``force`` is zero, ``contact`` and ``is_success`` are false.
 
 **End**: an episode is truncated at the scenario's duration, where a value may be bootstrapped, and terminated if the
@@ -165,7 +165,8 @@ class Pushes:
         if action not in get_args(Action):
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
         if engine not in (*ENGINES, "auto"):
-            faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'"))
+            fleet = "; on a GPU, uvms_mj.Fleet steps many runs with a law from outside" if engine == "gpu" else ""
+            faults.append(Fault("engine", f"{engine!r}: must be 'mujoco', 'free_body' or 'auto'{fleet}"))
         wanted = "a positive force [N]; without it, the scenario's impedance demands it"
         demanded = _demanded(self.scenario) if force_d is None else force_d
         number = checked(domain.positive, "force_d", demanded, ((), (1,)), wanted)

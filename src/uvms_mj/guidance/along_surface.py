@@ -117,7 +117,7 @@ class AlongSurface(Followed):
 
     @property
     def _shape(self) -> tuple[Any, ...]:
-        """What the way along a wall follows from, beside the wall and the distance."""
+        """The settings of the way along a wall, beside the wall and the distance."""
         return self.points, self.keep_depth, self.level, self.stop, self.attitude_deg
 
     def _reach(self, scenario: ScenarioLike) -> float:

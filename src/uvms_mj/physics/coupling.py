@@ -23,12 +23,12 @@ momentum about any point. The force of an instant acts during the step that begi
 semi-implicit Euler does.
 
 A **surface** is fixed to a frame of the second vehicle and moves as a rigid body with it. The force of a contact body
-of the first vehicle on it is that of a wall (:mod:`.contacts`), with the wall's velocity at the contact point, and its
+of the first vehicle on it is a wall's (:mod:`.contacts`), with the wall's velocity at the contact point, and its
 reaction acts on the second vehicle at the same point.
 
 A point, a contact body or a surface is fixed to a frame C of a vehicle: B, a link, or a site. With the motion V of the
 link that carries it (:mod:`.tree`), a point at p in B has the velocity :math:`R_{WB} (V_v + V_\omega \times p)`. The
-wrench at B's origin goes through the joints as that of a contact does.
+wrench at B's origin goes through the joints as a contact's does.
 
 **Internal forces.** Of the forces f (3n) at n points :math:`x_i` of one body, the grasp map
 :math:`G = [I \dots I;\ S(x_1) \dots S(x_n)]` gives the wrench G f. The part
@@ -154,8 +154,8 @@ def begin_pull(pulled, pull):
 
 def internal_forces(points: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """The internal forces (..., n, 3) among forces (..., n, 3) that act at n points (..., n, 3) of one body, all in the
-    same axes [N, m]: what they push or pull against each other, without a force or a moment on the body. Its error is
-    that of rounding."""
+    same axes [N, m]: pushes and pulls against each other, without a force or a moment on the body. Its error is
+    rounding."""
     x, f = np.asarray(points, float), np.asarray(forces, float)
     *before, n, _ = x.shape
     arms = x - x.mean(axis=-2, keepdims=True)  # the null space of G is the same about any point

@@ -10,8 +10,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from ..physics.frames import quat_from_euler_deg
+from ..physics.frames import attitude, quat_from_euler_deg, rotation_matrix
 from ..physics.surfaces import DRAWN_LENGTH, SHAPES
+from ..stages.setup import ScenarioLike
+from .arm import Arm
+from .contacts import carrier_at
+from .coupling import Coupling
 from .geometry import Geometry, Shape, solids
 from .settings import ContactBody, Surface
 
@@ -47,16 +51,35 @@ def drawn_wall(wall: Surface) -> Shape:
     return dataclasses.replace(shape, position=tuple(middle.tolist()), quat=quat)
 
 
-def drawn_vehicle(geometry: Geometry, bodies: tuple[ContactBody, ...]) -> Geometry:
-    """The shapes of a vehicle and its contact bodies, each with the base or the link that carries it."""
-    if not bodies:
+def drawn_vehicle(geometry: Geometry, scenario: ScenarioLike, arm: Arm) -> Geometry:
+    """The shapes of a vehicle, of its contact bodies, and of its bodies and surfaces in contacts with other vehicles,
+    each with the base or the link that carries it."""
+    added = [(body.body, drawn_body(body)) for body in scenario.vehicle.contact_bodies]
+    name = scenario.vehicle.name
+    touching = [each for each in scenario.couplings if each.surface is not None and name in each.vehicles]
+    added += [_of_coupling(each, name, arm) for each in touching]
+    if not added:
         return geometry
 
-    def with_bodies(shapes: tuple[Shape, ...], link: str | None) -> tuple[Shape, ...]:
-        return *shapes, *(drawn_body(body) for body in bodies if body.body == link)
+    def with_added(shapes: tuple[Shape, ...], link: str | None) -> tuple[Shape, ...]:
+        return *shapes, *(shape for carrier, shape in added if carrier == link)
 
-    links = tuple(dataclasses.replace(link, shapes=with_bodies(link.shapes, link.name)) for link in geometry.links)
-    return dataclasses.replace(geometry, shapes=with_bodies(geometry.shapes, None), links=links)
+    links = tuple(dataclasses.replace(link, shapes=with_added(link.shapes, link.name)) for link in geometry.links)
+    return dataclasses.replace(geometry, shapes=with_added(geometry.shapes, None), links=links)
+
+
+def _of_coupling(coupling: Coupling, vehicle: str, arm: Arm) -> tuple[str | None, Shape]:
+    """The body or the surface that a vehicle has in a contact, with the link that carries it; None for the base."""
+    end = coupling.vehicles.index(vehicle)
+    assert coupling.body is not None
+    assert coupling.surface is not None
+    shape = drawn_wall(coupling.surface) if end else drawn_body(coupling.body)
+    C, quat = carrier_at(coupling.at[end], arm), np.empty(4)
+    assert C is not None  # a scenario without faults
+    attitude(C.R @ rotation_matrix(np.array(shape.quat)), quat)
+    position = C.p + C.R @ shape.position
+    placed = dataclasses.replace(shape, position=tuple(position.tolist()), quat=tuple(quat.tolist()))
+    return arm.links[C.link].name if C.link >= 0 else None, placed
 
 
 def drawn_body(body: ContactBody) -> Shape:

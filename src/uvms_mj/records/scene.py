@@ -106,7 +106,7 @@ def scene_of(header: Header) -> Scene:
     speed = math.hypot(*flow_W)
     text = f"{'current' if header.scenario.constant_flow else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
-    vehicle = drawn_vehicle(header.geometry, header.scenario.vehicle.contact_bodies)
+    vehicle = drawn_vehicle(header.geometry, header.scenario, header.mjcf.vehicle.arm)
     return Scene((vehicle,), *walls_of_scene(header), (arrow,) if speed else ())
 
 

@@ -14,7 +14,6 @@ from ..errors import InputError
 from ..scenario import Scenario
 from ..stages.signals import BAND, Signal, no_signal
 from .header import Column, Header, Outcome, Status
-from .mcap import McapLog, read
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,6 +86,8 @@ class Trace:
             from .measured import load
 
             return cls.of(*load(path))
+        from .mcap import read  # most runs read no log
+
         header, rows, outcome, _ = read(path)
         return cls.of(header, rows, outcome)
 
@@ -104,6 +105,8 @@ class Trace:
                 f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s because of keep_s, but a log must "
                 "begin at 0 s; give simulate sinks=[McapLog(...)] to write the whole run"
             )
+        from .mcap import McapLog
+
         log = McapLog(path)
         log.begin(self.header)
         log.write(self.rows())

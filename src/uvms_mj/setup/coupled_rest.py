@@ -104,7 +104,7 @@ class _Held:
         self.name, self._setup = name, setup
         self._bias = np.array(setup.scenario.disturbance.bias)
         self.start = np.array(setup.scenario.impedance.at_end[1])
-        self.pose = functools.lru_cache(maxsize=32)(self._pose)
+        self.pose = functools.lru_cache(maxsize=32)(self._pose)  # most differences of Newton's method move another body
 
     def placed(self, x: np.ndarray) -> np.ndarray:
         """Its pose (7,) under a wrench (6,). Raises _NoRest."""
@@ -217,6 +217,7 @@ def coupled_rest(world: World) -> CoupledRest | NoClosedForm:
 
 
 def _solved(world: World) -> CoupledRest:
+    """The rest by Newton's method. Raises _NoRest."""
     names = [name for name in world.scenarios if name in world.coupled]
     setups = {name: set_up(dataclasses.replace(world.scenarios[name], couplings=())) for name in names}
     for name, setup in setups.items():
@@ -272,7 +273,7 @@ def _solved(world: World) -> CoupledRest:
         xs, found = tried, now
     else:
         raise _NoRest("the balance of the coupled vehicles was not found from their start")
-    residual(xs)
+    residual(xs)  # the ties have the forces of the latest call
     poses = {body.name: body.placed(x) for body, x in zip(bodies, xs, strict=True)}
     forces, points = (np.array([getattr(tie, name) for tie, _ in ties]) for name in ("force", "point"))
     positions, quats = ({name: pose[part] for name, pose in poses.items()} for part in (slice(0, 3), slice(3, 7)))

@@ -8,10 +8,10 @@ import dataclasses
 import os
 import re
 import warnings
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomli_w
 
@@ -24,6 +24,7 @@ from ..scenario import TABLES, Scenario
 from .base import Setup
 from .checks import checked
 
+_Made = TypeVar("_Made")
 OF_WORLD = tuple(name for name, table in TABLES.items() if table.of_world)
 """The tables of water, walls, time and couplings, which all vehicles share. Every other table is of a vehicle."""
 VEHICLES = "vehicles"
@@ -59,9 +60,8 @@ class World:
         Raises:
             InputError: the input is invalid; it lists every error.
         """
-        path = toml_path(scenario, "scenario", "scenarios")
-        tables = tables_of(path, "scenario")
-        return cls.from_dict(tables, overrides, controller, path.parent, str(scenario), note=warnings.warn)
+        tables, folder = _read(scenario)
+        return cls.from_dict(tables, overrides, controller, folder, str(scenario), note=warnings.warn)
 
     @classmethod
     def from_dict(
@@ -83,23 +83,23 @@ class World:
         common = {key: value for key, value in tables.items() if key not in ("name", "description", VEHICLES)}
         name, description = tables.get("name", "world"), tables.get("description", "")
         faults, own = list[Fault](), _of_each(overrides_of(overrides), names, place)
-        scenarios: dict[str, Scenario] = {}
+        merged = dict[str, dict[str, Any]]()
         for i, (vehicle, given) in enumerate(zip(names, listed, strict=True)):
             shared = [key for key in given if key in OF_WORLD]
             faults += [Fault(f"{VEHICLES}[{i}].{key}", _of_the_world(key)) for key in shared]
-            merged = {**common, **{key: value for key, value in given.items() if key not in (*OF_WORLD, "name")}}
-            merged |= {"name": name, "description": description}
-            if isinstance(merged.setdefault("vehicle", {}), Mapping):
-                merged["vehicle"] = {**merged["vehicle"], "name": vehicle}
-            try:
-                scenarios[vehicle] = Scenario.from_dict(
-                    merged, own[vehicle], controller, folder, place, note=_of_vehicle(note, vehicle), trusted=trusted
-                )
-            except InputError as error:
-                faults += _placed(error.faults, i)
-        if faults:
-            raise InputError(list(dict.fromkeys(faults)), place)
-        return _world(scenarios, place)
+            found = {**common, **{key: value for key, value in given.items() if key not in (*OF_WORLD, "name")}}
+            found |= {"name": name, "description": description}
+            if isinstance(found.setdefault("vehicle", {}), Mapping):
+                found["vehicle"] = {**found["vehicle"], "name": vehicle}
+            merged[vehicle] = found
+
+        def made(vehicle: str) -> Scenario:
+            said = _of_vehicle(note, vehicle)
+            return Scenario.from_dict(
+                merged[vehicle], own[vehicle], controller, folder, place, note=said, trusted=trusted
+            )
+
+        return _world(each_vehicle(names, made, place, faults), place)
 
     def updated(
         self,
@@ -111,32 +111,32 @@ class World:
     ) -> "World":
         """Return a copy with dotted keys replaced, as in :meth:`load`; ``place``, ``note`` and ``trusted`` are as of
         :meth:`Scenario.updated`."""
-        faults, own = list[Fault](), _of_each(overrides_of(overrides), list(self.scenarios), place)
-        scenarios: dict[str, Scenario] = {}
-        for i, (vehicle, scenario) in enumerate(self.scenarios.items()):
-            try:
-                scenarios[vehicle] = scenario.updated(
-                    own[vehicle], controller, place, _of_vehicle(note, vehicle), trusted
-                )
-            except InputError as error:
-                faults += _placed(error.faults, i)
-        if faults:
-            raise InputError(list(dict.fromkeys(faults)), place)
-        return _world(scenarios, place)
+        own = self.overrides_of_each(overrides, place)
+
+        def made(vehicle: str) -> Scenario:
+            said = _of_vehicle(note, vehicle)
+            return self.scenarios[vehicle].updated(own[vehicle], controller, place, said, trusted)
+
+        return _world(each_vehicle(self.scenarios, made, place), place)
 
     def overrides_of_each(self, overrides: Mapping[str, Any], place: str = "world") -> dict[str, dict[str, Any]]:
-        """The overrides of each vehicle by its name. Raises InputError for a key that is of no vehicle."""
+        """The overrides of each vehicle by its name. Raises InputError for a key that names no vehicle."""
         return _of_each(overrides_of(overrides), list(self.scenarios), place)
+
+    @property
+    def _first(self) -> Scenario:
+        """The scenario of the first vehicle, which has the tables of the world as each of them has."""
+        return next(iter(self.scenarios.values()))
 
     @property
     def simulation(self) -> Stepping:
         """Time step, duration and seed, which all vehicles share."""
-        return next(iter(self.scenarios.values())).simulation
+        return self._first.simulation
 
     @property
     def steps(self) -> int:
         """Number of time steps."""
-        return next(iter(self.scenarios.values())).steps
+        return self._first.steps
 
     def named(self, key: str) -> str:
         """A key of one vehicle with the vehicle's name in place of its number; another key as it is."""
@@ -146,8 +146,8 @@ class World:
 
     @property
     def couplings(self) -> tuple[Coupling, ...]:
-        """What couples two vehicles."""
-        return next(iter(self.scenarios.values())).couplings
+        """The couplings between vehicles."""
+        return self._first.couplings
 
     @property
     def coupled(self) -> set[str]:
@@ -182,8 +182,30 @@ class World:
         return "\n  ".join([f"<World {self.name!r}, {len(self.scenarios)} vehicles", *each]) + ">"
 
 
+def each_vehicle(
+    names: Iterable[str], make: Callable[[str], _Made], place: str, faults: Sequence[Fault] = ()
+) -> dict[str, _Made]:
+    """What ``make`` gives for each vehicle of a world, by its name. Raises InputError with ``faults`` and every error
+    of ``make``, with its key in the world."""
+    made, found = dict[str, _Made](), list(faults)
+    for i, name in enumerate(names):
+        try:
+            made[name] = make(name)
+        except InputError as error:
+            found += [
+                fault
+                if not fault.key or fault.key.partition(".")[0].partition("[")[0] in OF_WORLD
+                else Fault(f"{VEHICLES}[{i}].{fault.key}", fault.message)
+                for fault in error.faults
+            ]
+    if found:
+        raise InputError(list(dict.fromkeys(found)), place)
+    return made
+
+
 def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
-    """The world of scenarios by the names of their vehicles. Raises InputError for a coupling of no two of them."""
+    """The world of scenarios by the names of their vehicles. Raises InputError for a coupling unless it is of two of
+    them."""
     first, faults = next(iter(scenarios.values())), list[Fault]()
     for i, coupling in enumerate(first.couplings):
         key, (one, two) = f"couplings[{i}].vehicles", coupling.vehicles
@@ -197,17 +219,10 @@ def _world(scenarios: Mapping[str, Scenario], place: str) -> World:
 
 
 def checked_world(world: World) -> None:
-    """Check each vehicle as for its run, and the couplings. Raises InputError with every error if the world cannot
+    """Check each vehicle as for its run, and then the couplings. Raises InputError with every error if the world cannot
     run."""
-    faults, setups = list[Fault](), dict[str, Setup]()
-    for i, (name, scenario) in enumerate(world.scenarios.items()):
-        try:
-            setups[name] = checked(scenario, in_world=True)
-        except InputError as error:
-            faults += _placed(error.faults, i)
-    if not faults:
-        faults += coupling_errors(world.couplings, setups, world.simulation.timestep)
-    if faults:
+    setups = each_vehicle(world.scenarios, lambda name: checked(world.scenarios[name], in_world=True), "world")
+    if faults := [*coupling_errors(world.couplings, setups, world.simulation.timestep)]:
         raise InputError(list(dict.fromkeys(faults)), "world")
 
 
@@ -226,10 +241,30 @@ def one_world(scenarios: Sequence[Scenario]) -> bool:
     return len(shared) > 1 and len(names) == len(shared) and "" not in names and all(x == shared[0] for x in shared)
 
 
+def _read(scenario: str | os.PathLike) -> tuple[dict[str, Any], Path]:
+    """The tables of a file or a built-in name, and the folder of relative paths in them. Raises InputError if there is
+    none, or it can't be read."""
+    path = toml_path(scenario, "scenario", "scenarios")
+    return tables_of(path, "scenario"), path.parent
+
+
+def loaded(
+    scenario: str | os.PathLike,
+    overrides: Mapping[str, Any],
+    controller: str | None = None,
+    trusted: Container[str] | None = None,
+) -> Scenario | World:
+    """The scenario of one vehicle, or the world, of a file or a built-in name; the arguments are as of
+    :meth:`Scenario.load` and :meth:`Scenario.from_dict`."""
+    tables, folder = _read(scenario)
+    kind = World if VEHICLES in tables else Scenario
+    return kind.from_dict(tables, overrides, controller, folder, str(scenario), note=warnings.warn, trusted=trusted)
+
+
 def vehicles_of(scenario: str | os.PathLike) -> list[str]:
     """The names of the vehicles of a file or a built-in name, of which no code is run; none if it is of one vehicle.
     Raises InputError if there is none, or it can't be read."""
-    tables = tables_of(toml_path(scenario, "scenario", "scenarios"), "scenario")
+    tables, _ = _read(scenario)
     return _listed(tables, str(scenario))[0] if VEHICLES in tables else []
 
 
@@ -255,8 +290,8 @@ def _listed(tables: Mapping[str, Any], place: str) -> tuple[list[str], Sequence[
 
 
 def _of_each(overrides: Mapping[str, Any], names: Sequence[str], place: str) -> dict[str, dict[str, Any]]:
-    """The overrides of each vehicle by its name. Raises InputError for a key that is of no vehicle, or of no one of
-    them."""
+    """The overrides of each vehicle by its name. Raises InputError for a key that names no vehicle, or that one vehicle
+    can't have for itself."""
     faults, own = list[Fault](), {name: dict[str, Any]() for name in names}
     for key, value in overrides.items():
         found = OF_ONE.fullmatch(key)
@@ -291,13 +326,3 @@ def _of_vehicle(note: Callable[[str], Any], name: str) -> Callable[[str], Any]:
 
 def _of_the_world(table: str) -> str:
     return f"is the world's, for all vehicles; write it at the top, as {table}"
-
-
-def _placed(faults: Sequence[Fault], i: int) -> list[Fault]:
-    """The errors of a vehicle with their keys in the world."""
-    return [
-        fault
-        if not fault.key or fault.key.partition(".")[0].partition("[")[0] in OF_WORLD
-        else Fault(f"{VEHICLES}[{i}].{fault.key}", fault.message)
-        for fault in faults
-    ]

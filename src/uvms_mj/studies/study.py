@@ -115,7 +115,7 @@ class Study:
 
         Raises:
             InputError: the folder has another study, or is in use, or the workers can't go on.
-            OSError: a file can't be written, e.g. because the disk is full. What was done is kept.
+            OSError: a file can't be written, e.g. because the disk is full. Finished runs are kept.
         """
         if out is None and self.folder is None:
             raise InputError("out: give the folder of the results")

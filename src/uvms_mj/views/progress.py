@@ -37,7 +37,7 @@ def bar(what: str, text: str = "{share:.0%}", **fields: Any) -> Iterator[Update]
 def following(
     progress: Callable[..., None] | bool | None, what: str, text: str, given: Callable[..., dict[str, Any]]
 ) -> Iterator[Callable[..., None]]:
-    """What a run calls: the user's function as it is, a bar for True, nothing otherwise. ``given`` makes the fields of
+    """A run's progress: the user's function, a bar for True, nothing otherwise. ``given`` makes the fields of
     the bar, ``done`` and ``total`` among them, of the arguments of a call."""
     if callable(progress):
         yield progress

@@ -5,10 +5,11 @@ them. The tree is at rest where the posture balances what pushes it,
 
 .. math::
 
-    r(q) = \left[ M^{-1} \left( J^\top F + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) \right) \right]_q = 0, \qquad
-    J M^{-1} (\dots) = 0,
+    r(q) = \left[ M^{-1} \left( J^\top F + N^\top \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) \right) \right]_q = 0,
+    \qquad J M^{-1} (\dots) = 0,
 
-with the current on all links in d, and F from the second equation. The rest counts that the slow motion
+with the current on all links in d, and F from the second equation. The projection :math:`N = I - \bar J J` keeps the
+torques of the posture from the frame. The rest counts that the slow motion
 
 .. math:: 2\, \mathrm{s}^{-1} (\dot q - \bar J_q \nu_T) = r(q)
 
@@ -28,7 +29,7 @@ rest, too, while the tool moves there as eq. (7) moves it.
 **Any other law** rests where the disturbance of the whole tree leaves it. The unknowns are the pose of the base, the
 joint positions q and F. The balance of the tree has 6 + n further equations,
 
-.. math:: J^\top (F + \tau_c) + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) = 0,
+.. math:: J^\top (F + \tau_c) + N^\top \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) = 0,
 
 with the current on all links in d. The slow motion :math:`M \dot y` on the right side of these equations
 reaches the root from the rest of a law that integrates (:mod:`.approach`).

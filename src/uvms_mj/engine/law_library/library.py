@@ -110,13 +110,20 @@ def write_library(
         new = place / "new"
         new.mkdir()
 
-        def begin(memory: RunMemory) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]]]:
+        def begin(
+            memory: RunMemory,
+        ) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]], dict[str, Future]]:
             """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
             chain = Chain(memory, guided)
             text = chain.module(f"{name}_chain", apart)
             stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets], apart)
             parts = _Parts.of(chain, text, scenario, name, guided)
-            return parts, stages, {target: pool.submit(compiled, target, parts) for target in targets}
+            objects = {target: pool.submit(compiled, target, parts) for target in targets}
+            header = {f"{name}.h": parts.sources[f"{name}.h"], "vectors.h": texts.vectors_apart(parts.border, _ROWS)}
+            for file, content in (header | {"test.c": texts.test(name)}).items():
+                (place / file).write_text(content, encoding="utf-8")
+            tests = {target: pool.submit(work.prepare, [target], place / "test.c") for target in targets}
+            return parts, stages, objects, tests
 
         def compiled(target: str, parts: _Parts) -> list[str]:
             own = place / target
@@ -131,7 +138,7 @@ def write_library(
 
         sim = _Run(scenario, begin)
         stack.enter_context(sim)
-        parts, stages, objects = sim.begun
+        parts, stages, objects, tests = sim.begun
         border, law, export = parts.border, parts.law, parts.export
         chain, not_asked, no_law = border.chain, parts.not_asked, parts.no_law
         if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
@@ -140,6 +147,9 @@ def write_library(
             sim.reset()
         steps = recorded(sim, border, parts.text, f"{name}_chain")
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
+        for target in targets:
+            (place / target / _ROWS).write_bytes(texts.told(steps))
+        making = [pool.submit(make, target) for target in targets]
         files = {
             f"{name}.h": parts.sources[f"{name}.h"],
             "vectors.h": texts.vectors_text(border, steps, name),
@@ -150,13 +160,6 @@ def write_library(
             files["loop.c"] = texts.loop(border, name, not not_asked)
         for file, content in files.items():
             _write(new / file, content)
-        _write(place / "test.c", files["test.c"])
-        _write(place / f"{name}.h", files[f"{name}.h"])
-        _write(place / "vectors.h", texts.vectors_text(border, steps, name, _ROWS))
-        for target in targets:
-            (place / target / _ROWS).write_bytes(texts.rows_of(steps).tobytes())
-        tests = {target: pool.submit(work.prepare, [target], place / "test.c") for target in targets}
-        making = [pool.submit(make, target) for target in targets]
         notes = sim.notes
         made = [each.result() for each in making]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
@@ -209,7 +212,7 @@ class _Run(Simulation):
 
 @dataclass(frozen=True)
 class _Parts:
-    """What a library is made of.
+    """The parts of a library.
 
     Attributes:
         text: the stages, as LLVM has them.
@@ -296,9 +299,10 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
     own.mkdir(exist_ok=True)
     (own / HEADER).write_text(header(type(stage), Records(*link.kinds)), encoding="utf-8")
     out = f"{link.name}.o"
-    options = ("-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own))
+    options = ["-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own), "-fhosted"]
+    options += [] if machine.shared else linking.headers(machine)  # zig cc has them of a system
     try:
-        linking.compiled_c(machine, str(path.resolve()), place, (*options, "-fhosted", *linking.headers(machine)), out)
+        linking.compiled_c(machine, str(path.resolve()), place, options, out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
     return out

@@ -22,7 +22,7 @@ from typing import Self
 from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
-from ..native.objects import object_name, recall, remember
+from ..native.objects import object_name, recall, remember, uncollected
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Machine:
     Attributes:
         target: as LLVM calls it.
         zig: the options of ziglang's C compiler.
+        clang: the options of the clang in it, besides the target's triple.
         shared: whether it has shared libraries.
         rounds: whether it has instructions that round a number to a whole one.
         what: in words.
@@ -40,6 +41,7 @@ class Machine:
 
     target: Target
     zig: tuple[str, ...]
+    clang: tuple[str, ...]
     shared: bool
     what: str
     emulator: str
@@ -62,10 +64,12 @@ def _small(
 _64_BITS = _small("x86_64-unknown-linux-gnu", "x86-64-v2")
 _32_BITS = _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static")
 _ARM = ("-target", "arm-linux-musleabihf")
+_PIC = "-fPIC"
 MACHINES = {
     "x86_64": Machine(
         _64_BITS,
         ("-target", "x86_64-linux-musl", "-fPIC"),
+        (_PIC,),
         True,
         "Linux on x86-64, any processor of the last fifteen years",
         "x86_64",
@@ -73,6 +77,7 @@ MACHINES = {
     "aarch64": Machine(
         _small("aarch64-unknown-linux-gnu", "cortex-a53", optimizer=_64_BITS),
         ("-target", "aarch64-linux-musl", "-fPIC"),
+        (_PIC,),
         True,
         "Linux on ARM with 64 bits: Raspberry Pi 3 to 5, Jetson",
         "aarch64",
@@ -80,6 +85,7 @@ MACHINES = {
     "armv7": Machine(
         _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon", optimizer=_32_BITS),
         (*_ARM, "-mcpu=cortex_a7", "-fPIC"),
+        ("-mcpu=cortex-a7", _PIC),
         True,
         "Linux on ARM with 32 bits and hard floats: BlueOS on a Raspberry Pi",
         "arm",
@@ -88,6 +94,7 @@ MACHINES = {
     "thumbv7em": Machine(
         _32_BITS,
         ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16"),
+        ("-mcpu=cortex-m7",),
         False,
         "Cortex-M7 with a double-precision unit, bare metal: STM32F7 and H7, i.MX RT",
         "arm",
@@ -120,11 +127,12 @@ def _version() -> str:
 
 
 def headers(machine: Machine) -> list[str]:
-    """Options that give a file of C the headers of a C library where a processor has no system."""
-    if machine.shared:
-        return []
-    found = Path(*zig()).with_name("lib") / "libc" / "include"
-    return [word for each in ("arm-linux-musl", "generic-musl") for word in ("-isystem", str(found / each))]
+    """Options that give a file of C the headers of a C library, and of Linux where it is the system."""
+    found, name = Path(*zig()).with_name("lib") / "libc" / "include", machine.emulator
+    of_linux = (f"{name.removesuffix('_64')}-linux-any", "any-linux-any") if machine.shared else ()
+    return [
+        word for each in (f"{name}-linux-musl", "generic-musl", *of_linux) for word in ("-isystem", str(found / each))
+    ]
 
 
 def run(command: Sequence[str], folder: Path) -> None:
@@ -227,7 +235,7 @@ def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, ou
     if machine.shared:
         shared = out / f"lib{name}.so"
         if machine.emulator == "arm":
-            objects = [*objects, own_c(machine, _FREESTANDING / "arm.c", folder, ("-fvisibility=hidden",))]
+            objects = [*objects, _arm(machine, folder)]
         links = [*zig(), "ld.lld", "-shared", "--gc-sections", "--build-id=none", "-soname", shared.name]
         run([*links, "-z", "noexecstack", *objects, "-o", str(shared.resolve())], folder)
         made.append(shared)
@@ -243,16 +251,20 @@ def compiled_c(machine: Machine, source: str, folder: Path, options: Sequence[st
 
 def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] = ()) -> str:
     """As :func:`compiled_c`, a source of a library's own, whose object is kept on disk: it includes nothing but headers
-    beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include
-    any others."""
+    beside it, files of the folder ``freestanding`` and headers of ziglang. A user's file may include any others. The
+    clang in it is called alone: ``zig cc`` takes two further processes."""
     read = [source, *sorted(source.parent.glob("*.h")), *sorted(_FREESTANDING.glob("*.[ch]"))]
-    made_of = [_version(), *machine.zig, *_C, *options, *(each.name for each in read)]
+    chosen = ["-target", machine.target.triple, *machine.clang, *_C, *options]
+    made_of = [_version(), *chosen, *(each.name for each in read)]
+    out = folder / f"{source.stem}.o"
 
     def make() -> bytes:
-        return (folder / compiled_c(machine, str(source.resolve()), folder, options)).read_bytes()
+        of_clang = ["-nostdinc", "-isystem", str(Path(*zig()).with_name("lib") / "include")]
+        of_system = headers(machine) if machine.shared else ["-isystem", str(_FREESTANDING)]
+        run([*zig(), "clang", *chosen, *of_clang, *of_system, "-c", str(source.resolve()), "-o", out.name], folder)
+        return out.read_bytes()
 
     parts = [b"C", *(word.encode() for word in made_of), *(each.read_bytes() for each in read)]
-    out = folder / f"{source.stem}.o"
     out.write_bytes(kept(object_name(parts, sources=False), make))
     return out.name
 
@@ -307,9 +319,13 @@ def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
 def prepare(machine: Machine, folder: Path, source: Path = _LIBC) -> str:
     """Compile a source of a program, by default what is in the program of each library, so that it is kept when the
     program is linked; the name of its object."""
-    options = ("-fno-builtin", "-ffunction-sections", *(() if machine.shared else ("-I", str(_FREESTANDING))))
-    alone = replace(machine, zig=tuple(each for each in machine.zig if each != "-fPIC"))
-    return own_c(alone, source, folder, options)
+    alone = replace(machine, clang=(*(each for each in machine.clang if each != _PIC), "-fno-pic"))
+    return own_c(alone, source, folder, ("-fno-builtin", "-ffunction-sections"))
+
+
+def _arm(machine: Machine, folder: Path) -> str:
+    """Compile the helpers of ARM's ABI in a shared library; the name of their object."""
+    return own_c(machine, _FREESTANDING / "arm.c", folder, ("-fvisibility=hidden",))
 
 
 def program(machine: Machine, archive: Path, source: Path, folder: Path, data: str = "") -> Path:
@@ -324,7 +340,7 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path, data: s
 
 
 class Work:
-    """What the libraries of targets are made with: a folder for each, LLVM in a process of its own, and threads that
+    """The tools of the targets' libraries: a folder for each, LLVM in a process of its own, and threads that
     wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads."""
 
     def __init__(self, targets: Sequence[str], test: bool = True) -> None:
@@ -336,6 +352,7 @@ class Work:
             self.folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self.pool = ThreadPoolExecutor(1 + (os.cpu_count() or 1))  # one waits for LLVM
             stack.callback(self.pool.shutdown, cancel_futures=True)
+            stack.enter_context(uncollected())
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
             sys.setswitchinterval(2e-4)  # the threads read many small files, and ask for Python after each
             self._stack = stack.pop_all()
@@ -346,8 +363,11 @@ class Work:
     def prepare(self, targets: Sequence[str], *source: Path) -> None:
         """Compile what is in the program of a test, one after the other: a core is left to the caller."""
         for target in targets:
-            if self.test and emulator(MACHINES[target]) is not None:
-                prepare(MACHINES[target], self.folder / target, *source)
+            machine, folder = MACHINES[target], self.folder / target
+            if self.test and emulator(machine) is not None:
+                prepare(machine, folder, *source)
+            if not source and machine.shared and machine.emulator == "arm":
+                _arm(machine, folder)
 
     def __enter__(self) -> Self:
         return self

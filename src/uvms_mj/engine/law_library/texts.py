@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -323,26 +323,63 @@ def loop(border: Border, name: str, asked: bool) -> str:
     return named(text.replace("libLAW", f"lib{name}"), name)
 
 
-def rows_of(vectors: Vectors) -> np.ndarray:
-    """(n, words) rows of all segments."""
-    return np.concatenate([each.rows for each in vectors.segments])
+_SEGMENT = np.dtype(
+    [("name", "S24"), ("last", "f8"), *((name, "i4") for name in ("begun", "first", "steps", "change", "changes", "_"))]
+)
+"""A segment in :func:`told`."""
 
 
-def vectors_text(border: Border, vectors: Vectors, name: str, apart: str = "") -> str:
-    """The recorded steps, for the test. ``apart``: the file that a program is linked with, which has :func:`rows_of`:
-    a compiler takes longer to read them than to compile the test."""
-    changes = [change for each in vectors.segments for change in each.changes]
-    segments, first, before = [], 0, 0
+def _segments(vectors: Vectors) -> Iterator[tuple[str, float, int, int, int, int, int]]:
+    """Name, last, begun, first row, number of rows, first change and number of changes of each segment."""
+    first = before = 0
     for each in vectors.segments:
-        last = repr(each.last)
-        segments.append(
-            f'{{"{each.name}", {last}, {int(each.begun)}, {first}, {len(each.rows)}, {before}, {len(each.changes)}}}'
-        )
+        yield each.name, each.last, int(each.begun), first, len(each.rows), before, len(each.changes)
         first, before = first + len(each.rows), before + len(each.changes)
+
+
+def _command_names(border: Border) -> str:
+    names = [f"{e.name}[{i}]" if e.shape else e.name for e in border.command for i in range(e.n)] + ["saturated"]
+    quoted = ", ".join(f'"{each}"' for each in names)
+    return f"static const char *const command_names[] = {{{quoted}}};"
+
+
+def vectors_apart(border: Border, file: str) -> str:
+    """As :func:`vectors_text`, for a program that is linked with a file of :func:`told`: it is compiled before the run
+    is recorded, and a compiler takes longer to read the steps than to compile the test."""
+    words = 3 + sum(each.n for each in (*border.measured, *border.reference, *border.command))
+    return f"""extern const uint64_t told[] __asm__("_binary_{file}_start");
+#define SEGMENTS ((int)told[0])
+#define STEPS ((int)told[1])
+#define CHANGES ((int)told[2])
+struct segment {{
+    char name[24];
+    double last;
+    int begun, first, steps, change, changes, none;
+}};
+#define segments ((const struct segment *)(const void *)(told + 3))
+#define change_at ((const uint64_t *)(const void *)(segments + SEGMENTS))
+#define change_to (change_at + CHANGES)
+#define rows ((const uint64_t(*)[{words}])(const void *)(change_to + CHANGES))
+{_command_names(border)}
+"""
+
+
+def told(vectors: Vectors) -> bytes:
+    """The recorded steps in memory, for :func:`vectors_apart`."""
+    changes = np.array([change for each in vectors.segments for change in each.changes], np.uint64).reshape(-1, 2)
+    segments = np.array([(*each, 0) for each in _segments(vectors)], _SEGMENT)
+    sizes = np.array([len(segments), vectors.steps, len(changes)], np.uint64)
+    rows = [each.rows for each in vectors.segments]
+    return b"".join(each.tobytes() for each in (sizes, segments, changes.T, *rows))
+
+
+def vectors_text(border: Border, vectors: Vectors, name: str) -> str:
+    """The recorded steps, for the test."""
+    changes = [change for each in vectors.segments for change in each.changes]
+    segments = [f'{{"{each[0]}", {", ".join(map(repr, each[1:]))}}}' for each in _segments(vectors)]
     places = ", ".join(str(place) for place, _ in changes) or "0"
     values = _words(np.array([value for _, value in changes] or [0], np.uint64))
-    names = [f"{e.name}[{i}]" if e.shape else e.name for e in border.command for i in range(e.n)] + ["saturated"]
-    rows = rows_of(vectors)
+    rows = np.concatenate([each.rows for each in vectors.segments])
     text = f"""/* Recorded steps of {vectors.about}. */
 #define SEGMENTS {len(segments)}
 #define STEPS {len(rows)}
@@ -354,12 +391,10 @@ static const struct {{
 }} segments[SEGMENTS] = {{{", ".join(segments)}}};
 static const int change_at[CHANGES] = {{{places}}};
 static const uint64_t change_to[CHANGES] = {{{values}}};
-static const char *const command_names[] = {{{", ".join(f'"{each}"' for each in names)}}};
+{_command_names(border)}
 /* time and measurements, {"reference, " if border.reference else ""}command */
 """
     kind = f"const uint64_t rows[STEPS][{rows.shape[1]}]"
-    if apart:
-        return f'{named(text, name)}extern {kind} __asm__("_binary_{apart}_start");\n'
     return f"{named(text, name)}static {kind} = {{\n{','.join([f'{{{_words(row)}}}' for row in rows])}}};\n"
 
 

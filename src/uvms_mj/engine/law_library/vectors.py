@@ -1,6 +1,8 @@
 """Recorded steps of a run, for the test of a law's library: in free motion, at the touch and pressing."""
 
+from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...physics.frames import rotation_matrix
 from ..native.chain import Here
-from ..simulation import Simulation
+from ..simulation import Saved, Simulation
 from .border import AIDS, INERTIAL, OF_FILTER, PRESENT, START, Border, Entry
 
 LENGTH = 400
@@ -59,7 +61,7 @@ def recorded(sim: Simulation, border: Border, text: str, entry: str) -> Vectors:
     every, total = border.chain.steps, sim.scenario.steps
     last = max(1, total // every)
     sim.run(every, np.inf)
-    touch = _first_touch(sim, every)
+    touch, saved = _first_touch(sim, every)
     starts = {"free motion": 0}
     length = LENGTH if touch is not None else 3 * LENGTH
     if touch is not None:
@@ -70,6 +72,9 @@ def recorded(sim: Simulation, border: Border, text: str, entry: str) -> Vectors:
     for name, start in starts.items():
         if start >= last and segments:
             continue
+        before = [each for each in saved if sim.steps < each[0] <= start * every]
+        if before:
+            sim.restore(before[-1][1])
         ahead = start * every - sim.steps
         if sim.run(ahead, np.inf) < ahead:
             break
@@ -81,15 +86,19 @@ def recorded(sim: Simulation, border: Border, text: str, entry: str) -> Vectors:
     return Vectors(about, tuple(each for each, _ in segments), apart)
 
 
-def _first_touch(sim: Simulation, every: int) -> int | None:
-    """The period of the first contact; None without one."""
+def _first_touch(sim: Simulation, every: int) -> tuple[int | None, Sequence[tuple[int, Saved]]]:
+    """The period of the first contact, None without one; and states before it, each with its steps. A stage in C may
+    keep numbers of its own, so that its run has none."""
     row = sim.memory.run["row"]
     slices = max(1, round(0.5 / sim.scenario.simulation.timestep))
+    saved = deque[tuple[int, Saved]](maxlen=2 + LENGTH // 2 * every // slices)
     while row["first_contact"][0] < 0.0 and sim.steps < sim.scenario.steps:
+        with suppress(InputError):
+            saved.append((sim.steps, sim.save()))
         if sim.run(slices, np.inf) == 0:
-            return None
+            return None, saved
     first = float(row["first_contact"][0])
-    return None if first < 0.0 else round(first / sim.scenario.simulation.timestep) // every
+    return None if first < 0.0 else round(first / sim.scenario.simulation.timestep) // every, saved
 
 
 def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | None) -> tuple[Segment, float]:

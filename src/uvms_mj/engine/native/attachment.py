@@ -129,7 +129,7 @@ class Attachment:
         self._finalizer()
 
     def lost(self) -> str:
-        """Why the hydrodynamics are not those that were attached; empty if they are."""
+        """Why the attached hydrodynamics act no longer; empty if they act."""
         if not _installed():
             return _LOST
         if _settings(self._option) == self._settings:

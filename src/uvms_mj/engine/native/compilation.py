@@ -9,7 +9,6 @@ so that a warm start translates nothing; of a user's stage by its translation.
 import contextlib
 import ctypes
 import functools
-import gc
 import os
 import threading
 import types
@@ -27,7 +26,7 @@ from ...compiler.refusals import Untranslatable
 from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
 from .memory import at_address
-from .objects import keep, object_name, read, recall, remember
+from .objects import keep, object_name, read, recall, remember, uncollected
 
 _PACKAGE = Path(__file__).parents[2]
 
@@ -74,9 +73,9 @@ PLAIN = "UVMS_MJ_PLAIN"
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
 short_run: ContextVar[bool] = ContextVar("short_run", default=False)
-"""Whether machine code is for one short run: what is not kept is optimized less. It has the same numbers, since neither
-an optimization nor LLVM's choice of instructions changes a rounding. Fused code is always optimized: it decides which
-sums are rounded once."""
+"""Whether machine code is for one short run: code that is not kept is made when the run needs
+it, and optimized less. It has the same numbers, since neither an optimization nor LLVM's choice of instructions changes
+a rounding. Fused code is always optimized: it decides which sums are rounded once."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +110,8 @@ class NotCompiled(Exception):
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
     """Compile alone, and without garbage collection: it would look at every instruction of a module in vain."""
-    with _lock:
-        collects = gc.isenabled()
-        gc.disable()
-        try:
-            yield
-        finally:
-            if collects:
-                gc.enable()
+    with _lock, uncollected():
+        yield
 
 
 def plain_python() -> bool:
@@ -249,16 +242,39 @@ def _native_functions(
         made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
     name = object_name(made_of)
     addresses = load(name)
-    if addresses is None and short:
-        name = object_name([*made_of, b"short"])
-        addresses = load(name)
     if addresses is not None:
         return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+    if short:
+        _waiting[name] = symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
+        return tuple(NativeFunction(len(part[1]), functools.partial(_together, each)) for each, part in symbols.items())
     from .intrinsics import kernel_module
 
     symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols), 0 if short else 1)
+    made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols), 1)
     return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
+
+
+_waiting: dict[str, dict[str, Any]] = {}
+"""Functions for a short run that are not made yet, by the names of their objects: each by its symbol."""
+_made_together: dict[str, int] = {}
+"""The addresses of functions for short runs by their symbols."""
+
+
+def _together(symbol: str) -> int:
+    """The address of a function for a short run. All that wait are made as one module, which has once what they
+    share."""
+    with compiling():
+        if symbol not in _made_together:
+            name = object_name([b"short", *(each.encode() for each in _waiting)], sources=False)
+            parts = {symbol: part for each in _waiting.values() for symbol, part in each.items()}
+            addresses = load(name)
+            if addresses is None:
+                from .intrinsics import kernel_module
+
+                addresses = _compiled(str(kernel_module(parts)), name, list(parts), 0)
+            _made_together.update(zip(parts, addresses, strict=True))
+            _waiting.clear()
+        return _made_together[symbol]
 
 
 def _begun(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:

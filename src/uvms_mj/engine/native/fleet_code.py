@@ -123,19 +123,19 @@ class FleetSource:
         for a stage that uses what they lack."""
         while True:  # what grows is bounded by the record
             self.cells.begin()
-            texts = self._translated()
+            made = self._translated()
             if not self.cells.grown:
                 break
-        module = llvm.parse_assembly(texts[0])
-        for text in texts[1:]:
-            module.link_in(llvm.parse_assembly(text))
+        module, *others = (llvm.parse_assembly(str(each)) for each in made)
+        for other in others:
+            module.link_in(other)
         inline_libm(module)
         for function in module.functions:
             if not function.is_declaration and function.name not in _ENTRIES:
                 function.linkage = "internal"
         return module
 
-    def _translated(self) -> list[str]:
+    def _translated(self) -> list[ir.Module]:
         symbols = [f"uvms_mj_stage_{k}" for k in range(len(self.stages))]
         calls = {memory.call_code: self._call_stage(symbols)}
         unit = self._unit("kernels", INTRINSICS | calls)
@@ -145,11 +145,8 @@ class FleetSource:
             n = scalar(at.at.function.args[-1], INT) if name == STEPS else whole(self.control)
             unit.call(at, function, [Value(run, (Place(0),)), n])
             at.at.ret(WORD(0))
-        texts = [str(unit.module)]
-        for symbol, stage in zip(symbols, self.stages, strict=True):
-            if stage.users:
-                texts.append(self._users_stage(symbol, stage))
-        return texts
+        users = [(symbol, stage) for symbol, stage in zip(symbols, self.stages, strict=True) if stage.users]
+        return [unit.module, *(self._users_stage(symbol, stage) for symbol, stage in users)]
 
     def _unit(self, name: str, intrinsics: Mapping[Any, Any], checked: bool = False) -> Unit:
         unit = Unit(
@@ -188,14 +185,14 @@ class FleetSource:
 
         return call
 
-    def _users_stage(self, symbol: str, stage: CompiledStage) -> str:
+    def _users_stage(self, symbol: str, stage: CompiledStage) -> ir.Module:
         function, records = between_copies(type(stage.stage).function(), stage.stage.room, stage.kinds)
         unit = self._unit(symbol, INTRINSICS | records_of(records), checked=True)
         at = self._entry(unit, function, symbol, [])
         places = [stage.places[name] for name in ("settings", "state", "given", "state_dot", "out")]
         unit.call(at, function, [whole(8 * place) for place in places])
         at.at.ret(WORD(0))
-        return str(unit.module)
+        return unit.module
 
     # threads
 

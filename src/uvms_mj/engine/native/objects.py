@@ -3,6 +3,7 @@
 import atexit
 import contextlib
 import functools
+import gc
 import hashlib
 import importlib.metadata
 import json
@@ -12,7 +13,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,22 @@ _VARIABLE = "UVMS_MJ_CACHE_DIR"
 
 class CacheWarning(UserWarning):
     """Machine code can't be kept on disk."""
+
+
+@contextlib.contextmanager
+def uncollected() -> Iterator[None]:
+    """Work without garbage collection. The next full one looks at what was made meanwhile; each earlier one would
+    first look at all of it."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            if not gc.get_freeze_count():
+                gc.freeze()
+                gc.unfreeze()  # all objects are among the oldest ones now
+            gc.enable()
 
 
 def object_name(parts: Iterable[bytes], sources: bool = True) -> str:

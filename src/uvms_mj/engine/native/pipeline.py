@@ -464,6 +464,18 @@ INSTANT = (
 its period (:meth:`uvms_mj.stages.base.Stage.period_in`)."""
 
 
+def chosen(setup: Setup) -> dict[str, type[Stage]]:
+    """The classes of the stages of a run by table, with those that the caller sets."""
+    found = {}
+    for each in INSTANT:
+        stages = each.chosen(setup)
+        listed = isinstance(stages, tuple)
+        for i, stage in enumerate(stages if listed else (stages,)):
+            if stage is not None and stage.runs:
+                found[f"{each.name}[{i}]" if listed else each.name] = type(stage)
+    return found
+
+
 class Pipeline:
     """The stages of a run, chosen and compiled before it has memory, and then bound to it.
 
@@ -482,6 +494,7 @@ class Pipeline:
 
     def __init__(self, setup: Setup, shape: Shape) -> None:
         scenario, self._setup, self.shape = setup.scenario, setup, shape
+        self._chosen = chosen(setup)
         self.controller = scenario.controller
         self._run = shape.layout
         self._named = scenario.named_stages.keys()
@@ -591,6 +604,13 @@ class Pipeline:
         if faults:
             raise InputError(faults, "a new Simulation is needed")
         return found
+
+    def refuse_others(self, setup: Setup) -> None:
+        """Raise InputError for a setup with other stages, also where the caller sets a command in place of one."""
+        now = chosen(setup)
+        tables = [table for table in {**self._chosen, **now} if self._chosen.get(table) is not now.get(table)]
+        if named := [table for table in tables if table in self._named or table in setup.scenario.named_stages]:
+            raise InputError([Fault(f"{table}.name", "is another one than in the first run") for table in named])
 
     def _constants(self, table: str, setup: Setup) -> Mapping[str, Any]:
         given = setup.scenario.stage(table) if table in self._named else getattr(setup.scenario, table, None)

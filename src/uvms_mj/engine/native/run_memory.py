@@ -347,9 +347,13 @@ class RunMemory:
 
     def begin(self, setup: Setup) -> None:
         """As :meth:`restart`, also with another vehicle, in an engine that has it in the record. Raises InputError also
-        for a setup whose record has another shape."""
+        for a setup that the engine can't run, with other stages or contacts, or whose record has another shape."""
+        self.engine.refuse(setup)
+        self.stages.refuse_others(setup)
+        if setup.contacts.kinds != self._setup.contacts.kinds:
+            raise InputError("the run has other walls or contacts than the first one")
         if not self._takes(shape_of(setup)):
-            raise InputError([Fault("vehicle", "the runs have other numbers of thrusters, walls, contacts or effects")])
+            raise InputError("the run has another number of thrusters, contact bodies or effects than the first one")
         constants = self._fitting(setup)
         self.image.fixed[:] = self._start
         self._fill(setup)

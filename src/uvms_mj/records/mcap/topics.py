@@ -332,7 +332,7 @@ def vehicles(header: Header, scene: Scene) -> Message:
 
 
 def surroundings(header: Header, scene: Scene) -> Message:
-    """The walls, those that move in their frames, and the constant arrows."""
+    """The walls, each in its frame if it moves, and the constant arrows."""
     walls = [("map", part) for wall in scene.walls for part in _parts(wall)]
     walls += [(frame_below(header, wall.frame), part) for wall in scene.moving for part in _parts(wall.shape)]
     message = Message().put("u4", len(walls) + len(scene.arrows))

@@ -273,7 +273,7 @@ def _copy(file: zipfile.ZipFile, name: str, member: Member, target: IO[bytes] | 
 
 
 def _wrong_member(info: zipfile.ZipInfo) -> str:
-    """What is wrong with a member of a zip; empty if nothing is."""
+    """The fault of a member of a zip; empty if it has none."""
     if info.orig_filename != info.filename:
         return "has a name that is no path"
     mode = stat.S_IFMT(info.external_attr >> 16)
@@ -289,7 +289,7 @@ def _wrong_member(info: zipfile.ZipInfo) -> str:
 
 
 def _wrong_name(name: str) -> str:
-    """What is wrong with the name of a member; empty for a relative path below the folder on every system."""
+    """The fault of the name of a member; empty for a relative path below the folder on every system."""
     if name.startswith("/") or PureWindowsPath(name).drive or "\\" in name or ":" in name:
         return "has an absolute path, or one of another system"
     if ".." in name.split("/"):

@@ -1,4 +1,4 @@
-"""What an archive has of a run, a study, a result of the benchmark or the paper's runs.
+"""The contents of an archive of a run, a study, a result of the benchmark or the paper's runs.
 
 It is taken from the records: the log, or version.json, has the digest of each file that the user's stages had. A file
 that is another one now is refused, unless the record has its contents. No file of the user's is imported.
@@ -58,7 +58,7 @@ class Contents:
 
 
 def contents_of(source: Path, secret: Path | None = None) -> Contents:
-    """What an archive of a log or of a folder has. ``secret`` is the file of a result's blind draws. Raises InputError
+    """Contents of an archive of a log or a folder. ``secret`` is the file of a result's blind draws. Raises InputError
     if it is none that can be repeated, or a file that it needs has gone or changed."""
     if not is_folder(source):
         if not is_file(source):
@@ -94,7 +94,7 @@ class _Named:
 
 @checked(frozen=True, config=STRICT)
 class _Asked:
-    """What a result of the benchmark was asked for besides its laws."""
+    """The options of a result of the benchmark besides its laws."""
 
     tasks: list[str]
     draws: str

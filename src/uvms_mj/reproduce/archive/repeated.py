@@ -1,4 +1,4 @@
-"""What a repetition differs in from what its archive has."""
+"""Differences between a repetition and its archive."""
 
 import json
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ UNPACKED = "archive"
 
 
 def differences(kind: str, out: Path) -> list[str]:
-    """What the results in a folder differ in from its unpacked archive of a kind; empty if they are equal."""
+    """The differences of the results in a folder from its unpacked archive of a kind; empty if they are equal."""
     then = out / UNPACKED / RESULTS
     if kind == "run":
         return _of_logs(then / LOG, out / LOG)

@@ -517,7 +517,7 @@ def _over(spread: Mapping[str, Any], ideal: Mapping[str, Any] | None, level: str
 
 
 def fails(ladder: Mapping[str, Any], task: Task) -> str:
-    """What ended a ladder: the draws passed, the 95 % interval of their share, as of a number of draws that was fixed
+    """The end of a ladder: the draws passed, the 95 % interval of their share, as of a number of draws that was fixed
     before; each criterion that broke draws, in how many, and the median of its broken numbers."""
     last = ended(ladder)
     if last is None:

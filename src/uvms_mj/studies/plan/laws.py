@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import hashlib
-import warnings
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +13,11 @@ import platformdirs
 
 from ...control import Controller
 from ...errors import Fault, InputError, suggestion
-from ...files import atomic_write, plain, shortened, tables_of, toml_path
+from ...files import atomic_write, plain, shortened
 from ...quantities import overrides_of
 from ...scenario import Scenario
 from ...setup.checks import checked
-from ...setup.world import VEHICLES, World, checked_world
+from ...setup.world import VEHICLES, World, checked_world, loaded
 from ...stages.written import module_source
 from .file import Distribution, Grid, StudyFile, Values, Vary, absolute, anchored
 from .places import missing, overlap, overrides_at, sets_in_vain
@@ -118,10 +117,7 @@ def base_of(
                 return World.from_dict(inline, own, None, folder, trusted=trusted)
             if named is None:
                 return Scenario.from_dict({}, own, trusted=trusted)
-            path = toml_path(named, "scenario", "scenarios")
-            tables, place = tables_of(path, "scenario"), str(named)
-            kind = World if VEHICLES in tables else Scenario
-            return kind.from_dict(tables, own, None, path.parent, place, note=warnings.warn, trusted=trusted)
+            return loaded(named, own, trusted=trusted)
         except InputError as error:
             wrong = error
         if attempt == 0:

@@ -289,7 +289,7 @@ WEAK = 0.3
 
 
 def findings(data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Table) -> list[str]:
-    """What the numbers show: differences between laws, the strongest influences, the most frequent failure."""
+    """The findings of the numbers: differences between laws, the strongest influences, the most frequent failure."""
     first = [pair for pair in pairs if len(data.laws) <= _MOST_LAWS or pair.first == data.laws[0]]
     return [*_differences(first), *_influences(data, found), *_failures(failures)]
 

@@ -83,7 +83,7 @@ class Tuning(Problem):
         executor: Executor | None = None,
         progress: Progress | bool | None = None,
     ) -> None:
-        """Run the trials that a folder lacks, and write what was found. Called again after an interruption, it goes on.
+        """Run the trials that a folder lacks, and write the results. Called again after an interruption, it goes on.
 
         The folder gets trials.parquet and, if a trial is feasible, found.toml and the study of its runs, in which the
         engines are compared.

@@ -44,7 +44,7 @@ def scene(scenario: Scenario) -> Figure:
     """
     mjcf, initial = Mjcf.find(scenario.vehicle.model), scenario.initial
     quat = quat_from_euler_deg(*initial.attitude_deg)
-    geometry = looks.drawn_vehicle(mjcf.geometry, scenario.vehicle.contact_bodies)
+    geometry = looks.drawn_vehicle(mjcf.geometry, scenario, mjcf.vehicle.arm)
     start = np.array(initial.position)
     parts = [*_placed(geometry, start, quat, mjcf.vehicle.arm.start(initial.joints))]
     walls = [looks.drawn_wall(wall) for wall in surfaces_of(scenario, Probe.of(scenario.task.frame, mjcf).radius)]

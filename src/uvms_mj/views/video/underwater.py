@@ -204,11 +204,11 @@ def model_of(
         others: of the other vehicles of a world; their names in the model begin with :func:`prefix_of`.
     """
     spec = header.mjcf.spec()
-    for body, each in _contact_bodies(header):
+    for body, each in _touching_shapes(header):
         _add_solid(spec, body, each)
     for other in others:
         child = other.mjcf.spec()
-        for body, each in _contact_bodies(other):
+        for body, each in _touching_shapes(other):
             _add_solid(child, body, each)
         for light in list(child.lights):
             child.delete(light)
@@ -286,10 +286,10 @@ def _add_solid(spec: mujoco.MjSpec, body: str, shape: Shape) -> None:
     spec.body(body).add_geom(type=_kind(shape), rgba=shape.rgba, mass=0.0, **place)
 
 
-def _contact_bodies(header: Header) -> Iterator[tuple[str, Shape]]:
-    """The contact bodies of a scenario as shapes, with the bodies that carry them."""
+def _touching_shapes(header: Header) -> Iterator[tuple[str, Shape]]:
+    """The contact bodies of a vehicle, and what it touches others with, as shapes with the bodies that carry them."""
     geometry: Geometry = header.geometry
-    drawn = drawn_vehicle(geometry, header.scenario.vehicle.contact_bodies)
+    drawn = drawn_vehicle(geometry, header.scenario, header.mjcf.vehicle.arm)
     for shape in drawn.shapes[len(geometry.shapes) :]:
         yield header.mjcf.vehicle.body, shape
     for link, with_bodies in zip(geometry.links, drawn.links, strict=True):
