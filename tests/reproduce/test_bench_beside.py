@@ -105,7 +105,8 @@ def test_a_comparison_is_a_table_for_a_paper(here):
         assert rows[at].endswith(f"& {f'{value:+d}' if value >= 0 else f'$-${-value}'} \\\\")
         assert "-" not in rows[at + 1].replace("$-$", "")
         assert all(str(abs(each)) in rows[at + 1] for each in (low, high))
-    assert "at least 50 \\%" in text, "ten intervals of 95 %"
+    assert "at least 50~\\%" in text, "ten intervals of 95 %"
+    assert "all 10 at once with at least 50 %" in " ".join(done.stdout.split())
     assert here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "pairs.tex").exit_code == 2
     assert "must end in .tex" in here("bench", "compare", "shipped:gsta", "shipped:sta", "--out", "p.csv").stderr
 

@@ -64,7 +64,7 @@ def test_csv_gives_the_same_numbers_again(study):
 
 
 def test_texts_for_latex():
-    assert latex("a_b & 50 % {x} #1 $") == r"a\_b \& 50 \% \{x\} \#1 \$"
+    assert latex("a_b & 50 % {x} #1 $") == r"a\_b \& 50~\% \{x\} \#1 \$"
     assert latex("[m/s^2]") == "[m/s$^{2}$]"
     assert latex("[s^-1]") == "[s$^{-1}$]"
     assert latex("[N² s]") == "[N$^2$ s]"

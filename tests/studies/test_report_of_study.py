@@ -283,7 +283,7 @@ def test_all_pairs_of_many_laws_are_in_the_report_with_what_holds_for_all_at_onc
     plan = plan_of([VARY[0]], laws=laws, runs=60, keep={"metrics": ["contact.peak_N"]})
 
     def row(given):
-        values = rng.normal(10.0, 1.0, len(given)) + 5.0 * (given["law"] == "pid")
+        values = rng.normal(10.0, 1.0, len(given["law"])) + 5.0 * (given["law"] == "pid")
         return {"contact.peak_N": values, "status": "completed"}
 
     frame = frame_of(plan, row)

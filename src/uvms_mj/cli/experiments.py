@@ -532,6 +532,7 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
         from ..reproduce.bench.page import comparison
         from ..reproduce.bench.results import compared, sentences
         from ..studies.report.latex import COLUMN_PT
+        from ..studies.report.statistics import of_many
 
         if out is not None:
             if Path(out).suffix != ".tex":
@@ -551,6 +552,8 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
         rows = [tuple(sentences(name, task, labels)) for name, task in pair["tasks"].items()]
         title = f"{pair['first']} and {pair['second']}: draws passed"
         Listing(title, heads, rows, right=heads[1:], width=80).show()
+    if together := of_many(sum("interval" in task for pair in found["pairs"] for task in pair["tasks"].values())):
+        click.echo(together)
     valid = {True: "valid", False: "not valid", None: "not known to be valid"}[found["valid"]]
     click.echo(printable(f"{valid}: {found['why']}"))
     wide = [f"{out}: {table.fits}" for table in tables if table.width > COLUMN_PT]

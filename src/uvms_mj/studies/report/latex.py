@@ -22,6 +22,7 @@ COLUMN_PT, PAGE_PT = PT_IN * COLUMN_IN, PT_IN * PAGE_IN
 _ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
+    "\N{NO-BREAK SPACE}": "~",
     "^": r"\textasciicircum{}",
     "µ": r"$\mu$",
     "·": r"$\cdot$",
@@ -38,11 +39,13 @@ _POWER = re.compile(r"\^(-?\d+)")
 """A power in a unit, m/s^2."""
 _MINUS = re.compile(r"(?<![\w.)\]^])-(?=\.?\d)")
 """A hyphen that is the sign of a number."""
+_PER_CENT = re.compile(r"(?<=\d) (?=%)")
+"""The space in 95 %, where no line ends."""
 
 
 def latex(text: str) -> str:
     """A text as LaTeX prints it; powers in units are raised, and numbers have a minus sign."""
-    parts = _POWER.split(_MINUS.sub("−", text))  # text, power, text, ...
+    parts = _POWER.split(_PER_CENT.sub("\N{NO-BREAK SPACE}", _MINUS.sub("−", text)))  # text, power, text, ...
     escaped = ["".join(_ESCAPED.get(letter, letter) for letter in part) for part in parts[::2]]
     raised = [f"$^{{{power}}}$" for power in parts[1::2]]
     return "".join(a + b for a, b in zip(escaped, [*raised, ""], strict=True))

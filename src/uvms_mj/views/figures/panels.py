@@ -329,13 +329,15 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
     colour, dashes and label of each trace.
     """
 
+    levels = _levels(traces, looks)
+
     def draw(ax: Axes) -> None:
         _pushes(ax, traces, looks)
-        _expected(ax, traces, looks)
+        _expected(ax, traces, levels)
         ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
 
     sizes = [_peak(trace) for trace in traces.values()]
-    insets = (*_impacts(traces, looks), *_at_rest(traces, looks))
+    insets = (*_impacts(traces, looks), *_at_rest(traces, looks, levels))
     height = 1.0 + _TALLER * len(insets)
     return Panel("contact force", "N", draw, 1.0, insets, height, linear_within(sizes, sizes))
 
@@ -373,22 +375,43 @@ def _pushes(
     return ends
 
 
-def _expected(ax: Axes, traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> list[float]:
-    """Draw the expected forces of all runs, each once; return their values [N]. Where runs expect different forces, the
-    legend says whose each is, and the n-th has its dashes in groups of n."""
-    span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
+@dataclass(frozen=True)
+class _Level:
+    """A force that runs expect: its name, its value [N], the runs, its dashes, and whose it is in the legend."""
+
+    name: str
+    force: float
+    runs: list[str]
+    dashes: tuple[float, ...]
+    of: str
+
+
+def _levels(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> list[_Level]:
+    """The expected forces of all runs, each once. Where runs expect different forces, the legend says whose each is,
+    and the n-th has its dashes in groups of n."""
     found: dict[str, dict[float, list[str]]] = {name: {} for name in LEVELS}
     for label, trace in traces.items():
         for name, force in expected_forces(trace):
             same = next((other for other in found[name] if math.isclose(force, other, rel_tol=_SAME)), force)
-            found[name].setdefault(same, []).append(str(looks[label]["label"]))
+            found[name].setdefault(same, []).append(label)
+    levels = list[_Level]()
     for name, forces in found.items():
         on, off = _DASHES[name]
-        for i, (force, owners) in enumerate(forces.items()):
+        for i, (force, runs) in enumerate(forces.items()):
             alone = len(forces) == 1
             dashes = (on, off) if alone else (on, off) * i + (on, 4.0 * off)
-            level(ax, span, force, name, LEVELS[name] | {"linestyle": (0.0, dashes)}, "" if alone else _of(owners))
-    return [force for forces in found.values() for force in forces]
+            of = "" if alone else _of([str(looks[label]["label"]) for label in runs])
+            levels.append(_Level(name, force, runs, dashes, of))
+    return levels
+
+
+def _expected(ax: Axes, traces: Mapping[str, Trace], levels: Sequence[_Level]) -> list[float]:
+    """Draw the expected forces of some runs; return their values [N]."""
+    span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
+    own = [each for each in levels if not traces.keys().isdisjoint(each.runs)]
+    for each in own:
+        level(ax, span, each.force, each.name, LEVELS[each.name] | {"linestyle": (0.0, each.dashes)}, each.of)
+    return [each.force for each in own]
 
 
 _SAME = 1e-6
@@ -417,7 +440,9 @@ def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
     return (Inset(draw, "impacts", height=0.36),)
 
 
-def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
+def _at_rest(
+    traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]], levels: Sequence[_Level]
+) -> tuple[Inset, ...]:
     """Inset of the second half of the time after first contact, for runs in contact then, if peaks are much larger."""
     pushes = {label: trace.band("push")[1] for label, trace in traces.items()}
     touched = {label: trace for label, trace in traces.items() if pushes[label].any()}
@@ -432,7 +457,7 @@ def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
         return ()
 
     def draw(ax: Axes, _: float) -> None:
-        seen = [*_pushes(ax, resting, looks, (start, end)), *_expected(ax, resting, looks)]
+        seen = [*_pushes(ax, resting, looks, (start, end)), *_expected(ax, resting, levels)]
         margin = max(0.2 * (max(seen) - min(seen)), 0.005 * max(seen))
         ax.set(xlim=(start, end), ylim=(min(seen) - margin, max(seen) + margin))
 
