@@ -6,6 +6,7 @@ import shutil
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 gc.set_threshold(100_000, 50, 50)  # pages are large trees: to search them more often takes an eighth of the build
 
@@ -65,6 +66,7 @@ suppress_warnings = ["misc.highlighting_failure"]  # a block of output in the wo
 
 # Gallery. A warning is printed without the folder of the build, and without the line that it shows below itself
 warnings.formatwarning = lambda message, category, *_: f"{category.__name__}: {message}\n"
+warnings.filterwarnings("ignore", message=".*DISPLAY environment variable is missing")  # dm_control asks GLFW first
 sphinx_gallery_conf = {
     "examples_dirs": [str(HERE / "_build" / "gallery")],
     "gallery_dirs": ["gallery"],
@@ -111,3 +113,13 @@ html_theme_options = {
     "pygments_dark_style": "github-dark",
 }
 html_sidebars = {"index": []}
+
+
+def setup(app: Any) -> None:
+    app.connect("autodoc-process-docstring", whole, priority=400)
+
+
+def whole(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Keep the first words of an attribute's docstring before Napoleon, which takes words before a colon for a type."""
+    if what in ("attribute", "property"):
+        lines.insert(0, "\\ ")  # an empty text, without a colon

@@ -27,6 +27,17 @@ WRONG = """[...document.querySelectorAll("div.math")].filter(box => box.querySel
     box.querySelector("mjx-math").getBoundingClientRect().right > box.getBoundingClientRect().right + 2
 ).map(box => box.textContent)"""
 """The displayed equations of a page that are not typeset, or are wider than the page."""
+BEYOND = """(() => {
+    const article = document.querySelector("article"), edge = article.getBoundingClientRect().right + 1;
+    const kept = box => box !== article && (getComputedStyle(box).overflowX !== "visible" || kept(box.parentElement));
+    return [...article.querySelectorAll(":not(svg *, mjx-container *)")].filter(
+        box => box.getBoundingClientRect().right > edge && !kept(box.parentElement)
+    ).map(box => box.outerHTML.slice(0, 200));
+})()"""
+"""The elements of a page that pass the edge of its column, and don't scroll in a box within it."""
+SCROLLED = """[...document.querySelectorAll("article .pst-scrollable-table-container")].filter(
+    box => box.scrollWidth > box.clientWidth + 1).map(box => box.textContent.slice(0, 200))"""
+"""The tables of a page that are wider than its column."""
 
 
 def test_the_api_has_every_public_name():
@@ -125,8 +136,10 @@ def look(browser: Chromium, site: Path) -> None:
     """Open some pages as wide as on a phone, then widen the window: an equation is typeset where it has least room."""
     browser("Network.enable")
     theory = [f"physics/{each.stem}" for each in sorted((site / "physics").glob("*.html"))]
-    wide = ("start/exercise", "how_to/step", "how_to/bring_your_vehicle", "evidence/contact10", "reference/keys")
-    for page in ("index", *theory, *wide, "gallery/index", "notebooks/1_first_push"):
+    wide = ("start/exercise", "how_to/step", "how_to/bring_your_vehicle", "evidence/contact10", "evidence/twins")
+    tables = [f"reference/{name}" for name in ("keys", "bench_tasks", "topics", "metrics", "commands", "environment")]
+    names = ("reference/api/uvms_mj.Identification", "reference/api/uvms_mj.Coupling")
+    for page in ("index", *theory, *wide, *tables, *names, "gallery/index", "gallery/tool", "notebooks/1_first_push"):
         for width in (390, 1280):
             phone = width < 600
             browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=phone)
@@ -136,6 +149,8 @@ def look(browser: Chromium, site: Path) -> None:
             assert browser.evaluate("location.pathname").endswith(f"/{page}.html")
             assert browser.evaluate("document.documentElement.scrollWidth") <= width, (page, width)
             assert browser.evaluate(WRONG) == [], (page, width)
+            assert browser.evaluate(BEYOND) == [], (page, width)
+            assert phone or browser.evaluate(SCROLLED) == [], page
     asked = {e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"}
     assert len(asked) > 20
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []

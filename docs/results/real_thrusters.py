@@ -4,8 +4,9 @@ Real thrusters and an estimated state
 
 The BlueROV2 Heavy with T200 thrusters, whose dead band and lag the law does not know, on a soft wall. On 14 V they
 saturate during the approach: GSTA's integral winds up, and the vehicle hits the wall with 0.4 m/s and some 80 N,
-before it settles. On 16 V it arrives as the ideal one does. The last state comes from an error-state Kalman filter of
-inertial unit, DVL, pressure and heading; it changes little.
+before it settles. On 16 V it arrives as the ideal one does. The last run has the state of an error-state Kalman filter
+of inertial unit, DVL, pressure and heading. It touches as softly, and then presses less: with 0.9 N on average from 7
+to 10 s, and 1.3 N in the last two seconds, in place of 1.4 N.
 """
 
 import uvms_mj

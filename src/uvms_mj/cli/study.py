@@ -242,7 +242,7 @@ def study_plot(
 
     \b
     uvms-mj study plot results --what distributions --metrics contact.peak_N,contact.final_N
-    uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page --fonts serif
+    uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page
     """
     draw_to_files()
     with bad_input():

@@ -15,8 +15,8 @@ integrated at every time step,
 
 .. math::
 
-    r = \exp\left(-\left(\frac{\bar F - F_d}{F_d}\right)^2\right)
-        - c\, \frac{1}{6} \sum_{i=1}^6 \frac{1}{T \tau_i^2} \int \tau_i(t)^2\, dt
+    r = {} &\exp\left(-\left(\frac{\bar F - F_d}{F_d}\right)^2\right) \\
+        &- c\, \frac{1}{6} \sum_{i=1}^6 \frac{1}{T \tau_i^2} \int \tau_i(t)^2\, dt
 
 where :math:`\tau_i` is ``wrench_scale`` and c ``effort_weight``. A vehicle that does not touch the wall gets
 exp(-1) = 0.37 less its effort. A function of :class:`Seen` in its place gives the rewards (n,). A run that diverges
@@ -330,7 +330,7 @@ class Pushes:
 
     @property
     def seen(self) -> Seen:
-        """What functions of the user are given."""
+        """The argument of the user's functions."""
         return Seen(self.batch, self._demands, self._actions, self._force, self._effort)
 
     def observations(self) -> Observation:
