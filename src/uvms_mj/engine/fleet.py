@@ -277,8 +277,9 @@ class Fleet:
     def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
         """Return to the start of all runs, with the words of :class:`Starts`, (n, ...). ``varying`` are further
         words in which they may differ; those that do are added to it."""
-        if varying is not None and varying != self._varying:
-            self._varying, self._code = varying, None
+        if varying is not None:
+            self._code = self._code if varying == self._varying else None
+            self._varying = varying  # also an equal one, to which the words are added
         rows = words if words.strides[0] else words[:1]
         differ = np.zeros(words.shape[1], bool)
         for first in range(0, len(rows), 4096):

@@ -134,8 +134,14 @@ class Execution:
         engines = pair_of(self.plan)
         if engines[0] == GPU:
             fleets = Fleets(self.plan, self.bundle, self.executor, self._tick, compares=True)
-            left = fleets.run(indices, functools.partial(_by_index, pairs))
-            pairs |= {(index, GPU): {"status": "lost"} for index in left}
+            left = {*fleets.run(indices, functools.partial(_by_index, pairs))}
+            for reason, runs in fleets.reasons.items():
+                if runs:
+                    told = f"{runs} of {len(indices)} runs of the sample are not compared with {engines[1]}: {reason}"
+                    warnings.warn(told, CpuWarning, stacklevel=2)
+            indices = [index for index in indices if index not in left]
+            if not indices:
+                return
         calls = [(index, engine) for index in indices for engine in engines if engine != GPU]
         self._repeat(f"checking in {engines[1]}", compared, calls, keep)
         found = differences(self.plan, indices, pairs)
