@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
-from uvms_mj import Scenario, Trace, simulate
+from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.engine import simulation
 from uvms_mj.engine.engines import refusals
@@ -115,6 +115,17 @@ def _engine(request):
             patch.setitem(simulation.ENGINES, "fast", _fast)
             patch.setitem(simulate.__kwdefaults__, "engine", "fast")
         yield
+
+
+@pytest.fixture(scope="session")
+def driver():
+    """A test of pictures is skipped where nothing draws without a window."""
+    from uvms_mj.views.video import underwater
+
+    try:
+        underwater._gl_context(16, 16).free()
+    except InputError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

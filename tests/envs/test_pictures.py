@@ -11,19 +11,10 @@ gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 import uvms_mj.envs  # noqa: E402, F401  # registers the environment
 from uvms_mj import InputError, Scenario, simulate  # noqa: E402
 from uvms_mj.envs.pictures import Pictures  # noqa: E402
-from uvms_mj.views.video import underwater  # noqa: E402
 
 SIZE = (320, 180)
 NEAR = {"simulation.timestep": 1e-3, "simulation.duration": 0.4, "initial.position": [0.6, 0.0, 0.0]}
 PUSH = "uvms_mj/PushWall-v0"
-
-
-@pytest.fixture(scope="module")
-def driver():
-    try:
-        underwater._gl_context(16, 16).free()
-    except InputError as error:
-        pytest.skip(str(error))
 
 
 def make(**settings):

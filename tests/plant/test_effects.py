@@ -8,7 +8,7 @@ import pytest
 from twin import TwinParameters
 from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach
 from uvms_mj.physics.effects import EFFECTS, FLOWS, PUSHES, TABLES, counted
-from uvms_mj.plant.effects import each_table, effect_records, effect_tables
+from uvms_mj.plant.effects import each_table, effect_records, effect_tables, situation_of
 from uvms_mj.plant.settings import Situation, Surface
 from uvms_mj.plant.water import EFFECT_TABLES
 from uvms_mj.setup.base import set_up
@@ -31,6 +31,14 @@ TO_THE_WALL = {"current.direction_deg": 30.0}
 """In the lee of a wall the current is not computed."""
 ALWAYS = {"current", "disturbance"}
 """The effects of which each vehicle has one, so that a reset may set them."""
+
+
+def test_a_run_finds_each_field_of_a_situation_and_no_other_one():
+    setup = set_up(Scenario())
+    found = situation_of(setup.scenario, setup.plant)
+    assert all(hasattr(found, name) for name in Situation._fields)
+    assert found.inertia.shape == (6, 6)
+    assert not hasattr(found, "depth")
 
 
 def test_each_effect_has_records_a_table_and_a_field():

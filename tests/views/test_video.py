@@ -21,14 +21,6 @@ SMALL = (320, 180)
 
 
 @pytest.fixture(scope="module")
-def driver():
-    try:
-        underwater._gl_context(16, 16).free()
-    except InputError as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture(scope="module")
 def push() -> Trace:
     """A push that begins at once."""
     settings = {"reference.step_time": 0.0, "wall.position": 0.3, "reference.target": [0.31, 0, 0]}

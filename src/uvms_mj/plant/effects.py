@@ -17,11 +17,35 @@ from ..physics.kernels import record_of
 from ..stages.setup import ScenarioLike
 from .buoyancy import Buoyancy
 from .contacts import walls_of
-from .settings import EffectTable, Situation, Surface
+from .settings import EffectTable, Situation
 from .water import EFFECT_TABLES
 
 Tables = Mapping[str, EffectTable | Sequence[EffectTable]]
 """A table of each effect by its name, or a list of them."""
+
+
+_FOUND: Mapping[str, Callable[[ScenarioLike, Any], Any]] = {
+    "seed": lambda scenario, plant: scenario.simulation.seed,
+    "gravity": lambda scenario, plant: float(np.linalg.norm(plant.mjcf.gravity_W)),
+    "face": lambda scenario, plant: scenario.wall.position + plant.probe.radius if scenario.wall.present else None,
+    "timestep": lambda scenario, plant: scenario.simulation.timestep,
+    "links": lambda scenario, plant: plant.vehicle.arm.names,
+    "start_p": lambda scenario, plant: scenario.initial.position,
+    "start_R": lambda scenario, plant: rotation_matrix(quat_from_euler_deg(*scenario.initial.attitude_deg)),
+    "mean_flow_W": lambda scenario, plant: scenario.mean_flow_W,
+    "inertia": lambda scenario, plant: plant.vehicle.M_RB + plant.vehicle.M_A,
+    "duration": lambda scenario, plant: scenario.simulation.duration,
+    "walls": lambda scenario, plant: walls_of(scenario, plant.probe.radius),
+    "displaced_mass": lambda scenario, plant: plant.vehicle.displaced_mass,
+    "r_b": lambda scenario, plant: plant.vehicle.r_b,
+    "surface": lambda scenario, plant: scenario.sea.surface,
+    "tilted": lambda scenario, plant: bool(plant.mjcf.gravity_W[:2].any()),
+    "surfaces": lambda scenario, plant: bool(scenario.buoyancy.shapes),
+    "vehicle": lambda scenario, plant: scenario.vehicle.name,
+    "arm": lambda scenario, plant: plant.vehicle.arm,
+    "wrist": lambda scenario, plant: bool(scenario.wrist.runs),
+}
+"""Where each field of a :class:`.settings.Situation` is in a scenario with a plant."""
 
 
 class _Situation:
@@ -30,82 +54,10 @@ class _Situation:
     def __init__(self, scenario: ScenarioLike, plant: Any) -> None:
         self._scenario, self._plant = scenario, plant
 
-    @property
-    def seed(self) -> int:
-        return self._scenario.simulation.seed
-
-    @property
-    def gravity(self) -> float:
-        return float(np.linalg.norm(self._plant.mjcf.gravity_W))
-
-    @property
-    def face(self) -> float | None:
-        wall = self._scenario.wall
-        return wall.position + self._plant.probe.radius if wall.present else None
-
-    @property
-    def timestep(self) -> float:
-        return self._scenario.simulation.timestep
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        return self._plant.vehicle.arm.names
-
-    @property
-    def duration(self) -> float:
-        return self._scenario.simulation.duration
-
-    @property
-    def walls(self) -> Mapping[str, Surface]:
-        return walls_of(self._scenario, self._plant.probe.radius)
-
-    @property
-    def start_p(self) -> tuple[float, float, float]:
-        return self._scenario.initial.position
-
-    @property
-    def start_R(self) -> np.ndarray:
-        return rotation_matrix(quat_from_euler_deg(*self._scenario.initial.attitude_deg))
-
-    @property
-    def mean_flow_W(self) -> np.ndarray:
-        return self._scenario.mean_flow_W
-
-    @property
-    def inertia(self) -> np.ndarray:
-        return self._plant.vehicle.M_RB + self._plant.vehicle.M_A
-
-    @property
-    def displaced_mass(self) -> float:
-        return self._plant.vehicle.displaced_mass
-
-    @property
-    def r_b(self) -> np.ndarray:
-        return self._plant.vehicle.r_b
-
-    @property
-    def surface(self) -> float:
-        return self._scenario.sea.surface
-
-    @property
-    def tilted(self) -> bool:
-        return bool(self._plant.mjcf.gravity_W[:2].any())
-
-    @property
-    def surfaces(self) -> bool:
-        return bool(self._scenario.buoyancy.shapes)
-
-    @property
-    def vehicle(self) -> str:
-        return self._scenario.vehicle.name
-
-    @property
-    def arm(self) -> Any:
-        return self._plant.vehicle.arm
-
-    @property
-    def wrist(self) -> bool:
-        return bool(self._scenario.wrist.runs)
+    def __getattr__(self, name: str) -> Any:
+        if name not in _FOUND:  # as copies and pickles ask for theirs
+            raise AttributeError(name)
+        return _FOUND[name](self._scenario, self._plant)
 
 
 def situation_of(scenario: ScenarioLike, plant: Any) -> Any:
