@@ -310,9 +310,8 @@ class Loop:
         tau_c = np.zeros(6) if rest is None else rest.tau_c
         if contact is not None:
             tau_c = normal * (max(0.0, float(normal @ setup.scenario.impedance.at_end[1])) if push is None else push)
-        drawn, by_contact = self._drawn(left @ M_inv, right, tau_c)
-        if rest is not None:
-            drawn = -M_inv @ rest.needs
+        slopes, by_contact = self._of_water(tau_c, rest)
+        drawn = np.hstack([left @ M_inv @ part @ right for part in np.hsplit(slopes, 2)])
         self.step = self._step(drawn, left @ M_inv @ (pushed + by_contact @ pushed))
         self._lines(period)
 
@@ -333,9 +332,10 @@ class Loop:
         by_s = law.by_s(np.array([S * right for S in amplitudes]))
         return found + np.array([out @ each / S for each, S in zip(by_s, amplitudes, strict=True)]) @ found[-self.m :]
 
-    def _drawn(self, left: np.ndarray, right: np.ndarray, tau_c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Acceleration (m, 2 m) by linear damping and by the effects of the water on a rigid vehicle, shipped ones and
-        a user's, from x and nu, and their wrench (6, 6) from a contact's, under the normal forces tau_c (6,)."""
+    def _of_water(self, tau_c: np.ndarray, rest: "ContactsAtRest | None") -> tuple[np.ndarray, np.ndarray]:
+        """The slopes (6, 12) of the water's wrench by x and nu, and (6, 6) by a contact's wrench, under the normal
+        forces tau_c (6,). About a rest all of the water is in them; elsewhere linear damping and the effects on a rigid
+        vehicle, shipped ones and a user's."""
         effects, slopes, by_contact = self.setup.scenario.effects, np.zeros((6, 12)), np.zeros((6, 6))
         slopes[:, 6:] = -self.setup.vehicle.D_linear
         if not self.setup.not_rigid:
@@ -343,7 +343,7 @@ class Loop:
             if effects:
                 own = OwnEffects(effects, self.setup).slopes(self.setup, tau_c)
                 slopes, by_contact = slopes + own[:, :12], own[:, 12:]
-        return np.hstack([left @ slopes[:, :6] @ right, left @ slopes[:, 6:] @ right]), by_contact
+        return slopes if rest is None else -rest.needs, by_contact
 
     def _step(self, drawn: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """A time step of x, nu and the states of the lag, which the acceleration by the command follows. The water's
