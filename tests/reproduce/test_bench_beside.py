@@ -9,8 +9,9 @@ import pytest
 from matplotlib.text import Text
 
 from uvms_mj import InputError
+from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.reproduce.bench import results
-from uvms_mj.reproduce.bench.page import comparison, latex_table, order
+from uvms_mj.reproduce.bench.page import comparison, latex_table, order, table
 from uvms_mj.reproduce.bench.results import drawn
 from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.views.figures.style import typeset
@@ -88,17 +89,25 @@ def test_the_command_writes_both_and_the_result_has_the_own_laws_alone(here):
     assert "Rows of another result" in Path("out/report.html").read_text()
 
 
+def test_the_table_of_a_task_says_over_which_time_its_numbers_are():
+    caption = table(results.shipped(), next(iter(tasks().values()))).caption
+    named = {"hold.error_N": "last 5 s", "hold.bias_N": "last 5 s", "chattering_N_per_s": "last second"}
+    for name, words in named.items():
+        assert NUMBERS[name].meaning in caption
+        assert words in NUMBERS[name].meaning
+
+
 def test_a_comparison_is_a_table_for_a_paper(here):
     done = here("bench", "compare", "shipped:gsta", "shipped:dob_impedance", "--out", "pairs.tex")
     assert done.exit_code == 0, done.stderr
     text = Path("pairs.tex").read_text()
     rows = [line for line in text.splitlines() if line.endswith("\\\\")]
     found = results.compared("shipped:gsta", "shipped:dob_impedance")
-    (table,) = comparison(found)
+    (pairs,) = comparison(found)
     assert "dob\\_impedance" in rows[0]
     assert all(row.count("&") - row.count("\\&") == 4 for row in rows)
-    assert table.width <= 516.0
-    assert ("put it in table*" in done.stderr) == (table.width > 252.0)
+    assert pairs.width <= 516.0
+    assert ("put it in table*" in done.stderr) == (pairs.width > 252.0)
     for name, task in found["pairs"][0]["tasks"].items():
         (at,) = (i for i, row in enumerate(rows) if row.startswith(name.replace("_", "\\_")))
         value, low, high = (round(100.0 * each) for each in (task["difference"], *task["interval"]))

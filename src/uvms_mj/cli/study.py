@@ -191,7 +191,7 @@ def list_studies(as_json: bool) -> None:
 @force_option
 def study_report(folder: str, out: str | None, force: bool) -> None:
     """Write one HTML page about the results of a study, also while it runs: success rates, distributions, maps over
-    the varied keys, sensitivity, differences between laws, and the runs to look at.
+    the varied keys, sensitivity, differences between every two laws, and the runs to look at.
 
     \b
     uvms-mj study report runs/monte_carlo

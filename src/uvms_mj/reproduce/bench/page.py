@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...analysis.hold import HOLD_S
-from ...analysis.summary import COURSES, PARTS
+from ...analysis.summary import COURSES, NUMBERS, PARTS
 from ...control.task import Schedule
 from ...studies.pages import (
     Cell,
@@ -497,7 +497,12 @@ def table(found: Mapping[str, Any], task: Task) -> Table:
         ]
         passed = f"{cell['passed']}/{cell['draws']}"
         rows.append((law["label"], [str(ladder["level"]), passed, *numbers, _used(cell), fails(ladder, task)]))
-    return Table("law", heads, rows)
+    meanings = (f"{head}: {NUMBERS[name].meaning}" for head, name in _OVER_A_WINDOW.items())
+    return Table("law", heads, rows, caption="; ".join(meanings))
+
+
+_OVER_A_WINDOW = {"error": "hold.error_N", "bias": "hold.bias_N", "chatter": "chattering_N_per_s"}
+"""The numbers of the end of a run by their heads."""
 
 
 def _used(cell: Mapping[str, Any]) -> str:
