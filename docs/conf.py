@@ -121,5 +121,5 @@ def setup(app: Any) -> None:
 
 def whole(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Keep the first words of an attribute's docstring before Napoleon, which takes words before a colon for a type."""
-    if what in ("attribute", "property"):
-        lines.insert(0, "\\ ")  # an empty text, without a colon
+    if what in ("attribute", "property") and lines:
+        lines[:1] = lines[0].split(" ", 1)  # it looks at the first line alone
