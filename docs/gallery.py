@@ -87,13 +87,20 @@ def figures(block: Any, variables: dict[str, Any], settings: dict[str, Any]) -> 
     """Save the new figures and pictures of the scene among the variables of a program; pyplot knows none of them."""
     found = [value for value in variables["example_globals"].values() if isinstance(value, Figure | Image)]
     saved = variables.setdefault("saved_figures", [])
-    paths = []
+    paths, scenes = [], []
     for figure in found:
         if not any(figure is each for each in saved):
             saved.append(figure)
             paths.append(next(variables["image_path_iterator"]))
-            figure.savefig(paths[-1], dpi=150) if isinstance(figure, Figure) else figure.save(paths[-1])
-    return figure_rst(paths, settings["src_dir"])
+            if isinstance(figure, Figure):
+                figure.savefig(paths[-1], dpi=150)
+            else:
+                figure.save(paths[-1])
+                scenes.append(Path(paths[-1]).name)
+    text = figure_rst(paths, settings["src_dir"])
+    for name in scenes:  # of a class of their own, which is seen whole on a phone
+        text = re.sub(rf"({re.escape(name)}\n.*?:class: )\S+", r"\1scene", text, count=1, flags=re.DOTALL)
+    return text
 
 
 RUN = rf"\A(?!.*/({'|'.join(re.escape(name) for name in NOT_RUN)})$)"
