@@ -14,8 +14,8 @@ from typing import Any
 
 from page_look import written
 from uvms_mj.reproduce.bench import RESULT
-from uvms_mj.reproduce.bench.page import colours_of, courses, ended, order
-from uvms_mj.reproduce.bench.results import SHIPPED, parsed, shipped
+from uvms_mj.reproduce.bench.figures import colours_of, courses, order
+from uvms_mj.reproduce.bench.results import SHIPPED, ended, parsed, shipped
 from uvms_mj.reproduce.bench.task import Entry, Task, tasks
 from uvms_mj.studies.results import frame
 from uvms_mj.studies.rows import one_row

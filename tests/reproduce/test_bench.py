@@ -26,7 +26,7 @@ from uvms_mj.engine.vehicle_run import PlainPythonWarning
 from uvms_mj.reproduce.bench import LATEX, PAGE, RESULT, bench
 from uvms_mj.reproduce.bench.draws import KNOWN, Draws
 from uvms_mj.reproduce.bench.execution import jobs, warn_of_slow_laws
-from uvms_mj.reproduce.bench.page import latex_table
+from uvms_mj.reproduce.bench.latex import latex_table
 from uvms_mj.reproduce.bench.results import (
     FIRST_VERSION,
     broken,

@@ -11,7 +11,9 @@ from matplotlib.text import Text
 from uvms_mj import InputError
 from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.reproduce.bench import results
-from uvms_mj.reproduce.bench.page import comparison, latex_table, order, table
+from uvms_mj.reproduce.bench.figures import order
+from uvms_mj.reproduce.bench.latex import comparison, latex_table
+from uvms_mj.reproduce.bench.page import table
 from uvms_mj.reproduce.bench.results import drawn
 from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.views.figures.style import typeset

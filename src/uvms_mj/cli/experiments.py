@@ -529,7 +529,7 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
     with bad_input():
         from ..errors import InputError
         from ..files import atomic_write
-        from ..reproduce.bench.page import comparison
+        from ..reproduce.bench.latex import comparison
         from ..reproduce.bench.results import compared, sentences
         from ..studies.report.latex import COLUMN_PT
         from ..studies.report.statistics import of_many
@@ -594,7 +594,7 @@ def bench_plot(
     """
     draw_to_files()
     with bad_input():
-        from ..reproduce.bench.page import colours_of, order
+        from ..reproduce.bench.figures import colours_of, order
         from ..views import figures
         from ..views.figures.style import PAGE_IN, typeset, width_of
 
@@ -622,7 +622,7 @@ def bench_table(result: str, beside: str | None, out: str | None, force: bool) -
     with bad_input():
         from ..errors import InputError
         from ..files import atomic_write
-        from ..reproduce.bench.page import latex_table
+        from ..reproduce.bench.latex import latex_table
 
         if out is not None:
             if Path(out).suffix != ".tex":

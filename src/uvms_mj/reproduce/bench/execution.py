@@ -18,7 +18,8 @@ from ...studies.study import Study
 from .. import Progress
 from . import results
 from .draws import Draws
-from .page import latex_table, page
+from .latex import latex_table
+from .page import page
 from .task import LATEX, LEVELS, PAGE, RESULT, Entry, Job, Task, law_of
 
 LEAST = 6

@@ -1,18 +1,13 @@
 """The page of the benchmark: the level that each law holds on each task, the laws of each task in their order, a table
-and the courses of the push for each task, the worst runs; and the table as LaTeX, for the package booktabs."""
+and the courses of the push for each task, and the worst runs."""
 
 import math
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ...analysis.hold import HOLD_S
-from ...analysis.summary import COURSES, NUMBERS, PARTS
-from ...control.task import Schedule
+from ...analysis.summary import NUMBERS
 from ...studies.pages import (
     Cell,
     Items,
@@ -30,220 +25,15 @@ from ...studies.pages import (
     versions_of,
 )
 from ...studies.plan.metrics import COMPLETED, unit_of_column, without_unit
-from ...studies.report.latex import Column, LatexTable, Stacked, label
-from ...studies.report.statistics import of_many
 from ...studies.results import frame
-from ...views import colours
-from ...views.figures.style import GREY, LINE, SMALL, panels, styled
 from .draws import DEVELOPMENT
-from .results import broken, drawn, levels_of
+from .figures import ORDER, colours_of, courses, order
+from .results import decided, drawn, ended, levels_of, may_compare
 from .sequential import HELD, NOT_HELD, chance
 from .task import LEVELS, Job, Task
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
-
-
-def decided(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
-    """The level whose numbers a table has, and its cell: the level that a law holds, or level 1 if it holds none."""
-    level = str(max(1, ladder["level"]))
-    return level, ladder["levels"][level]
-
-
-def ended(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]] | None:
-    """The level that ended a ladder and its cell; None if a law holds all."""
-    level = str(ladder["level"] + 1)
-    return (level, ladder["levels"][level]) if level in ladder["levels"] else None
-
-
-def latex_table(found: Mapping[str, Any]) -> str:
-    """Of each law and task the level that the law holds, and below it the draws passed at this level and at the next; a
-    dash where it can't run, with the reason below the table. It fits the width of a page of two columns, 516 pt, at
-    10 pt.
-
-    The heads are the numbers of the tasks; comments have their names, versions, the draws and the digest of the result.
-    """
-    tasks = found["tasks"]
-    lines = [
-        f"% {found['benchmark']} version {found['version']}, result {found['digest']}: levels held; {drawn(found)}",
-        f"% A draw is judged by the push of the hold, the last {HOLD_S:g} s, and by the other criteria of its task.",
-    ]
-    lines += [
-        f"% {task['number']}: {name}, version {task['version']}, digest {task['digest']}"
-        for name, task in tasks.items()
-    ]
-    space = f"@{{\\hspace{{{SPACE_PT}pt}}}}"
-    lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{f'{space}r' * len(tasks)}}}", "\\toprule"]
-    lines += [" & ".join(["law", *(str(task["number"]) for task in tasks.values())]) + " \\\\", "\\midrule"]
-    notes = []
-    also = found.get("beside", {"labels": []})
-    if also["labels"]:
-        notes += [f"% from {also['labels'][0]} on: result {also['result']}; {drawn(also)}", f"% {_may_compare(also)}"]
-    for law in found["laws"]:
-        if law["label"] in also["labels"][:1]:
-            lines.append("\\midrule")
-        cells = [_texts(law["tasks"][name]) for name in tasks]
-        lines.append(" & ".join([label(law["label"], LABEL_PT), *(level for level, _ in cells)]) + " \\\\")
-        lines.append(" & ".join(["", *(counts for _, counts in cells)]) + " \\\\")
-        notes += [
-            f"% {law['label']} on {name}: {' '.join(ladder['reason'].split())}"
-            for name, ladder in law["tasks"].items()
-            if not ladder["runs"]
-        ]
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
-
-
-def comparison(found: Mapping[str, Any]) -> list[LatexTable]:
-    """The pairs of :func:`.results.compared` as tables for a paper: of each task the levels that both laws hold, and
-    below them the draws passed; the draws that one alone passes; the difference of the shares, and its interval."""
-    return [_pair(pair, [f"results {' and '.join(found['results'])}", _may_compare(found)]) for pair in found["pairs"]]
-
-
-def _pair(pair: Mapping[str, Any], comments: Sequence[str]) -> LatexTable:
-    labels, tasks = (pair["first"], pair["second"]), pair["tasks"]
-    missing = Stacked("–")
-    columns = [
-        Column(label, "level", [missing if "reason" in task else _judged_by(task, k) for task in tasks.values()])
-        for k, label in enumerate(labels)
-    ]
-    alone = [missing if "reason" in task else Stacked(" : ".join(map(str, task["only"]))) for task in tasks.values()]
-    change = [missing if "reason" in task else _change(task) for task in tasks.values()]
-    columns += [Column("alone", "[draws]", alone), Column("difference", "[points]", change)]
-    n = sum("reason" not in task for task in tasks.values())
-    said = [
-        "Level that a law holds, and the draws that it passes of those that both ran.",
-        f"alone: draws that {labels[0]} alone passes, and that {labels[1]} alone passes.",
-        f"difference: {labels[1]} minus {labels[0]} of the share of passed draws, with its 95 % interval; "
-        f"without zero in it, it is resolved. {of_many(n)}",
-        *(f"{name}: {task['reason']}." for name, task in tasks.items() if "reason" in task),
-    ]
-    return LatexTable("task", list(tasks), columns, " ".join(said), comments)
-
-
-def _judged_by(task: Mapping[str, Any], k: int) -> Stacked:
-    level, counts = task["levels"][k], f"{task['passed'][k]}/{task['draws']}"
-    return Stacked(counts) if level is None else Stacked(str(level), counts)
-
-
-def _change(task: Mapping[str, Any]) -> Stacked:
-    if task["same_numbers"]:
-        return Stacked("same runs")
-    value, low, high = (
-        f"{round(100.0 * each) + 0:+d}".replace("-", "−") for each in (task["difference"], *task["interval"])
-    )
-    return Stacked(value, f"{low} to {high}")
-
-
-def _may_compare(also: Mapping[str, Any]) -> str:
-    """Whether the rows of two results may be compared, in a sentence."""
-    how = {True: "may be compared", False: "may not be compared", None: "are not known to be comparable"}
-    return f"Their numbers {how[also['valid']]}: {also['why']}."
-
-
-SPACE_PT = 6
-"""Space between the columns of the LaTeX table [pt]."""
-LABEL_PT = 160
-"""Width in which the labels of laws are set [pt]."""
-
-
-def _texts(ladder: Mapping[str, Any]) -> tuple[str, str]:
-    """The level that a law holds, and the draws that it passes at the level that ended its ladder."""
-    if not ladder["runs"]:
-        return "--", ""
-    last = ended(ladder)
-    return str(ladder["level"]), "" if last is None else f"{{\\scriptsize {last[1]['passed']}/{last[1]['draws']}}}"
-
-
-_COLUMNS, _HEIGHT = 5, 1.15
-_TOP = 2.5
-"""Top of a panel over the largest demanded push; a push above is drawn there."""
-_CAPTION = (
-    "Push over time, at the first level that a law does not hold, or at level 5. Line: median over the draws of the "
-    "mean in each sixtieth of the run. Shade: from the least to the greatest push of all draws, at every step. Thin "
-    "line: the failed draw with the largest error. Dashed: the demanded push. Grey: the hold, in which the push is "
-    "judged. A push above the panel is drawn at its top."
-)
-
-
-def demanded(scenario: Any, t: np.ndarray) -> np.ndarray:
-    """The demanded push |F_d| of a scenario at times t (n,) [N]."""
-    impedance = scenario.impedance
-    if not impedance.schedule:
-        return np.full(len(t), np.linalg.norm(impedance.F_d[:3]))
-    settings = SimpleNamespace(**Schedule().constants(SimpleNamespace(scenario=scenario)))
-    out = SimpleNamespace(K_f=np.zeros(6), F_d=np.zeros(6))
-    push = []
-    for each in t:
-        Schedule.step(settings, None, SimpleNamespace(t=each), None, out)
-        push.append(float(np.linalg.norm(out.F_d[:3])))
-    return np.array(push)
-
-
-def courses(task: Task, base: Any, rows: "Mapping[str, pd.DataFrame]", colours: Mapping[str, str]) -> Picture:
-    """The figure of a task.
-
-    Args:
-        base: a scenario of the task.
-        rows: the draws of each law at the level that ended its ladder, or at the last one, by the title of its panel.
-        colours: by the same titles.
-    """
-    duration = base.simulation.duration
-    t = (np.arange(PARTS) + 0.5) * duration / PARTS
-    push = demanded(base, t)
-    top = _TOP * float(push.max())
-    with styled():
-        figure, drawn = panels(len(rows), _COLUMNS, 0.1, _HEIGHT, sharex=True, sharey=True)
-        for ax, (label, frame) in zip(drawn, rows.items(), strict=True):
-            mean, least, greatest = (_matrix(frame, name) for name in COURSES)
-            ax.axvspan(duration - HOLD_S, duration, color=GREY, alpha=0.12, linewidth=0.0)
-            if np.isfinite(mean).any():
-                low, high = (np.clip(edge, 0.0, top) for edge in (_least(least), -_least(-greatest)))
-                ax.fill_between(t, low, high, color=colours[label], alpha=0.25, linewidth=0.0)
-                ax.plot(t, np.clip(_median(mean), 0.0, top), color=colours[label], linewidth=1.2 * LINE)
-            worst = _worst(task, frame)
-            if worst is not None:
-                ax.plot(t, np.clip(mean[worst], 0.0, top), color="#000000", linewidth=0.5 * LINE)
-            ax.plot(t, push, color="#000000", linestyle="--", linewidth=0.6 * LINE)
-            ax.set_title(label, fontsize=SMALL, loc="left")
-            ax.set_ylim(0.0, top)
-            ax.set_xlim(0.0, duration)
-        _label_last(drawn)
-        figure.supxlabel("time [s]", fontsize=SMALL)
-        figure.supylabel("push [N]", fontsize=SMALL)
-    return Picture(f"courses-{task.name}", _CAPTION, figure)
-
-
-def _label_last(axes: "Sequence[Axes]") -> None:
-    """Number the time or the levels below the last panel of each column, also above the end of a row that is not
-    full."""
-    place = axes[0].get_subplotspec()
-    for ax in axes[-(place.get_gridspec().ncols if place is not None else 1) :]:
-        ax.tick_params(labelbottom=True)
-
-
-def _matrix(frame: "pd.DataFrame", name: str) -> np.ndarray:
-    """(draws, parts) of a course."""
-    columns = [f"{name}.{i:02d}" for i in range(PARTS)]
-    return frame[columns].to_numpy(dtype=float)
-
-
-def _least(values: np.ndarray) -> np.ndarray:
-    return np.nanmin(np.where(np.isnan(values), np.inf, values), axis=0)
-
-
-def _median(values: np.ndarray) -> np.ndarray:
-    """Median of each column; nan where most values are missing."""
-    return np.median(np.where(np.isnan(values), np.nan, values), axis=0)
-
-
-def _worst(task: Task, frame: "pd.DataFrame") -> int | None:
-    """The position of the failed draw with the largest error; None if none fails."""
-    failed = [i for i, row in enumerate(frame.to_dict("records")) if broken(task, row)]
-    if not failed:
-        return None
-    errors = frame["hold.error_N"].fillna(np.inf).to_numpy(dtype=float)
-    return max(failed, key=lambda i: errors[i])
 
 
 _STYLE = Path(__file__).with_name("bench.css")
@@ -283,7 +73,7 @@ def page(found: Mapping[str, Any], jobs: Sequence[Job]) -> str:
                 overview(found, tasks),
                 _beside(found),
                 Text(_KNOWN, "warning") if known else None,
-                Picture("order", _ORDER, order(found, shown)),
+                Picture("order", ORDER, order(found, shown)),
             ),
         )
     ]
@@ -324,7 +114,7 @@ def _beside(found: Mapping[str, Any]) -> Text | None:
     also = found["beside"]
     laws = ", ".join(also["labels"])
     said = f"Rows of another result, {also['result']}: {laws}. They are of {drawn(also)}, and have no push over time."
-    return Text(f"{said} {_may_compare(also)}", "soft")
+    return Text(f"{said} {may_compare(also)}", "soft")
 
 
 def _courses(found: Mapping[str, Any], task: Task, own: Mapping[str, Job], shown: Mapping[str, str]) -> Picture:
@@ -347,11 +137,6 @@ def _judged(rows: "pd.DataFrame", ladder: Mapping[str, Any], level: str) -> "pd.
 
 def _counted(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
-
-
-def colours_of(found: Mapping[str, Any]) -> list[str]:
-    """A colour for each law."""
-    return colours.hex_of_runs([law["name"] for law in found["laws"]])
 
 
 def about(law: Mapping[str, Any]) -> str:
@@ -398,45 +183,6 @@ def _level_cell(ladder: Mapping[str, Any]) -> Cell:
     return Cell(
         marked("<strong>{}</strong><small>{}</small>", ladder["level"], ", ".join(counts)), f"level-{ladder['level']}"
     )
-
-
-_ORDER = (
-    "The laws of each task in order: by the level that they hold, and by the share of the draws that they pass at the "
-    "next. A full step is a level."
-)
-
-
-def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
-    """A figure with a panel a task: the laws as bars, in the order of their levels."""
-    names = list(found["tasks"])
-    with styled():
-        figure, drawn_in = panels(len(names), _COLUMNS, 0.1, 0.35 + 0.13 * len(found["laws"]), sharex=True)
-        for ax, name in zip(drawn_in, names, strict=True):
-            lengths = {law["label"]: reach(law["tasks"][name]) for law in found["laws"] if law["tasks"][name]["runs"]}
-            labels = sorted(lengths, key=lambda label: lengths[label])
-            ax.barh(
-                range(len(labels)),
-                [lengths[each] for each in labels],
-                color=[shown[each] for each in labels],
-                height=0.7,
-                alpha=0.5,
-            )
-            for i, label in enumerate(labels):
-                ax.text(0.06, i, label, va="center", fontsize=SMALL, parse_math=False)
-            ax.set_yticks([])
-            ax.set_xlim(0.0, len(LEVELS))
-            ax.set_xticks(range(len(LEVELS) + 1))
-            ax.set_title(f"{found['tasks'][name]['number']} {name.replace('_', ' ')}", fontsize=SMALL, loc="left")
-        _label_last(drawn_in)
-        figure.supxlabel("level", fontsize=SMALL)
-    return figure
-
-
-def reach(ladder: Mapping[str, Any]) -> float:
-    """The level that a law holds, and the share of the draws that it passes at the next one [1], which orders laws that
-    hold the same level."""
-    last = ended(ladder)
-    return ladder["level"] + (0.0 if last is None else last[1]["passed"] / last[1]["draws"])
 
 
 def levels(task: Task) -> Table:

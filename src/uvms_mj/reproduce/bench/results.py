@@ -123,6 +123,18 @@ def ladder(levels: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
     return {"runs": True, "level": held, "levels": {str(level): dict(found) for level, found in levels.items()}}
 
 
+def decided(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The level whose numbers a table has, and its cell: the level that a law holds, or level 1 if it holds none."""
+    level = str(max(1, ladder["level"]))
+    return level, ladder["levels"][level]
+
+
+def ended(ladder: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]] | None:
+    """The level that ended a ladder and its cell; None if a law holds all."""
+    level = str(ladder["level"] + 1)
+    return (level, ladder["levels"][level]) if level in ladder["levels"] else None
+
+
 def refused(reason: str) -> dict[str, Any]:
     """The result of a law that can't run on a task."""
     return {"runs": False, "reason": reason}
@@ -332,6 +344,12 @@ def _validity(a: Mapping[str, Any], b: Mapping[str, Any], tasks: Sequence[str]) 
     if other:
         return {"valid": False, "why": f"{differs}, and {laws} has other numbers in {other} of {len(draws)} draws"}
     return {"valid": True, "why": f"{differs}, and {laws} has the same numbers in {len(draws)} of {len(draws)} draws"}
+
+
+def may_compare(also: Mapping[str, Any]) -> str:
+    """Whether the rows of two results may be compared, in a sentence."""
+    how = {True: "may be compared", False: "may not be compared", None: "are not known to be comparable"}
+    return f"Their numbers {how[also['valid']]}: {also['why']}."
 
 
 def _same_draws(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
