@@ -62,7 +62,7 @@ def shortened(words: list[str]) -> list[str]:
             more = ["design.runs=4", "simulation.duration=8", "--engine=free_body", "--workers=1"]
         case ["tune", *_]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]
-        case ["bench", first, *_] if first not in ("compare", "tasks"):
+        case ["bench", first, *_] if first not in ("compare", "tasks", "plot", "table"):
             more = ["--at-most=1", "--tasks=two_bumpers", "--workers=1"]
             words = [("2" if before == "--tune" else word) for before, word in zip(["", *words], words, strict=False)]
         case ["video", *_]:
