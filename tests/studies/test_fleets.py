@@ -8,7 +8,7 @@ import pytest
 
 from short_study import HERE, study_text
 from uvms_mj import InputError, Study
-from uvms_mj.cli.run import row_of
+from uvms_mj.cli.chosen import row_of
 from uvms_mj.engine.native.devices import Gpu
 from uvms_mj.studies.fleets import CpuWarning, Fleets, instants
 from uvms_mj.studies.pool import execution

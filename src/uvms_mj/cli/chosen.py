@@ -59,7 +59,7 @@ def chosen(
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
     if row is not None:
-        scenario, engine = _row_of(log, row, overrides, controller)
+        scenario, engine = row_of(log, row, overrides, controller)
         return Chosen(scenario, None, log_rate, engine)
     if Path(log, "study.toml").is_file():
         raise InputError(f"--from {log}: is the folder of a study; name one of its runs with --row N")
@@ -161,7 +161,7 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
     warn_of_versions(header.versions, versions())
 
 
-def _row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario | World, str]":
+def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario | World, str]":
     """Scenario, or world, and engine of a run of a study, by the study's folder and the run's row.
 
     The row names the engine; for a run that is not done yet the study chooses it. Of the files that the study names
