@@ -195,11 +195,18 @@ def assert_runs_are(fleet: Fleet, runs: Sequence[Simulation]) -> None:
             assert ours[i].astype(theirs.dtype).tobytes() == theirs.tobytes(), (name, i)
 
 
+LONG = (
+    "an extended Kalman filter",
+    "at the surface, in a wave",
+    "a linear mixer, late and slow pulses, outputs that freeze",
+)
+"""Cases whose kernels have no construct that another case lacks. The filter's code takes a minute and more to compile;
+its sensors and its memory that an index reaches are in the sensors and the law from a file, whose ring is so large that
+it stays in the table. A wave is the sums over components that the sines are, and late pulses are a ring and a lag."""
+
+
 def marks(case: str) -> Any:
-    """The filter's code takes a minute and more to compile. What it has, sensors and memory that an index reaches, the
-    sensors and the law from a file have, too; the law's ring is so large that it stays in the table."""
-    long = case == "an extended Kalman filter"
-    return pytest.mark.long if long else pytest.mark.slow if case in SLOW else ()
+    return pytest.mark.long if case in LONG else pytest.mark.slow if case in SLOW else ()
 
 
 @pytest.mark.parametrize("what", [pytest.param(each, marks=marks(each)) for each in CASES])

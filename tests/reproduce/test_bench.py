@@ -636,6 +636,8 @@ FIRST = 1
 @pytest.mark.parametrize("name", CHEAP)
 def test_the_first_draws_of_the_shipped_result_are_what_the_laws_do(name):
     for law in SHIPPED["laws"]:
+        if law["label"].endswith(", tuned"):
+            continue  # the same code with other numbers
         gains = {} if law["knows_the_truth"] else {f"controller.{key}": value for key, value in law["gains"].items()}
         entry = Entry(law["label"], law["name"], {**gains, **law["settings"]})
         shown = levels_of(law["tasks"][name])["1"]["rows"][:FIRST]
