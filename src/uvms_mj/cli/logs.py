@@ -1,6 +1,7 @@
 """``uvms-mj info``, ``uvms-mj export`` and ``uvms-mj replay``: inspect, convert and show logs."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -306,6 +307,8 @@ def export_law(
     It needs the extra c: pip install 'uvms-mj[c]'.
     """
     with bad_input():
+        # NumPy's threads otherwise look for work for a tenth of a second after its import, on the core of the tools
+        os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
         from ..engine.law_library.linking import MACHINES, Work
         from ..errors import Fault, InputError, suggestion
 

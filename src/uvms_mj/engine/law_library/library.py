@@ -112,18 +112,20 @@ def write_library(
 
         def begin(
             memory: RunMemory,
-        ) -> tuple[_Parts, Future[list[bytes]], dict[str, Future[list[str]]], dict[str, Future]]:
+        ) -> tuple[_Parts, Future[None], dict[str, Future[Made]]]:
             """LLVM and ziglang work for the targets while the run's machine code is made, and the run is recorded."""
             chain = Chain(memory, guided)
+            border = Border.of(chain, scenario, guided)
+            header = _header(border, scenario, name)
+            ours = {f"{name}.h": header, "vectors.h": texts.vectors_apart(border, _ROWS), "test.c": texts.test(name)}
+            for file, content in ours.items():
+                (place / file).write_text(content, encoding="utf-8")
+            program = pool.submit(work.prepare, targets, place / "test.c")
             text = chain.module(f"{name}_chain", apart)
             stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets], apart)
-            parts = _Parts.of(chain, text, scenario, name, guided)
+            parts = _Parts.of(border, header, text, scenario, name)
             objects = {target: pool.submit(compiled, target, parts) for target in targets}
-            header = {f"{name}.h": parts.sources[f"{name}.h"], "vectors.h": texts.vectors_apart(parts.border, _ROWS)}
-            for file, content in (header | {"test.c": texts.test(name)}).items():
-                (place / file).write_text(content, encoding="utf-8")
-            tests = {target: pool.submit(work.prepare, [target], place / "test.c") for target in targets}
-            return parts, stages, objects, tests
+            return parts, program, {target: pool.submit(make, target, stages, objects[target]) for target in targets}
 
         def compiled(target: str, parts: _Parts) -> list[str]:
             own = place / target
@@ -131,14 +133,19 @@ def write_library(
                 (own / file).write_text(content, encoding="utf-8")
             return _compiled(MACHINES[target], parts.border.chain, own)
 
-        def make(target: str) -> Made:
-            tests[target].result()
+        def make(target: str, stages: Future[list[bytes]], objects: Future[list[str]]) -> Made:
+            work.begun.result()
             (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
-            return _made(MACHINES[target], target, objects[target].result(), name, place / target, new, test)
+            return _made(MACHINES[target], target, objects.result(), name, place / target, new)
+
+        def tried(target: str) -> Made:
+            program.result()
+            made = libraries[target].result()
+            return _tried(MACHINES[target], made, new / target / f"lib{name}.a", place / target) if test else made
 
         sim = _Run(scenario, begin)
         stack.enter_context(sim)
-        parts, stages, objects, tests = sim.begun
+        parts, program, libraries = sim.begun
         border, law, export = parts.border, parts.law, parts.export
         chain, not_asked, no_law = border.chain, parts.not_asked, parts.no_law
         if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
@@ -149,7 +156,7 @@ def write_library(
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
         for target in targets:
             (place / target / _ROWS).write_bytes(texts.told(steps))
-        making = [pool.submit(make, target) for target in targets]
+        trying = [pool.submit(tried, target) for target in targets]
         files = {
             f"{name}.h": parts.sources[f"{name}.h"],
             "vectors.h": texts.vectors_text(border, steps, name),
@@ -161,7 +168,7 @@ def write_library(
         for file, content in files.items():
             _write(new / file, content)
         notes = sim.notes
-        made = [each.result() for each in making]
+        made = [each.result() for each in trying]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
         notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
@@ -231,19 +238,23 @@ class _Parts:
     no_law: str
 
     @classmethod
-    def of(cls, chain: Chain, text: str, scenario: Scenario, name: str, guided: bool) -> "_Parts":
-        border = Border.of(chain, scenario, guided)
+    def of(cls, border: Border, header: str, text: str, scenario: Scenario, name: str) -> "_Parts":
         not_asked = as_law.not_asked(border, scenario)
         no_law = not_asked or as_law.no_room(border, _HEADER_WORDS)
         law = AsLaw(border, scenario, name, _HEADER_WORDS) if not no_law else None
-        export, title = _number(border, text), _title(scenario)
+        export = _number(border, text)
         sources = {
-            f"{name}.h": texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts."),
+            f"{name}.h": header,
             "image.h": texts.image(border, name, export),
             "shell.c": texts.shell(name),
             **(texts.as_law(border, law) if law is not None else {}),
         }
         return cls(border, text, sources, export, law, not_asked, no_law)
+
+
+def _header(border: Border, scenario: Scenario, name: str) -> str:
+    title = _title(scenario)
+    return texts.header(border, name, f"{title[0].upper()}{title[1:]}, from measurements to thrusts.")
 
 
 def _title(scenario: Scenario) -> str:
@@ -265,7 +276,7 @@ def _compiled(machine: Machine, chain: Chain, place: Path) -> list[str]:
     return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c") if machine.shared]
 
 
-def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: Path, folder: Path, test: bool) -> Made:
+def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: Path, folder: Path) -> Made:
     """The library of one target, made of the objects in the folder ``place``."""
     adapter = [each for each in in_c if each == "as_law.o"]  # no program links it
     objects = ["stages.o", *(each for each in in_c if each not in adapter)]
@@ -276,17 +287,22 @@ def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: 
     undefined = sorted({each for code in codes for each in linking.undefined(code)} - defined)
     code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
     more = sum(sum(linking.sizes((place / each).read_bytes())) for each in adapter)
-    found = Made(target, files, code, constants, tuple(undefined), more)
-    emulator = linking.emulator(machine) if test else None
-    if emulator is None or found.foreign:
-        return found
-    program = linking.program(machine, libraries[0], place.parent / "test.c", place, _ROWS)
+    return Made(target, files, code, constants, tuple(undefined), more)
+
+
+def _tried(machine: Machine, made: Made, archive: Path, place: Path) -> Made:
+    """A library with what its test says of the recorded steps in the folder ``place``, where it can run."""
+    emulator = linking.emulator(machine)
+    if emulator is None or made.foreign:
+        return made
+    program = linking.program(machine, archive, place.parent / "test.c", place, _ROWS)
     done = subprocess.run([*emulator, str(program)], capture_output=True)
     said = _STEPS.search(done.stdout)
     if said is None:
-        raise InputError(f"export law: the test ends with status {done.returncode} on {target}: {done.stdout[-200:]!r}")
+        ends = f"the test ends with status {done.returncode} on {made.target}"
+        raise InputError(f"export law: {ends}: {done.stdout[-200:]!r}")
     first = next((line for line in done.stdout.decode(errors="replace").splitlines() if ", step " in line), "")
-    return replace(found, equal=int(said[1]), stack=int(said[3]), said=first)
+    return replace(made, equal=int(said[1]), stack=int(said[3]), said=first)
 
 
 def _of_c(machine: Machine, link: Any, place: Path) -> str:

@@ -341,7 +341,8 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path, data: s
 
 class Work:
     """The tools of the targets' libraries: a folder for each, LLVM in a process of its own, and threads that
-    wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads."""
+    wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads:
+    ``begun`` ends then."""
 
     def __init__(self, targets: Sequence[str], test: bool = True) -> None:
         """``test``: whether programs run here, where they can."""
@@ -358,7 +359,7 @@ class Work:
             self._stack = stack.pop_all()
         for target in targets:
             (self.folder / target).mkdir()
-        self.pool.submit(self.prepare, targets)
+        self.begun = self.pool.submit(self.prepare, targets)
 
     def prepare(self, targets: Sequence[str], *source: Path) -> None:
         """Compile what is in the program of a test, one after the other: a core is left to the caller."""

@@ -110,6 +110,7 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
     entries = (*border.measured, *border.reference)
     reads, writes = _sources(sim, border, entries), _sources(sim, border, border.command)
     base = memory.run[chain.measured]
+    gaps = [np.full(each.n, np.nan) for each in entries]
     rows, apart, needed = [], 0.0, {"", *border.needed}
     if here is not None:
         here.numbers.view("<u8")[:] = image
@@ -121,8 +122,8 @@ def _segment(sim: Simulation, border: Border, name: str, n: int, here: Here | No
         t = (start + k) * chain.steps * sim.scenario.simulation.timestep
         groups = {*needed, *_samples(sim, border)}
         given = [
-            np.array(each, float).reshape(-1) if entry.group in groups else np.full(entry.n, np.nan)
-            for entry, each in zip(entries, reads, strict=True)
+            np.array(each, float).reshape(-1) if entry.group in groups else gap
+            for entry, each, gap in zip(entries, reads, gaps, strict=True)
         ]
         present = sum(1 << k for k, group in enumerate(PRESENT) if group in groups)
         row = [np.array([t]).view("<u8"), np.array([present], "<u8"), *(each.view("<u8") for each in given)]
