@@ -87,6 +87,8 @@ sphinx_gallery_conf = {
 # API
 autosummary_generate = True
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+html_domain_indices = False
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_default_options = {"members": True, "show-inheritance": False}

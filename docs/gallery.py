@@ -40,7 +40,7 @@ HEADING = """
 Examples of the guides
 ----------------------
 
-Stages of your own, loops of your own, environments. `uvms-mj new example all` writes the files.
+Stages of your own, loops of your own, environments. ``uvms-mj new example all`` writes the files.
 """
 
 
@@ -77,7 +77,9 @@ def _titled(program: str) -> str:
     _, docstring, code = program.split('"""', 2)
     summary, *parts = docstring.strip().split("\n\n")
     title, text = re.split(r"[.:]\s*", summary, maxsplit=1)
-    blocks = [each if each.endswith(".") else "::\n\n    " + each.replace("\n", "\n    ") for each in parts]
+    blocks = [
+        each if each.endswith(".") else ".. code-block:: text\n\n    " + each.replace("\n", "\n    ") for each in parts
+    ]
     return (
         '"""\n' + "\n\n".join([f"{title}\n{'=' * len(title)}", text[:1].upper() + text[1:], *blocks]) + f'\n"""{code}'
     )

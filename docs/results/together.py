@@ -17,6 +17,6 @@ print("at rest, on the bar:", coupled_rest(World.load("press_bar")).on("bar").ro
 
 traces = simulate(World.load("press_bar"), engine="free_body")
 scene = still(traces, size=(1280, 720))
-force_figure = traces["bar"].plot("force", width=6.5)
-coupling_figure = traces["bar"].plot("f_couplings_W", width=6.5)
+force_figure = plot({"bar": traces["bar"]}, "force", width=6.5)
+coupling_figure = plot({"bar": traces["bar"]}, "f_couplings_W", width=6.5)
 position_figure = plot(traces, "position", width=6.5)

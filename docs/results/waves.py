@@ -3,7 +3,7 @@ In waves at a pile
 ==================
 
 A BlueROV2 Heavy presses with 20 N on a pile, in a current and in irregular waves of 0.5 m. Under impedance control it
-bounces; generalized super-twisting holds. `uvms-mj study waves` maps four laws over height and period of the waves.
+bounces; generalized super-twisting holds. ``uvms-mj study waves`` maps four laws over height and period of the waves.
 """
 
 from uvms_mj import Scenario, simulate, still

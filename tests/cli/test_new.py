@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Trace
-from uvms_mj.cli.new import KINDS
+from uvms_mj.cli.new import EXAMPLE, HEADER_OF, KINDS, new
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.scenario import CHOICES
 from uvms_mj.stages.loader import tables_by_word
@@ -37,6 +37,11 @@ def test_the_texts_have_the_name(here, tmp_path):
         own = re.findall(r"uvms-mj (?:run|vehicles|controllers|stages|identify).*(sea_cow\S*)", text)
         assert own
         assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
+
+
+def test_the_help_names_every_kind():
+    words = new.help.split("KIND is ")[1].partition(".")[0]
+    assert re.split(r", | or ", words) == [*KINDS, HEADER_OF, EXAMPLE]
 
 
 def test_a_kind_of_stage_is_the_name_of_its_table_or_a_word_for_it():

@@ -31,7 +31,7 @@ EXAMPLE = "example"
 
 
 @command()
-@click.argument("kind", metavar="|".join((*KINDS, HEADER_OF, EXAMPLE)))
+@click.argument("kind", metavar="KIND")
 @click.argument("name")
 @path_option("-o", "--out", metavar="FOLDER", help="Folder of the new file [default: here; of all examples: examples].")
 @click.option(
@@ -55,8 +55,10 @@ def new(
     drag: str | None,
     force: bool,
 ) -> None:
-    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is. An example is a file of the guides
-    by its name, or all.
+    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is.
+
+    KIND is vehicle, scenario, law, reference, sensor, observer, thrusters, effect, identify, header or example. An
+    example is a file of the guides by its name, or all.
 
     \b
     uvms-mj new vehicle my_rov

@@ -184,7 +184,7 @@ class Current(EffectTable):
 
 @dataclass(frozen=True, config=STRICT)
 class Disturbance(EffectTable):
-    """The wrench tau_dist of eq. (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
+    """The wrench tau_dist of equation (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
 
     of_world: ClassVar[bool] = False
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)

@@ -34,7 +34,9 @@ NARROW_IN = 5.0
 
 class Study:
     """A plan of runs and, once they ran, their folder. Of a study that is loaded by its folder, the results are read
-    without its users' files; :attr:`plan` and :meth:`run` import them::
+    without its users' files; :attr:`plan` and :meth:`run` import them.
+
+    A study of a file::
 
         study = Study.load("study.toml").run("results")
         print(study.frame.groupby("law")["contact.peak_N"].describe())

@@ -25,7 +25,7 @@ class Impedance(Controller):
         tau_cmd[:] = signals.tau_nom  # eq. (23)
 
     def at_rest(self, setup: SetupLike) -> SteadyState | str:
-        """The static balance of eq. (5)."""
+        """The static balance of equation (5)."""
         from ..theory.balance import not_constant, static_balance
 
         return not_constant(setup) or self._stability(setup).checked(static_balance(setup, 0.0))
