@@ -35,17 +35,13 @@ class CacheWarning(UserWarning):
 
 @contextlib.contextmanager
 def uncollected() -> Iterator[None]:
-    """Work without garbage collection. The next full one looks at what was made meanwhile; each earlier one would
-    first look at all of it."""
+    """Work without garbage collection, which would look at a growing part of it again and again."""
     collects = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
         if collects:
-            if not gc.get_freeze_count():
-                gc.freeze()
-                gc.unfreeze()  # all objects are among the oldest ones now
             gc.enable()
 
 
