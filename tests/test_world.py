@@ -175,7 +175,7 @@ def test_one_vehicle_is_no_world_and_a_world_no_vehicle():
         Scenario.load("press_together")
     with pytest.raises(InputError, match="mapping from the names of its vehicles, left, right"):
         simulate(World.load("press_together"), sinks=[McapLog("never")])
-    with pytest.raises(InputError, match="expected a Scenario"):
+    with pytest.raises(InputError, match="is a world of several vehicles"):
         Simulation(World.load("press_together"))
 
 
