@@ -67,7 +67,7 @@ def test_a_run_that_is_shorter_than_a_metric_needs_goes_to_the_processor(tmp_pat
 
 
 def test_a_run_with_other_stages_is_not_computed_as_the_first_one(tmp_path, on_processor):
-    """Its record has the same shape. It goes to the processor, and its log is that of free_body."""
+    """Its record has the same shape. It goes to the processor, and its log says free_body."""
     vary = '[[vary]]\nkey = "observer.name"\nvalues = ["none", "momentum_observer"]\n'
     base = '[base]\nscenario = "push_wall"\nsimulation.timestep = 1e-3\ncontroller.name = "impedance"\n'
     text = f'{base}{vary}[keep]\nmetrics = ["effort_N2s"]\n[run]\nengine = "gpu"\n'

@@ -57,23 +57,18 @@ def log_of(vehicle: str) -> str:
 
 
 class RunFolder:
-    """The first sink: moves the files of an earlier run to a subfolder, with what was made from its logs, and writes
-    scenario.toml."""
+    """The first sink: moves the files of an earlier run to a subfolder, with the files that were made from its logs,
+    and writes scenario.toml."""
 
-    def __init__(self, folder: Path, files: dict[str, Path], scenario: "Scenario | World") -> None:
+    def __init__(self, folder: Path, files: dict[str, Path], scenario: "Scenario | World", made: Iterable[str]) -> None:
         """``files`` gets the paths of the run's files, by kind, when these may be overwritten. The kind of a log is
-        mcap; of a vehicle's log in a world its name."""
-        self.folder, self.files, self.scenario = folder, files, scenario
+        mcap; of a vehicle's log in a world its name. ``made`` are the names of files that are made from the logs."""
+        self.folder, self.files, self.scenario, self.made = folder, files, scenario, made
 
     def begin(self, header: "Header") -> None:
-        from .logs import FORMATS
-        from .plot import WHATS
-
         logs = [self.folder / log_of(vehicle) for vehicle in scenarios_of(self.scenario)]
-        made = [self.folder / f"{what}.png" for what in WHATS]
-        made += [log.with_suffix(f".{kind}") for log in logs for kind in (*FORMATS, "mp4")]
         scenario = self.folder / SCENARIO
-        made = made if any(log.exists() for log in logs) else []
+        made = [self.folder / name for name in self.made] if any(log.exists() for log in logs) else []
         move_aside(self.folder, (*logs, scenario, *made), "the earlier run")
         self.files |= {"mcap" if log.name == LOG else log.name: log for log in logs} | {"scenario": scenario}
         scenario.write_text(self.scenario.to_toml(), encoding="utf-8")

@@ -3,7 +3,7 @@
 import contextlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,7 +171,7 @@ def run_and_report(
     if shown.asked_for and not alone:
         raise InputError("a viewer shows one vehicle during its run; uvms-mj replay DIR shows a world afterwards")
     sinks: dict[str, list[Sink]] = {name: [McapLog(folder / log_of(name))] for name in scenarios}
-    next(iter(sinks.values())).insert(0, RunFolder(folder, files, found.scenario))
+    next(iter(sinks.values())).insert(0, RunFolder(folder, files, found.scenario, _made_from(scenarios)))
     half = max(AROUND_THE_END_S, 0.5 * found.scenario.simulation.duration)  # for the push's deviation
     given: dict[str, Any] = {"keep_s": half if any(map(fluctuates, scenarios.values())) else AROUND_THE_END_S}
     given |= {"log_rate": found.log_rate, "engine": found.engine, "sinks": sinks}
@@ -200,6 +200,17 @@ def run_and_report(
     if all(trace.status is not Status.interrupted for trace in traces.values()):
         shown.stay(stop)
     return status
+
+
+def _made_from(vehicles: Iterable[str]) -> list[str]:
+    """The names of the files that are made from the logs of a run."""
+    from .logs import FORMATS
+    from .plot import WHATS
+
+    logs = [Path(log_of(vehicle)) for vehicle in vehicles]
+    return [f"{what}.png" for what in WHATS] + [
+        log.with_suffix(f".{kind}").name for log in logs for kind in (*FORMATS, "mp4")
+    ]
 
 
 def _report(scenario: "Scenario | World", traces: "Mapping[str, Trace]", files: dict[str, str]) -> dict[str, Any]:

@@ -341,7 +341,7 @@ def program(machine: Machine, archive: Path, source: Path, folder: Path, data: s
 
 class Work:
     """The tools of the targets' libraries: a folder for each, LLVM in a process of its own, and threads that
-    wait for tools. It begins at once with what is in the program of each test, while its caller imports and reads:
+    wait for tools. It begins at once with the common code of all tests, while its caller imports and reads:
     ``begun`` ends then."""
 
     def __init__(self, targets: Sequence[str], test: bool = True) -> None:

@@ -10,7 +10,7 @@ _WHAT = {"run": "a run", "study": "a study", "bench": "a result of the benchmark
 _EQUAL = {
     "run": "every sample and every file of the log, all but its wall time",
     "study": "every number of the rows, and every sample of the logs that were kept",
-    "bench": "every byte of bench.json but those of the versions and of the digest over them",
+    "bench": "every byte of bench.json but the versions and the digest over them",
     "paper": "every sample of the logs, and every claim",
 }
 

@@ -287,7 +287,7 @@ def _add_solid(spec: mujoco.MjSpec, body: str, shape: Shape) -> None:
 
 
 def _touching_shapes(header: Header) -> Iterator[tuple[str, Shape]]:
-    """The contact bodies of a vehicle, and what it touches others with, as shapes with the bodies that carry them."""
+    """The contact bodies of a vehicle, also for contacts with others, as shapes with the bodies that carry them."""
     geometry: Geometry = header.geometry
     drawn = drawn_vehicle(geometry, header.scenario, header.mjcf.vehicle.arm)
     for shape in drawn.shapes[len(geometry.shapes) :]:
