@@ -219,7 +219,6 @@ def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch):
     monkeypatch.setattr(compilation, "_compiled", lambda *given: made.append(given[2]) or compiled(*given))
     compilation._native_functions.cache_clear()
     run_memory.entry_points.cache_clear()
-    monkeypatch.setattr(compilation, "_made_together", {})
     before = compilation.short_run.set(True)
     try:
         one, other = (

@@ -244,37 +244,43 @@ def _native_functions(
     addresses = load(name)
     if addresses is not None:
         return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+    symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
     if short:
-        _waiting[name] = symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-        return tuple(NativeFunction(len(part[1]), functools.partial(_together, each)) for each, part in symbols.items())
+        module = _next_module[0]
+        module.names.append(name)
+        module.parts |= symbols
+        return tuple(NativeFunction(len(part[1]), functools.partial(module.at, each)) for each, part in symbols.items())
     from .intrinsics import kernel_module
 
-    symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
     made = _begun(_compiled, str(kernel_module(symbols, fused)), name, list(symbols), 1)
     return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
 
 
-_waiting: dict[str, dict[str, Any]] = {}
-"""Functions for a short run that are not made yet, by the names of their objects: each by its symbol."""
-_made_together: dict[str, int] = {}
-"""The addresses of functions for short runs by their symbols."""
+class _Module:
+    """Functions for a short run: all that wait when the first of them is needed are one module, which has once what
+    they share. ``names`` are the names of their objects."""
+
+    def __init__(self) -> None:
+        self.names, self.parts, self._addresses = list[str](), dict[str, Any](), dict[str, int]()
+
+    def at(self, symbol: str) -> int:
+        """The address of a function."""
+        with compiling():
+            if not self._addresses:
+                if _next_module[0] is self:
+                    _next_module[0] = _Module()
+                name = object_name([b"short", *(each.encode() for each in self.names)], sources=False)
+                addresses = load(name)
+                if addresses is None:
+                    from .intrinsics import kernel_module
+
+                    addresses = _compiled(str(kernel_module(self.parts)), name, list(self.parts), 0)
+                self._addresses = dict(zip(self.parts, addresses, strict=True))
+            return self._addresses[symbol]
 
 
-def _together(symbol: str) -> int:
-    """The address of a function for a short run. All that wait are made as one module, which has once what they
-    share."""
-    with compiling():
-        if symbol not in _made_together:
-            name = object_name([b"short", *(each.encode() for each in _waiting)], sources=False)
-            parts = {symbol: part for each in _waiting.values() for symbol, part in each.items()}
-            addresses = load(name)
-            if addresses is None:
-                from .intrinsics import kernel_module
-
-                addresses = _compiled(str(kernel_module(parts)), name, list(parts), 0)
-            _made_together.update(zip(parts, addresses, strict=True))
-            _waiting.clear()
-        return _made_together[symbol]
+_next_module = [_Module()]
+"""The module that takes functions for short runs."""
 
 
 def _begun(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
