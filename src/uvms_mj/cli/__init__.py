@@ -11,9 +11,10 @@ from typing import Any
 import click
 
 from .archive import archive
+from .bench import bench
 from .certify import certify, converge
 from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
-from .experiments import bench, paper, practicality, validate
+from .experiments import paper, practicality, validate
 from .identify import identify
 from .listing import controllers, keys, metrics, signals, stages, vehicles
 from .logs import export, info, replay
