@@ -110,7 +110,7 @@ _SPELT = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radi
 
 
 def number_hint(text: object, unit: str = "") -> str:
-    """What to write in place of a text that was meant as a number in a unit: one with a decimal comma, with its
+    """The right spelling of a text that was meant as a number in a unit: one with a decimal comma, with its
     unit, or in quotes. Empty for any other value."""
     if not isinstance(text, str) or len(text) > 60:
         return ""

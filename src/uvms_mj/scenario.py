@@ -357,7 +357,7 @@ class Scenario:
         return "\n    ".join([f"<Scenario {self.name!r}, {self.controller.label()}, {what}", *other]) + ">"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The table in a notebook."""
         return display.html(self)
 
 

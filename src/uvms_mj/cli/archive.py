@@ -58,7 +58,7 @@ def archive(source: str, out: str, secret: str | None, force: bool, as_json: boo
 
 
 def about(manifest: "Manifest") -> dict[str, Any]:
-    """What ``--json`` prints of an archive."""
+    """The report of ``--json`` of an archive."""
     members = {name: {"sha256": each.sha256, "size": each.size} for name, each in manifest.members.items()}
     whole = {name: getattr(manifest, name) for name in ("kind", "name", "command", "digest")}
     return whole | {"versions": dict(manifest.versions), "members": members}

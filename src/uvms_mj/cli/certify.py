@@ -1,4 +1,4 @@
-"""What is certain of a run: ``uvms-mj certify`` and ``uvms-mj converge``."""
+"""Certain bounds of a run: ``uvms-mj certify`` and ``uvms-mj converge``."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""What a command runs, by its arguments: the scenario of a file, a log, an archive or a row of a study."""
+"""The choice of a command's runs by its arguments: the scenario of a file, a log, an archive or a row of a study."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -40,8 +40,8 @@ def chosen(
     as_deployed: bool = False,
     names: Mapping[str, str] = MappingProxyType({}),
 ) -> Chosen:
-    """What the arguments of a command choose. ``names`` are the files of an archive by the keys that name them. Raises
-    InputError if the input is invalid."""
+    """The choice by the arguments of a command. ``names`` are the files of an archive by the keys that name them.
+    Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..setup.world import loaded
 

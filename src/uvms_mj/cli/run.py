@@ -124,7 +124,7 @@ def run(
 
 
 def _announced(found: Chosen, as_deployed: bool) -> list[str]:
-    """What is said before a run: of a world the loads of its couplings, and of one vehicle the push that its
+    """The announcement before a run: of a world the loads of its couplings, and of one vehicle the push that its
     thrusters' commands leave of the demanded one, if they are as deployed."""
     from ..control.base import NoClosedForm
     from ..setup.base import set_up
@@ -214,7 +214,7 @@ def _made_from(vehicles: Iterable[str]) -> list[str]:
 
 
 def _report(scenario: "Scenario | World", traces: "Mapping[str, Trace]", files: dict[str, str]) -> dict[str, Any]:
-    """What ``--json`` prints of the run of a vehicle, or of a world with a report of each vehicle."""
+    """The report of ``--json`` of a vehicle's run, or of a world with a report of each vehicle."""
     from ..analysis.summary import summary
 
     if "" in traces:

@@ -37,7 +37,7 @@ class Apart:
         )
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function of this module returns there. Raises Ended."""
+        """The result of a function of this module there. Raises Ended."""
         to, of = self._process.stdin, self._process.stdout
         assert to is not None
         assert of is not None

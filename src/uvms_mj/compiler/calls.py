@@ -18,11 +18,11 @@ from .values import BOOL, FLOAT, INT, Value, items_of, scalar, shown
 
 Writer = Callable[["Arrays", Sequence[ast.expr], Mapping[str, ast.expr]], "Value | None"]
 FUNCTIONS: dict[Any, Writer] = {}
-"""What writes the code of a call, by the function that is called."""
+"""Functions that write the code of a call, by the function that is called."""
 METHODS: dict[str, Any] = {}
 """NumPy's function for a method of an array, whose first argument is the array."""
 PROPERTIES: dict[str, Callable[[Arrays, Value], Value]] = {}
-"""What writes the code of an attribute of an array."""
+"""Functions that write the code of an attribute of an array."""
 
 # What an argument is read as, by the annotation of its parameter.
 Node = ast.expr  # as it is

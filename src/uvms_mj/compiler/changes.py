@@ -1,4 +1,4 @@
-"""What the functions of a file change, so that it is no constant of a run."""
+"""Changes by the functions of a file, whose values are no constants of a run."""
 
 import ast
 import functools
@@ -40,7 +40,7 @@ class Changes:
 
 
 def changes_of(function: types.FunctionType) -> Changes:
-    """What the functions in a function's file, and in the files of its global names, change. A file that can't be read
+    """Changes by the functions in a function's file, and in the files of its global names. A file that can't be read
     changes nothing."""
     files = sorted({function.__code__.co_filename, str(function.__globals__.get("__file__", ""))})
     found = Changes()

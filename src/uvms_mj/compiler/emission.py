@@ -24,7 +24,7 @@ PATIENCE = 1 << 20
 
 @dataclass
 class Module:
-    """What the parts of a translation share.
+    """The common state of a translation's parts.
 
     Attributes:
         name: of the module.

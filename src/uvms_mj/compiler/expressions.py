@@ -675,7 +675,7 @@ FORMS: dict[Any, Callable[[Expressions, ast.Call], Value | None]] = {
     range: _range,
     partial: _partial,
 }
-"""What is called with expressions that are no numbers, or with any number of them."""
+"""Functions that are called with expressions that are no numbers, or with any number of them."""
 
 
 def _is_number(node: ast.expr) -> bool:

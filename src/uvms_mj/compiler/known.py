@@ -52,11 +52,11 @@ class KnownObjects(Arrays):
 
     @functools.cached_property
     def changes(self) -> Changes:
-        """What the functions of this one's file change."""
+        """The changes by the functions of this one's file."""
         return changes_of(self.function) if self.unit.checked else Changes()
 
     def known(self, node: ast.expr) -> Any:
-        """What an expression stands for if it is no number, array or tuple: a function, a module, a text; of a global
+        """The meaning of an expression that is no number, array or tuple: a function, a module, a text; of a global
         name, anything. MISSING for what is not known when compiling."""
         if isinstance(node, ast.Name):
             if node.id in self.locals:

@@ -19,7 +19,7 @@ RANK = (BOOL, INT, FLOAT)
 
 @dataclass(frozen=True)
 class Form:
-    """What Python has where a kind has items and it is no tuple.
+    """Python's value where a kind has items and it is no tuple.
 
     Attributes:
         of: ``list``, ``dict``, a class of named tuples, or a function that is written within another one.

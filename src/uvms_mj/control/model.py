@@ -1,4 +1,4 @@
-r"""What stands around a law: its model of the vehicle before it, C, D and g as the law estimates them, and behind it
+r"""The surroundings of a law: its model of the vehicle before it, C, D and g as the law estimates them, and behind it
 the resolution of its command into the wrench on the base and the torques of the joints. The ideal law is given the
 truth.
 

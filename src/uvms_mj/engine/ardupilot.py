@@ -130,7 +130,7 @@ def given_motors(text: str, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass
 class Counts:
-    """What came from the autopilot: frames that were stepped, repeated ones that were answered again, older ones that
+    """Messages of the autopilot: frames that were stepped, repeated ones that were answered again, older ones that
     were left alone, numbers that were skipped, restarts of the autopilot, datagrams of others, and datagrams of the
     autopilot that were no packet."""
 

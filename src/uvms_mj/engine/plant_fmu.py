@@ -129,7 +129,7 @@ def _linked(loop: bytes, header: str, image: bytes) -> bytes:
 
 
 class _Parts:
-    """What the shell of C and the model description need to know of a run."""
+    """The facts of a run for the shell of C and the model description."""
 
     def __init__(self, sim: Simulation, scenario: Scenario) -> None:
         self.sim, self.scenario, memory = sim, scenario, sim._memory

@@ -463,9 +463,9 @@ class Ekf(_ForceSensor):
 
 
 KEPT = ("P", "p", "v", "quat", "omega", "b_g", "b_a")
-"""What the filter keeps from one sample to the next, of the stage's state."""
+"""The part of the stage's state that the filter keeps from one sample to the next."""
 SAMPLED = ("turn", "push", "dvl", "depth", "heading", "fix", "present")
-"""What the sensors measured, of the stage's state."""
+"""The sensors' measurements in the stage's state."""
 _WORKED = ("work", "H", "correction", "A", "E", "squares", "updates")
 _SPREAD = ("sigma_p", "sigma_v", "sigma_theta", "sigma_b_g", "sigma_b_a")
 ALONE = (*KEPT, *SAMPLED, *_WORKED, *_SPREAD)

@@ -75,7 +75,7 @@ WET = np.dtype(
     ],
     align=True,
 )
-"""What of a vehicle is below the surface at one instant."""
+"""The part of a vehicle below the surface at one instant."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 

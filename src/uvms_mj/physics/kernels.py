@@ -55,7 +55,8 @@ def fused(function: Function) -> Function:
 
 
 compilers: list[Callable[[Callable, Sequence[np.ndarray]], Callable[..., Any] | None]] = []
-"""What makes machine code of a kernel on arrays, or None where all runs as plain Python. The engine enters it."""
+"""Functions that make machine code of a kernel on arrays, or None where all runs as plain Python. The engine enters
+it."""
 
 
 def machine_code(function: Callable, *arrays: np.ndarray) -> Callable[..., Any] | None:

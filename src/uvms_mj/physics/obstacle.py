@@ -34,7 +34,7 @@ OBSTACLE = np.dtype(
     ],
     align=True,
 )
-"""What is in the way of the current."""
+"""The obstacles in the way of the current."""
 
 
 @kernel

@@ -415,7 +415,7 @@ def water_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list
 
 
 def _strips_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list[Fault]) -> Strips | None:
-    """What strip theory gives for a link that asks for it, or None with an error."""
+    """Coefficients by strip theory of a link that asks for them, or None with an error."""
     link = model.body(body).name
     name = f"{link}.strip_theory"
     C_A, C_D = numeric(model, name, 2, faults)

@@ -90,8 +90,8 @@ class Effect(Stage):
 
 
 def numbers_of(effects: Sequence[Stage]) -> list[str]:
-    """What follows the names of signals of effects, so that several of one class differ: ``_0``, ``_1`` by their places
-    in the list, and nothing for the only one of a class."""
+    """The suffixes of the names of signals of effects, so that several of one class differ: ``_0``, ``_1`` by their
+    places in the list, none for the only one of a class."""
     names = [type(effect).__name__ for effect in effects]
     return [f"_{i}" if names.count(each) > 1 else "" for i, each in enumerate(names)]
 

@@ -443,7 +443,7 @@ class Mjcf:
         return type(self), (self.name, dict(self.files))
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The picture in a notebook."""
         return display.html(self)
 
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -335,7 +335,7 @@ def _objects(spec: mujoco.MjSpec, classes: Iterable[str] = ()) -> Iterator[tuple
 
 
 _NO_ATTRIBUTES = "id info signature name parent frame compiler classname childclass plugin"
-"""What is no attribute in XML. An object of a default class does not have it, and MuJoCo would crash."""
+"""Names that are no attributes in XML. An object of a default class does not have them, and MuJoCo would crash."""
 _OF_A_MESH = "uservert usernormal usertexcoord userface userfacenormal userfacetexcoord"
 """Long lists, whose numbers MuJoCo checks."""
 

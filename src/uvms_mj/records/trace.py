@@ -245,7 +245,7 @@ class Trace:
         export(kept.header, kept.arrays, kind, Path(path), replace, signals)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The picture in a notebook."""
         return display.html(self)
 
     @property

@@ -42,7 +42,7 @@ def as_deployed(overrides: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """What the thrusters leave of a push.
+    """The push that the thrusters leave.
 
     Attributes:
         push: the demanded push [N].

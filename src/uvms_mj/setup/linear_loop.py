@@ -302,7 +302,7 @@ def deviations(setup: Setup) -> Deviations | str | None:
 
 
 def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
-    """What of a scenario the closed form does not know; empty if nothing."""
+    """The parts of a scenario that the closed form does not know; empty if none."""
     scenario = setup.scenario
     if not channels or not scenario.navigation.is_shipped:
         return f"the way through {scenario.navigation.label()} is not known"

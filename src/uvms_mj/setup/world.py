@@ -185,8 +185,8 @@ class World:
 def each_vehicle(
     names: Iterable[str], make: Callable[[str], _Made], place: str, faults: Sequence[Fault] = ()
 ) -> dict[str, _Made]:
-    """What ``make`` gives for each vehicle of a world, by its name. Raises InputError with ``faults`` and every error
-    of ``make``, with its key in the world."""
+    """The results of ``make`` for the vehicles of a world, by their names. Raises InputError with ``faults`` and every
+    error of ``make``, with its key in the world."""
     made, found = dict[str, _Made](), list(faults)
     for i, name in enumerate(names):
         try:
@@ -320,7 +320,7 @@ def _of_each(overrides: Mapping[str, Any], names: Sequence[str], place: str) -> 
 
 
 def _of_vehicle(note: Callable[[str], Any], name: str) -> Callable[[str], Any]:
-    """What takes the notes about a vehicle, with its name."""
+    """A function that takes the notes about a vehicle, with its name."""
     return lambda said: note(f"{name}: {said}")
 
 

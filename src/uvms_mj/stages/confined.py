@@ -92,7 +92,7 @@ def _asked_by_user(folders: tuple[str, ...]) -> bool:
 
 
 def _elsewhere(arguments: tuple[Any, ...], folders: tuple[str, ...], event: str) -> str:
-    """What is wrong with opening a file; empty if nothing is."""
+    """The fault of opening a file; empty if there is none."""
     path, *how = arguments
     if isinstance(path, int):
         return ""

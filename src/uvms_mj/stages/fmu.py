@@ -180,7 +180,7 @@ def _range(variable: Any) -> tuple[float, float]:
 
 @dataclasses.dataclass(frozen=True)
 class Wiring:
-    """What is exchanged at an instant: value references of inputs and outputs (n,), their places among the numbers that
+    """The exchange at an instant: value references of inputs and outputs (n,), their places among the numbers that
     the stage is given, and among those that it sets, their ranges (n, 2), and the names of all."""
 
     inputs: np.ndarray
@@ -198,7 +198,7 @@ class Wiring:
 
 
 class OfUnit:
-    """What all FMUs have as stages, beside the base class of their room."""
+    """The common part of all FMUs as stages, beside the base class of their room."""
 
     unit: ClassVar[Unit]
     get_before_step: bool
@@ -208,7 +208,7 @@ class OfUnit:
         return {"get_before_step": self.get_before_step}
 
     def faults(self: Any, setup: SetupLike) -> Iterator[Fault]:
-        """What lacks, or does not fit, between the FMU and the run."""
+        """The faults between the FMU and the run: missing variables, and variables that do not fit."""
         room = self.room
         counted = len(setup.vehicle.arm.links) if room.counts == "joints" else len(setup.vehicle.thrusters)
         faults: list[Fault] = []
@@ -286,7 +286,7 @@ class OfUnit:
         return found
 
     def _wrong_unit(self: Any, variable: Any, unit: str) -> str:
-        """What is wrong with the unit that a variable declares for an entry in ``unit``, as a predicate; empty if it is
+        """The fault of the unit that a variable declares for an entry in ``unit``, as a predicate; empty if it is
         the SI unit, or none is declared."""
         name = _declared(variable, "unit")
         if name in (None, "", "1", "-"):

@@ -222,7 +222,7 @@ def stage_of(
 
 
 def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str, type[Stage]]) -> str:
-    """What to write in place of a setting that a stage lacks."""
+    """The advice about a setting that a stage lacks."""
     owners = [name for name, each in others.items() if key in (field.name for field in each.setting_fields())]
     return f"for this one choose {table}.name = {' or '.join(owners)}" if owners else suggestion(key, choices)
 
@@ -250,7 +250,7 @@ def users_stages(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
 
 
 def give_one(file: str, names: Collection[str]) -> str:
-    """What to write in place of a file without a class, by the names of its classes."""
+    """The advice about a file without a class, by the names of its classes."""
     return f"give {' or '.join(f'{file}:{name}' for name in names or ('ClassName',))}"
 
 
@@ -258,7 +258,7 @@ _HINTS = {
     "non-frozen dataclass": "decorate with @dataclass(frozen=True)",
     "mutable default <class 'list'>": "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]",
 }
-"""What to write instead, by a part of the text of Python's exception."""
+"""The advice by a part of the text of Python's exception."""
 
 
 def load_file(path: Path, key: str, function: str = "", namespace: Namespace | None = None) -> ModuleType:

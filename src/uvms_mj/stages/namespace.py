@@ -152,7 +152,7 @@ class Namespace:
         return _spec_of(name) is None  # a folder without __init__.py gives way to a package of this name
 
     def _import(self, name: str, globals: Any = None, locals: Any = None, fromlist: Any = (), level: int = 0) -> Any:
-        """What ``import`` calls in the modules of the namespace."""
+        """The function behind ``import`` in the modules of the namespace."""
         first = name.partition(".")[0]
         new = first not in self._known
         if level == 0 and not self.has(first):
@@ -212,7 +212,7 @@ class Namespace:
 
 
 class _Seen(ModuleType):
-    """What ``sys.modules`` has of a module of a namespace: it shows the module and does not keep it."""
+    """The entry of ``sys.modules`` for a module of a namespace: it shows the module and does not keep it."""
 
     def __init__(self, name: str, namespace: Namespace) -> None:
         super().__init__(name)

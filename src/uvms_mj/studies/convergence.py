@@ -116,7 +116,7 @@ class Convergence:
         return found
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The picture in a notebook."""
         return block(self.title, [*self.table(), *(("warning", note) for note in self.notes)])
 
 

@@ -250,7 +250,7 @@ class Study:
         return f"<Study {self.plan_of_results.name!r}: {self.plan_of_results.runs} runs{where}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the plan, and of a study that ran its table and the overview."""
+        """The page in a notebook: the plan, and of a study that ran its table and the overview."""
         plan = self.plan_of_results
         rows = [(name, rest) for name, _, rest in (line.partition(": ") for line in plan.text().splitlines())]
         ran = self.folder is not None and any((self.folder / "rows").glob("part-*.parquet"))

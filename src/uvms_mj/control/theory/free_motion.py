@@ -75,7 +75,7 @@ def beyond(links: Sequence[Any], q: np.ndarray) -> str:
 
 
 class Push(NamedTuple):
-    """What acts on the free motion at rest in one posture.
+    """The loads on the free motion at rest in one posture.
 
     Attributes:
         r: (n,) acceleration of the joints [rad/s^2 or m/s^2].
@@ -113,7 +113,7 @@ class FreeMotion:
         return np.array(self.tree.rest["p_WB"]), np.array(self.tree.rest["R_WB"])
 
     def push(self, q: np.ndarray) -> Push:
-        """What acts at joint positions q (n,)."""
+        """The loads at joint positions q (n,)."""
         return self._pushes(self.held, *q)
 
     def _push(self, q: np.ndarray) -> Push:

@@ -122,7 +122,7 @@ class ForceLatency:
 
 @dataclass(frozen=True)
 class ForceAge:
-    """What an old contact force does to the damping against the wall, in closed form, along v = G K_f n.
+    """The effect of an old contact force on the damping against the wall, in closed form, along v = G K_f n.
 
     Against a spring k_c, feedback of the contact force with unit gain and age T acts as a negative damping k_c T. The
     sliding mode laws impose M_d and D_d on any vehicle: G, the matrix before D_d v in v_dot, is M_d^-1. The laws

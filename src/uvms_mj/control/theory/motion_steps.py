@@ -24,9 +24,9 @@ from .motion_terms import between, copied, displaced, press, thrust, turned, unm
 from .task_motion import LONGEST_OF_STATES, STATES_AT_REST, TURN_BESIDE
 
 FOLLOW, FORCE, DERIVATIVES = range(3)
-"""What :func:`asked` does."""
+"""The work of :func:`asked`."""
 IS_LOST, IS_ENDLESS, HAS_NO_ROOT, IS_SINGULAR = 1, 2, 3, 4
-"""What :func:`followed` returns where it reaches no rest."""
+"""The value of :func:`followed` where it reaches no rest."""
 _REGULAR = 1e-9
 """Pivots of a Jacobian, over the largest one, below which its root has to be found by least squares, in Python."""
 _scheduled = Schedule.step

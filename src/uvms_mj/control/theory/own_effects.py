@@ -66,7 +66,7 @@ class _Given:
 
 
 def _at(frame: Any, at_B: dict[str, Any]) -> dict[str, Any]:
-    """What an effect in a frame on the base is given, from that at B."""
+    """The inputs of an effect in a frame on the base, from the inputs at B."""
     found = at_B | {"p_WB": at_B["p_WB"] + at_B["R_WB"] @ frame.p, "R_WB": at_B["R_WB"] @ frame.R}
     for name in ("nu", "nu_r"):
         found[name] = np.empty(6)

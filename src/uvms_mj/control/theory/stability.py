@@ -235,7 +235,7 @@ class Stability:
         return f"{late}; it takes less of that, or smaller gains"
 
     def _old(self, age: ForceAge) -> str:
-        """What makes the contact force old, what it costs, and what would do."""
+        """The cause of an old contact force, its cost, and the remedy."""
         chain, k_c = age.chain, age.contact.stiffness
         here = f"at {'an' if chain.longest == 'actuation' else 'a'} {chain.longest} period of "
         here += f"{chain.periods[chain.longest]:g} s"

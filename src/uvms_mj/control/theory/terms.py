@@ -203,7 +203,7 @@ class ThrustMap:
         return bool(np.isfinite(self.setup.scenario.thrusters.command_limits(self.setup)).any())
 
     def missing(self, tau: np.ndarray) -> np.ndarray:
-        """What the thrusters at their limits add to tau (6,), zero within them."""
+        """The share of tau (6,) from thrusters at their limits, zero within them."""
         u, least, most = self.thrusts(tau)
         missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
         return missing
@@ -490,7 +490,7 @@ class Integral(Memory):
         self.limit = limit
 
     def left(self, needed: Any, rate: Any) -> Any:
-        """What is left of the value that holds the vehicle at a pose, at rest :func:`at_limit`, for the rate there."""
+        """The rest of the value that holds the vehicle at a pose, at rest :func:`at_limit`, for the rate there."""
         if math.isinf(self.step):
             return at_limit(needed, rate, self.limit)
         self.next = np.clip(self.value + self.step * rate, -self.limit, self.limit)

@@ -1,4 +1,4 @@
-r"""What acts on a vehicle with joints at rest, and what its law commands there, as machine code.
+r"""Loads on a vehicle with joints at rest, and its law's command there, as machine code.
 
 The kernels belong to the plant and to the law's model: :mod:`uvms_mj.physics.tree`, :mod:`.model` and
 :func:`uvms_mj.physics.operational.posture`, at zero velocity. :mod:`.free_motion` has the equations.

@@ -1,5 +1,5 @@
-"""What a law's library exchanges with its caller: the fields of its structs, with their units, frames and places in the
-record of the chain."""
+"""The exchange between a law's library and its caller: the fields of its structs, with their units, frames and places
+in the record of the chain."""
 
 import dataclasses
 import hashlib
@@ -57,7 +57,7 @@ OF_FILTER: Mapping[str, tuple[tuple[Signal, str], ...]] = {
     "heading": ((Signal("heading", (), "rad", "W", "angle of B's x in the plane of x and y, from x to y"), "heading"),),
     "position": ((Signal("p_fix", (3,), "m", "W", "position of B's origin"), "fix"),),
 }
-"""What the Kalman filter is given, by groups: each signal with the place of its number in the filter's record."""
+"""The inputs of the Kalman filter by groups: each signal with the place of its number in the filter's record."""
 LONGEST_GAP = 10
 
 
@@ -168,7 +168,7 @@ def _measurements(chain: Chain) -> Iterator[Entry]:
 
 
 def _samples(chain: Chain, link: Link) -> Iterator[Entry]:
-    """What the sensors of the filter measure, of those that the scenario has."""
+    """The measurements of the filter's sensors, as far as the scenario has them."""
     for group, signals in OF_FILTER.items():
         if group in AIDS and link.compiled.settings[f"{group}_samples"][0] == 0.0:
             continue

@@ -66,7 +66,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Library:
-    """What :func:`write_library` has written: its name, its record [bytes], its period [s], the number of recorded
+    """The result of :func:`write_library`: its name, its record [bytes], its period [s], the number of recorded
     steps, the stages of the scenario that it leaves behind, the library of each target, and notes: the warnings of the
     scenario, the stages left behind, and the promises that a vehicle with joints has not."""
 

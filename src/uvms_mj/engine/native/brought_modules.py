@@ -77,7 +77,7 @@ class BroughtModules:
         return found
 
     def _import(self, name: str, globals: Any = None, locals: Any = None, fromlist: Any = (), level: int = 0) -> Any:
-        """What ``import`` calls in these modules, also during a run."""
+        """The function behind ``import`` in these modules, also during a run."""
         if level == 0 and name.partition(".")[0] not in self._names:
             return builtins.__import__(name, globals, locals, fromlist, level)
         known = self._loaded.get(name) if level == 0 else None

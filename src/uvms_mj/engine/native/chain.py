@@ -46,7 +46,7 @@ SENSORS = np.dtype(
         ("present", "f8", (4,)),
     ]
 )
-"""What a filter is given, besides the samples: which of them are new, and the time since the last inertial one [s]."""
+"""The inputs of a filter besides the samples: which of them are new, and the time since the last inertial one [s]."""
 _OF_MODEL = ("model", "joints", "encoded", "frames_m", "tau_q_demand", "wrist")
 _WORD = 8
 

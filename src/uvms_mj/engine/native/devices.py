@@ -226,7 +226,7 @@ _Tensor._fields_ = [
     ("deleter", _DELETER),
 ]
 _lent: dict[int, tuple[Any, ...]] = {}
-"""What others hold by DLPack, by the address of its tensor."""
+"""The memory that others hold by DLPack, by the address of its tensor."""
 
 
 @_DELETER

@@ -49,7 +49,7 @@ _FEW = 128
 
 
 _INSTEAD = {run_stages: run_every_stage, observe: observe_anew, finish_step: finished}
-"""What a fleet has in place of functions that look what Python has done between two steps."""
+"""The fleet's counterpart of functions that look for changes by Python between two steps."""
 _ENTRIES: Mapping[str, Callable] = {STEPS: fleet_steps, AHEAD: fleet_ahead, END: fleet_end}
 
 
@@ -89,7 +89,7 @@ def without_addresses(template: np.ndarray, shape: Shape, stages: int) -> np.nda
 
 @dataclass
 class FleetSource:
-    """What the code of a fleet is made of.
+    """The parts of a fleet's code.
 
     Attributes:
         shape, stages: of the runs.
@@ -416,7 +416,7 @@ class _Memory:
         return at.gep(self.cells_at, [WORD(8 * word)], source_etype=BYTE)
 
     def pointers(self, rooms: ir.Value) -> list[ir.Value]:
-        """What each function is given."""
+        """The arguments of each function."""
         return [self.cells_at, rooms, *self.regions]
 
 

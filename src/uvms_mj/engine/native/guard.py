@@ -1,4 +1,4 @@
-"""What code of users may do to the process besides its work: end it, or copy it."""
+"""The process is guarded against code of users that ends or copies it."""
 
 import contextlib
 import ctypes

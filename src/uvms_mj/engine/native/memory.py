@@ -44,7 +44,7 @@ stopped = np.zeros(1, dtype=np.int64)
 """Set by the machine code of a stage in whose loop a signal handler raised, as it does at Ctrl-C."""
 
 clock = np.zeros(1)
-"""What MuJoCo's clock shows while it is stopped (:func:`.callback.stopped_clock`)."""
+"""The time on MuJoCo's clock while it is stopped (:func:`.callback.stopped_clock`)."""
 
 llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
 llvm.add_symbol("uvms_mj_clock", clock.ctypes.data)
@@ -223,7 +223,7 @@ class OwnMemory:
         return self.memory.view(np.uint8)[place : place + kind.itemsize].view(np.int64)
 
     def wrong(self) -> str:
-        """What the stage did wrong, as a predicate, e.g. "set tau_cmd[2] to nan"; empty if nothing."""
+        """The stage's fault, as a predicate, e.g. "set tau_cmd[2] to nan"; empty if nothing."""
         return self.not_finite() or self.wrong_attitude()
 
     def not_finite(self) -> str:

@@ -69,7 +69,7 @@ from .unit_instance import UnitInstance
 from .user_stage import compile_user_stage, is_check
 
 LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), Library), UNIT: UnitInstance}
-"""What has the machine code of a stage that is not in Python, by the suffix of its file."""
+"""The class that holds the machine code of a stage that is not in Python, by the suffix of its file."""
 
 
 class CompiledStage:

@@ -487,5 +487,5 @@ WRITERS: tuple[Callable[[RunMemory, Setup], None], ...] = (
     *(write_effects, write_contact, write_impedance, write_estimates, write_inertia),
     *(write_sensor, write_epsilon, write_limits, write_keys, write_periods),
 )
-"""What sets the numbers of a setup that may change during a run. Each depends on the setup alone, and on no number in
-memory that another one has set from another part of it."""
+"""Functions that set the numbers of a setup that may change during a run. Each depends on the setup alone, and on no
+number in memory that another one has set from another part of it."""

@@ -214,7 +214,7 @@ class Library:
         record["code_at"] = self.address
 
     def said(self, record: np.ndarray) -> str:
-        """What the function returned in place of 0, as a predicate; empty if it returned 0."""
+        """The function's status as a predicate; empty if it returned 0."""
         number = int(record["returned"][0])
         return f"returned {number}" if number else ""
 

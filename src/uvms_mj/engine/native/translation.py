@@ -25,7 +25,7 @@ class _Unknown(Exception):
 
 
 def parts_of(function: types.FunctionType, records: Mapping[Any, tuple[np.dtype, str]]) -> list[bytes] | None:
-    """What a translation is made of, besides the package's sources; None if it is not known. ``records`` are the
+    """The parts of a translation besides the package's sources; None if it is not known. ``records`` are the
     functions that stand for records, as in :func:`.compilation.native_stage`."""
     walk = _Walk(records)
     try:

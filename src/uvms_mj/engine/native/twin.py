@@ -112,7 +112,7 @@ def _lower(code: types.CodeType, lines: int) -> types.CodeType:
 
 
 def _operations(code: types.CodeType) -> Iterator[Any]:
-    """What a code does, wherever it stands in a file: a name that the file imports is called in another way."""
+    """The effect of a code, wherever it stands in a file: a name that the file imports is called in another way."""
     yield code.co_argcount, code.co_kwonlyargcount, code.co_varnames
     for each in dis.get_instructions(code):
         if isinstance(each.argval, types.CodeType):
@@ -157,7 +157,7 @@ class _Arithmetics(ast.NodeTransformer):
 
 
 class _Arithmetic:
-    """What computes as machine code does."""
+    """Functions that compute as machine code does."""
 
     @staticmethod
     def product(a: Any, b: Any) -> Any:
@@ -217,7 +217,7 @@ class _Arithmetic:
 
 
 def _replaced(function: Any) -> Callable | None:
-    """What computes as machine code does where NumPy's function or Python's does not."""
+    """A function that computes as machine code does where NumPy's function or Python's does not."""
     try:
         return _others().get(function)
     except TypeError:  # it has no hash

@@ -170,7 +170,7 @@ class UnitInstance:
         record["range_in"], record["range_out"] = self.wiring.range_in, self.wiring.range_out
 
     def said(self, record: np.ndarray) -> str:
-        """What a call that failed returned, as a predicate; empty if none did."""
+        """The status of a call that failed, as a predicate; empty if none did."""
         returned = int(record["returned"][0])
         if not returned:
             return ""

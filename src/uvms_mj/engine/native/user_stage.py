@@ -189,7 +189,7 @@ def between_copies(
 
 
 def _reader(name: str) -> Any:
-    """What stands in the function above for the record or the array at an address."""
+    """The stand-in, in the function above, for the record or the array at an address."""
 
     def reader(address: int) -> Any:
         raise NotImplementedError(name)

@@ -95,7 +95,7 @@ def _values(column: pd.Series) -> Any:
 
 
 def _of_bench(then: bytes, now: bytes) -> list[str]:
-    """What differs in bench.json, but for the versions, and the digest, which is also of them."""
+    """The differences in bench.json, but for the versions and for the digest, which covers them."""
     if then == now:
         return []
     a, b = results.parsed(then, RESULT), results.parsed(now, RESULT)

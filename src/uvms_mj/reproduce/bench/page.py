@@ -313,7 +313,7 @@ def worst(found: Mapping[str, Any], task: Task, own: Mapping[str, Job]) -> Table
 
 
 def why(row: Mapping[str, Any], task: Task) -> str:
-    """What broke a draw, with its numbers."""
+    """The cause that broke a draw, with its numbers."""
     if row["broke"] == [COMPLETED]:
         return f"{row['status']}: {row.get('message', '')}"
     parts = []

@@ -317,8 +317,8 @@ def with_bare_names(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def identity(plan: Plan) -> dict[str, Any]:
-    """What decides a law: its name without folders, its settings with their defaults, its files by their digests, and a
-    digest of all of it."""
+    """The identity of a law: its name without folders, its settings with their defaults, its files by their digests,
+    and a digest of all of it."""
     law = plan.laws[0]
     files = StudyBundle.of(plan).files
     gains = {k: v for k, v in law.scenario.to_dict()["controller"].items() if k not in ("name", "period", "delay")}

@@ -89,7 +89,7 @@ def boundaries(results: Results) -> Table:
 
 
 def steps(results: Results) -> Table:
-    """What GSTA does after each step, with both sets of gains, without and with the bumper."""
+    """GSTA after each step, with both sets of gains, without and with the bumper."""
     columns = [(law, bumper) for law in ("gsta", RETUNED) for bumper in (False, True)]
     rows = []
     for stage, (title, _) in enumerate(STEPS):

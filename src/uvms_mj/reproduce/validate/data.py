@@ -20,7 +20,7 @@ from ...errors import Fault, InputError
 AXES = ("axis_e", "axis_d", "axis_c", "axis_b")
 """Joints of the arm, from the vehicle outwards."""
 ZERO = (3.07, 0.0, 0.0, 2.879)
-"""What each joint shows where the joint angle of the model is zero [rad] (Kolano and Davidson)."""
+"""The reading of each joint where the joint angle of the model is zero [rad] (Kolano and Davidson)."""
 MOVES = 0.02
 """An arm moves when a joint has left its first posture by this angle [rad]: ten times the noise of the encoders."""
 LEAST, MOST = 5.0, 600.0

@@ -167,7 +167,7 @@ _SWING = "Axis d swings about the stretched arm, at most 30 deg/s: the pitch by 
 
 
 def numbers(results: Comparison) -> dict[str, Any]:
-    """What was found, in degrees and metres, as plain numbers."""
+    """The results in degrees and metres, as plain numbers."""
     agreeing, models = results.agreeing, _models(results)
     in_motion = [results.pitch(k, Variant(), 0.0, results.trials[k].starts - BEFORE).rms for k in agreeing]
     lags = [results.lag(k, Variant()) for k in agreeing]
@@ -287,7 +287,7 @@ _AT_REST = "At rest there is nothing to simulate: the prediction is the attitude
 
 
 def _found(found: Mapping[str, Any]) -> list[Markup]:
-    """What the comparison has found, a sentence or two each."""
+    """The findings of the comparison, a sentence or two each."""
     mean = {name: number(value, 2) for name, value in found["mean_rms_pitch_deg"].items()}
     finer = {name: number(value, 3) for name, value in found["mean_rms_pitch_deg"].items()}
     apart = (
@@ -337,7 +337,7 @@ def _found(found: Mapping[str, Any]) -> list[Markup]:
 
 
 def _fitted(found: Mapping[str, Any]) -> list[Markup]:
-    """What is fitted, by us and by the authors, and what is not."""
+    """The fitted numbers, by us and by the authors, and the others."""
     height, choice = found["height_m"], found["every_choice_deg"]
     return [
         marked(

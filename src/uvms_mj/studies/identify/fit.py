@@ -222,7 +222,7 @@ def _callback(
     keep: Callable[[int, np.ndarray, list[list[float]]], None],
     progress: Progress,
 ) -> Callable[..., None]:
-    """What SciPy calls after each iteration; it looks for the name of the argument."""
+    """The function that SciPy calls after each iteration; it looks for the name of the argument."""
 
     def after(intermediate_result: Any) -> None:
         counted[0] += 1

@@ -105,7 +105,7 @@ def columns_of(place: str) -> list[str]:
 
 
 def meaning_of(column: str) -> str:
-    """What the metric of a column is, from its definition; empty for a function of the user's."""
+    """The metric of a column in words, from its definition; empty for a function of the user's."""
     number = number_of(column) or number_of(column.rpartition(".")[0])
     return "" if number is None else number.meaning
 

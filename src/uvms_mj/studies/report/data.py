@@ -106,7 +106,7 @@ class Metric:
 
     @property
     def meaning(self) -> str:
-        """What a shipped metric is, and over which time; empty for others."""
+        """The definition of a shipped metric, with its time; empty for others."""
         return meaning_of(self.name)
 
 

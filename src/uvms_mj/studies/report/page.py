@@ -134,7 +134,7 @@ def page(
 
 
 def _together(pairs: Sequence[Paired]) -> list[str]:
-    """What all intervals of differences say together."""
+    """The joint meaning of all intervals of differences."""
     n = sum(1 + len(pair.metrics) for pair in pairs)
     return [of_many(n), _AMONG_ALL.format(n)] if n > 1 else []
 
@@ -175,7 +175,7 @@ def _sensitivity_section(found: Sensitivities, picture: Picture | None) -> list[
 
 
 DRAWN = ("overview", "distributions", "map", "sensitivity")
-"""What :func:`figure` can draw."""
+"""The figures of :func:`figure`."""
 
 
 def figure(

@@ -136,7 +136,7 @@ MOST_OF_ALL_PAIRS = 4
 
 
 def of_many(n: int) -> str:
-    """What n intervals of 95 % say together, in a sentence; empty for one."""
+    """The joint meaning of n intervals of 95 %, in a sentence; empty for one."""
     if n < 2:
         return ""
     least = 100.0 * (1.0 - n * (1.0 - LEVEL))
@@ -269,7 +269,7 @@ class Sensitivities:
 
     @property
     def notes(self) -> list[str]:
-        """What is left out, with the laws and metrics."""
+        """The values that are left out, with the laws and metrics."""
         left_out: dict[str, list[str]] = {}
         for metric, laws in self.of.items():
             for law, each in laws.items():

@@ -193,7 +193,7 @@ def without_folders(text: str) -> str:
 
 
 def studied(data: StudyRows, versions: Mapping[str, str]) -> list[tuple[str, str]]:
-    """What was studied: base scenario, laws, keys with their values, design, runs, engine."""
+    """The plan of a study: base scenario, laws, keys with their values, design, runs, engine."""
     plan, frame = data.plan, data.frame
     rows = [("base scenario", plan.base.name)]
     for law in plan.laws:

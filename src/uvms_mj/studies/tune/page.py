@@ -109,7 +109,7 @@ def _ten(problem: Problem, trials: Sequence[Trial]) -> Table:
 
 
 def _ranges(problem: Problem, units: dict[str, str]) -> list[tuple[str, str]]:
-    """What was searched, with what."""
+    """The search: its unknowns and its means."""
     plan = problem.plan
     rows = [("base scenario", plan.base.name), ("law", plan.laws[0].label)]
     for gain in problem.gains:

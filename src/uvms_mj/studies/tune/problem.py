@@ -232,7 +232,7 @@ _EXAMPLES = {"gain": 'key = "controller.k_1", low = 1.0, high = 20.0', "objectiv
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a tuning searches, and what its trials are compared by.
+    """The unknowns of a tuning, and the comparison of its trials.
 
     Attributes:
         plan: the runs of each trial, of one law.
