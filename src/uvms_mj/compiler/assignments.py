@@ -212,7 +212,7 @@ class Assignments(Lifetimes):
             assert isinstance(node.target, ast.Subscript)
             before = self.value(ast.Subscript(owner, node.target.slice, ast.Load()))
             value = self.value(node.value)
-            if before.kind.is_array:  # the one that the list holds, and whoever else
+            if before.kind.is_array:  # the array that the list holds, for every name of it
                 self.store_all(before, self.binary(name, before, value), in_place=True)
             else:
                 self.assign(node.target, self.binary(name, before, value))

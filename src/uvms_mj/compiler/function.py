@@ -35,7 +35,7 @@ from .values import (
 class Loop:
     """A loop, or one turn of a loop that is written out: where continue and break lead, and which names have a value
     there. ``place`` is the loop's in the source if it could be written out, ``turns`` their number then, and ``names``
-    are those of its variables."""
+    are the names of its variables."""
 
     advance: ir.Block
     end: ir.Block

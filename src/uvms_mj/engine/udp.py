@@ -114,7 +114,7 @@ class UdpLaw:
             return self._steps
 
     def _judge(self, sim: Any, more: bytes) -> None:
-        """Raise InputError if an export says that it refuses this instant, or is not the one that is asked for."""
+        """Raise InputError if an export says that it refuses this instant, or is another export."""
         if not more:
             if self._export:
                 raise self._wrong(f"the law{{}} is no export, and {self._export} is asked for", "export")

@@ -100,7 +100,7 @@ PAD = _before_wall(("viscosity", "f8"))  # mu [Pa s]
 """One pad before one plane wall."""
 HULL = _before_wall(
     ("shape", "i8"),  # its place in SHAPES
-    ("strips", "i8"),  # places at which its mass is, 1 or those of a cylinder
+    ("strips", "i8"),  # places at which its mass is, 1, or more along a cylinder
     ("link", "i8"),  # index of the link that it is on; the base is link 0
     ("axis", "f8", (3,)),  # of a cylinder or a spheroid, in the frame of the link
     ("length", "f8"),  # of a cylinder or a spheroid [m]

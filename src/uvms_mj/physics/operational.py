@@ -32,8 +32,8 @@ free (Sentis and Khatib, "Synthesis of whole-body behaviors through hierarchical
 
 zeta = [nu; q_dot] (N,) has the inertia M. P (N, N) maps generalised forces to the accelerations that are free:
 :math:`P = N M^{-1} N^\top = M^{-1} N^\top` for the projector N of the tasks above. It is symmetric, positive
-semi-definite and J P = 0 for each of these tasks. A level with the Jacobian J demands the acceleration b. With that of
-the levels above, a_prev,
+semi-definite and J P = 0 for each of these tasks. A level with the Jacobian J demands the acceleration b. With
+the acceleration a_prev of the levels above,
 
 .. math::
 

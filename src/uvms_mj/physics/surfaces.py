@@ -106,7 +106,7 @@ SURFACE = np.dtype(
         ("turn_W", "f8", (3,)),  # amplitude of the sine of theta [rad]
         ("turn_frequency", "f8"),  # [Hz]
         ("turn_phase", "f8"),  # [rad]
-        ("tilt", "i8"),  # place in the numbers; rows of theta, as those of the swell [rad/s, rad, rad]
+        ("tilt", "i8"),  # place in the numbers; rows of theta, like the rows of the swell [rad/s, rad, rad]
         ("tilt_rows", "i8"),
         ("omega_W", "f8", (3,)),  # angular velocity at this instant [rad/s]
     ],

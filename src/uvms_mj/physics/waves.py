@@ -20,7 +20,7 @@ Both are sums of exponentials that stay finite in any depth, :math:`c, s = (e^{k
 :math:`\partial_z u = \partial_e w`. Above the mean surface the water moves as at the surface, without a gradient along
 z.
 
-The surface is at :math:`\eta = a \cos\theta`. The pressure is above that of still water by
+The surface is at :math:`\eta = a \cos\theta`. The pressure exceeds the pressure of still water by
 
 .. math::
 

@@ -33,8 +33,8 @@ _PART = 1e-9
 
 
 def as_deployed(overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Overrides of a scenario in front of which the keys of :data:`AS_DEPLOYED` act. Those of the thrusters are left
-    out where the overrides name another model."""
+    """Overrides of a scenario in front of which the keys of :data:`AS_DEPLOYED` act. Its keys of the thrusters are
+    left out where the overrides name another model."""
     other = overrides.get("thrusters.name", AS_DEPLOYED["thrusters.name"]) != AS_DEPLOYED["thrusters.name"]
     keys = {key: value for key, value in AS_DEPLOYED.items() if not (other and key.startswith("thrusters."))}
     return keys | dict(overrides)

@@ -245,7 +245,7 @@ def stages_in(file: str, key: str, name: str = "", namespace: Namespace | None =
 
 
 def users_stages(file: str, key: str, name: str = "") -> dict[str, type[Stage]]:
-    """Those of :func:`stages_in` that are not of this package."""
+    """The classes of :func:`stages_in` from outside this package."""
     return {name: cls for name, cls in stages_in(file, key, name).items() if not cls.__module__.startswith("uvms_mj.")}
 
 
@@ -418,8 +418,8 @@ def is_a_table(table: str, value: Any, keys: Collection[str], choice: Choice | N
 def not_dotted(
     word: str, value: Any, keys: Mapping[str, Collection[str]], choices: Mapping[str, Choice], tables: Mapping[str, Any]
 ) -> str:
-    """The error of a key without a dot that is not of the scenario itself. ``keys`` are those of each table without its
-    stage's name, and ``tables`` are the tables of the scenario, by their names."""
+    """The error of a key without a dot that is no key of the scenario. ``keys`` are the keys of each table without
+    its stage's name, and ``tables`` are the tables of the scenario, by their names."""
     if (table := tables_by_word(choices).get(word)) is not None:
         return f"is not a dotted key; {_called(table, 'name')}{f'={value}' if isinstance(value, str) else ''}"
     in_use = {}

@@ -27,7 +27,7 @@ from ...physics.waves import add_waves
 from ...stages.setup import SetupLike
 
 _SAMPLES = 32
-"""Samples of a wrench in the period of the sea, or of its peak: eight in that of the shortest wave of a spectrum."""
+"""Samples of a wrench in the period of the sea, or of its peak: eight in the shortest period of a spectrum."""
 _SEGMENT, _SEGMENTS, _RATED = 32, 16, 2
 """Periods of the peak in a segment of a spectrum, and segments that do not overlap; the
 segments of a rate."""

@@ -56,8 +56,8 @@ class Vectors:
 
 def recorded(sim: Simulation, border: Border, text: str, entry: str) -> Vectors:
     """Record a run. With joints, the run rounds some products and sums once, which a library does not: then the
-    commands are those of the chain on this processor, ``text`` with the function ``entry``, which must be near those of
-    the run. Raises InputError if they are not, or if the measurements are not the chain's."""
+    commands come from the chain on this processor, ``text`` with the function ``entry``, and must be near the run's
+    commands. Raises InputError if they are not, or if the measurements are not the chain's."""
     every, total = border.chain.steps, sim.scenario.steps
     last = max(1, total // every)
     sim.run(every, np.inf)

@@ -481,10 +481,10 @@ def take_steps(runs, first, last, n, step, advance, control):
 
 def step_together(ends, end_count, ties, tie_count, runs, run_count, n) -> int:
     """Take n time steps in each of some runs: let each take a step, and then find what couples them in the next one. A
-    row (6,) of ``ends`` has the address of :func:`uvms_mj.physics.coupling.place_end` and those of its arguments, a row
-    (4,) of ``ties`` the addresses of the forces between two ends, and a row (2,) of ``runs`` those of the machine
-    code of a step and of the run's record. Returns the number of steps that all runs have taken before one of them
-    stopped."""
+    row (6,) of ``ends`` has the addresses of :func:`uvms_mj.physics.coupling.place_end` and of its arguments, a row
+    (4,) of ``ties`` the addresses of the forces between two ends, and a row (2,) of ``runs`` the addresses of the
+    machine code of a step and of the run's record. Returns the number of steps that all runs have taken before one
+    of them stopped."""
     for k in range(n):
         for i in range(run_count):
             if call_code(runs[2 * i], runs[2 * i + 1], 1, 1) == 0:

@@ -130,8 +130,8 @@ def compile_user_stage(
     get_before: bool = False,
 ) -> NativeFunction:
     """Compile a user's stage to a function of five addresses: its own memory (:class:`.memory.OwnMemory`), its states,
-    what it is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is
-    given, and the output.
+    its inputs, the derivatives of its states, its output. ``kinds`` are the kinds of settings, states, inputs and
+    output.
 
     ``stage`` is a function, or the record in the stage's own memory from which the loop calls a library or an FMU, with
     ``get_before`` its outputs before its step. It returns 0, or the number that says why and where it ended early; then

@@ -81,8 +81,8 @@ def value_at(place: str, tables: Mapping[str, Any]) -> Any:
 
 
 def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Overrides by dotted key, from values by place. A component replaces its number in the value of ``tables``, which
-    are those of the scenario."""
+    """Overrides by dotted key, from values by place. A component replaces its number in the value of ``tables``,
+    the tables of the scenario."""
     overrides: dict[str, Any] = {}
     for place, value in values.items():
         key, parts = parsed(place)
