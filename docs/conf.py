@@ -6,7 +6,6 @@ import shutil
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
 
 gc.set_threshold(100_000, 50, 50)  # pages are large trees: to search them more often takes an eighth of the build
 
@@ -40,6 +39,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "source_pages",
+    "api_pages",
 ]
 exclude_patterns = [
     "_build",
@@ -85,13 +85,14 @@ sphinx_gallery_conf = {
 }
 
 # API
+templates_path = ["_templates"]
 autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 html_domain_indices = False
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 toc_object_entries_show_parents = "hide"
@@ -115,13 +116,3 @@ html_theme_options = {
     "pygments_dark_style": "github-dark",
 }
 html_sidebars = {"index": []}
-
-
-def setup(app: Any) -> None:
-    app.connect("autodoc-process-docstring", whole, priority=400)
-
-
-def whole(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Keep the first words of an attribute's docstring before Napoleon, which takes words before a colon for a type."""
-    if what in ("attribute", "property") and lines:
-        lines[:1] = lines[0].split(" ", 1)  # it looks at the first line alone

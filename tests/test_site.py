@@ -75,6 +75,13 @@ def test_the_site(tmp_path, subtests):
         assert [style.name for style in site.rglob("*.css") if imports.search(style.read_text())] == []
     with subtests.test("each link inside the site leads to a page and to a place in it"):
         assert broken(site) == []
+    with subtests.test("the API shows classes as their users make them, and a sentence of each name"):
+        for page in (site / "reference" / "api").glob("*.html"):
+            assert found(r"check\)|Annotated|\bat 0x|<function|\(\*args|, \.\.\.\)|\b_[A-Z]", article(page)) == [], page.name
+        rows = re.findall(r"<tr.*?</tr>", (site / "reference" / "api.html").read_text(), re.DOTALL)
+        listed = [words(row) for row in rows if "autosummary" in row or "api/uvms_mj." in row]
+        assert len(listed) > len(uvms_mj.__all__)
+        assert [row for row in listed if not row.endswith(".") or len(row.split()) < 4] == []
     with subtests.test("three clicks lead from the equation of added mass to its line and to its test"):
         assert 'href="physics/index.html"' in (site / "index.html").read_text()
         assert 'href="equations.html"' in (site / "physics" / "index.html").read_text()
@@ -88,6 +95,20 @@ def test_the_site(tmp_path, subtests):
     fit = subtests.test("pages ask for nothing outside and fit the screen")
     with contextlib.closing(Chromium(tmp_path / "chromium")) as browser, fit:
         look(browser, site)
+
+
+def article(page: Path) -> str:
+    """The text of a page without its lists of pages and sections."""
+    return words(re.search(r"<article.*?</article>", page.read_text(), re.DOTALL).group())
+
+
+def words(html: str) -> str:
+    """The text of a piece of a page."""
+    return " ".join(unescape(re.sub(r"<[^>]+>", "", html)).split())
+
+
+def found(pattern: str, text: str) -> list[str]:
+    return [each.group() for each in re.finditer(pattern, text)]
 
 
 def broken(site: Path) -> list[str]:

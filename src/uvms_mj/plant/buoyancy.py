@@ -25,7 +25,9 @@ _FULL = 1e-6  # of a volume, by which it may be less than the displaced one
 class Volume:
     """One table of ``buoyancy.shapes``."""
 
-    shape: Annotated[Literal[tuple(KINDS)], Lowercase]  # type: ignore[valid-type]  # a table has the names
+    shape: Annotated[Literal[tuple(KINDS)], Lowercase] = doc(  # type: ignore[valid-type]  # a table has the names
+        ", ".join(KINDS)
+    )
     radius: Length | None = doc("of a sphere or a capsule [m]", None)
     length: Length | None = doc("of a capsule, between the centres of its ends [m]", None)
     edges: tuple[Length, Length, Length] | None = doc("lengths of a box [m]", None)
@@ -44,7 +46,7 @@ class Volume:
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume of the shape [m^3]."""
         a, b, c = self.size
         if self.shape == "box":
             return 8.0 * a * b * c
@@ -74,7 +76,7 @@ class Buoyancy(EffectTable):
 
     @property
     def volume(self) -> float:
-        """Of all shapes [m^3]."""
+        """Volume of all shapes [m^3]."""
         return math.fsum(each.volume for each in self.shapes)
 
     def filled(self, displaced_mass: float) -> float:

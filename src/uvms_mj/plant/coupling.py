@@ -35,8 +35,7 @@ class Coupling(EffectTable):
     contact body of the first vehicle in front of a surface that rides on the second one."""
 
     of_world: ClassVar[bool] = True
-    vehicles: tuple[str, str]
-    """Names of the two vehicles."""
+    vehicles: tuple[str, str] = doc("names of the two vehicles")
     points: tuple[Position, Position] = doc("its point in the frame at of each vehicle [m]", _OF_TIES["points"])
     at: tuple[str, str] = doc(
         "B, a link or a site of each vehicle, in whose frame its point, body or surface is; default: B", (BODY, BODY)

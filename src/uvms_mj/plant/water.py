@@ -293,9 +293,8 @@ class Fin(EffectTable):
     along z: it stands."""
 
     of_world: ClassVar[bool] = False
-    area: _Area
-    position: Position
-    """Centre of pressure in B [m]."""
+    area: _Area = doc("of the plate, chord times span [m^2]")
+    position: Position = doc("centre of pressure in B [m]")
     attitude_deg: Angles = doc("roll, pitch, yaw of the fin in B; rolled by 90 it lies [deg]", (0.0,) * 3)
     deflection_deg: Angle = doc("turn about its span, by the right hand [deg]", 0.0)
     lift_slope: _Coefficient = doc("C_alpha, lift coefficient over the angle of attack below the stall [1/rad]", 3.0)
@@ -349,8 +348,7 @@ class Drag(EffectTable):
     """One table of ``[[drag]]``: quadratic drag at a place of the base, which may differ by direction."""
 
     of_world: ClassVar[bool] = False
-    forward: _Drags
-    """Coefficients of motion along x, y, z of B [N s^2/m^2]."""
+    forward: _Drags = doc("coefficients of motion along x, y, z of B [N s^2/m^2]")
     backward: _Drags | None = doc("of motion against x, y, z; default: forward [N s^2/m^2]", None)
     position: Position = doc("place in B at which it acts [m]", (0.0, 0.0, 0.0))
     by: Literal["axes", "speed"] = doc("'axes': f_i = -c_i |v_i| v_i; 'speed': f_i = -c_i |v| v_i", "axes")
@@ -366,9 +364,8 @@ class Pad(EffectTable):
     """One table of ``[[pads]]``: a disc of the vehicle that faces a plane wall, with the water between them."""
 
     of_world: ClassVar[bool] = False
-    radius: Annotated[Number, within(1e-3, 10.0, "m")]
-    position: Position
-    """Centre in B [m]."""
+    radius: Annotated[Number, within(1e-3, 10.0, "m")] = doc("of the disc [m]")
+    position: Position = doc("its centre in B [m]")
     point: Position | None = doc("a point of the wall's face in W; null: the face of [wall] [m]", None)
     normal: Position = doc("vector out of that wall in W [1]", (-1.0, 0.0, 0.0))
     density: Annotated[Number, within(1.0, 1e5, "kg/m^3")] = doc("of the water [kg/m^3]", RHO)
@@ -394,7 +391,7 @@ class NearWall(EffectTable):
     link, before a plane wall."""
 
     of_world: ClassVar[bool] = False
-    radius: Annotated[Number, within(1e-3, 100.0, "m")]
+    radius: Annotated[Number, within(1e-3, 100.0, "m")] = doc("of the sphere or the cylinder, or across a spheroid [m]")
     shape: Annotated[Literal[HULLS], Lowercase] = doc("of the hull or the link", "sphere")  # type: ignore[valid-type]
     length: Annotated[Number, within(1e-3, 200.0, "m")] | None = doc("of a cylinder or a spheroid [m]", None)
     axis: Position = doc("vector along a cylinder or a spheroid, in the frame of its link [1]", (1.0, 0.0, 0.0))

@@ -215,6 +215,7 @@ class Foxglove(ServerListener):
             self._channels[number].log(self._once[number], log_time=0)
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
+        """Note that a viewer has left a topic."""
         with self._lock:
             self._subscribed.discard((client.id, channel.id))
 
