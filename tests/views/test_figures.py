@@ -251,6 +251,10 @@ def test_units_and_symbols_are_typeset():
     assert style.unit_text("kg s^-1") == "kg s$^{-1}$"
     assert style.unit_text("us") == "µs"
     assert style.unit_text("plus") == "plus"
+    assert style.titled("contact.peak", "N") == "contact peak [N]"
+    assert style.titled("final.position.x", "m") == "final position x [m]"
+    assert style.titled("controller.k_1", "m^(1/2)/s^(3/2)") == r"controller $k_{\mathrm{1}}$ [m$^{1/2}$/s$^{3/2}$]"
+    assert style.titled("impedance.K_d.0") == r"impedance $K_{\mathrm{d,0}}$"
     assert style.symbol("nu_dot", "x") == r"$\dot{\nu}_{\mathrm{x}}$"
     assert style.symbol("tau_q_cmd") == r"$\tau_{\mathrm{q,cmd}}$"
     for name in ("manipulability", "w_", "force_peak", "pwm", "sw1"):
