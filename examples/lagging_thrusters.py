@@ -36,5 +36,7 @@ if __name__ == "__main__":
     scenario, traces = Scenario.load("push_wall", {"wall.stiffness": 2e3}), {}
     for T in (0.005, 0.05):
         traces[f"T = {T} s"] = simulate(replace(scenario, actuation=LaggingThrusters(time_constant=T)))
+        last = traces[f"T = {T} s"].between(18.0, 20.0).push
+        print(f"T = {T} s: push from {last.min():.3f} to {last.max():.3f} N in the last two seconds")
     force_figure = plot(traces, "force", width=6.5)
     position_figure = plot(traces, "position", width=6.5)

@@ -336,7 +336,7 @@ def symbol(name: str, component: str = "") -> str:
     """The name of a signal as it is typeset: a symbol with its subscripts, of which the component is the last. Other
     names are words, and stay as they are."""
     found = _SYMBOL.fullmatch(name)
-    if found is None or not (component.isalnum() or not component):
+    if found is None or not (component.replace(",", "").isalnum() or not component):
         return f"{name}.{component}" if component else name
     letter, below = found[1] if len(found[1]) == 1 else f"\\{found[1]}", found[2].split("_")[1:]
     for word, form in _ABOVE.items():
