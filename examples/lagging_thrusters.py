@@ -1,5 +1,8 @@
 """Thrusters with a first-order lag: T u_dot = u_cmd - u, where u_cmd is the thrust of ideal thrusters.
 
+With a lag of 50 ms the law's command comes too late, and the push swings between 1.2 and 1.6 N for the rest of the run.
+With 5 ms it rests.
+
 uvms-mj run --set actuation.name=examples/lagging_thrusters.py:LaggingThrusters --set actuation.time_constant=0.05
 """
 

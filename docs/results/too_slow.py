@@ -16,6 +16,5 @@ hard_figure = uvms_mj.plot({"1e5 N/m": hard}, "force", width=6.5)
 soft_figure = uvms_mj.plot({"2e3 N/m, smaller gains": soft}, "force", width=6.5)
 for name, trace in {"1e5 N/m": hard, "2e3 N/m": soft}.items():
     last = trace.between(15.0, 20.0)
-    print(
-        f"{name}: {trace.touches[-1]:.0f} touches, push from {last.push.min():.3f} to {last.push.max():.3f} N at the end"
-    )
+    least, most = last.push.min(), last.push.max()
+    print(f"{name}: touched {trace.touches[-1]:.0f} times, push from {least:.3f} to {most:.3f} N in the last 5 s")
