@@ -4,6 +4,7 @@ import logging
 import re
 import shutil
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -100,6 +101,8 @@ def figures(block: Any, variables: dict[str, Any], settings: dict[str, Any]) -> 
                 figure.save(paths[-1])
                 scenes.append(Path(paths[-1]).name)
     text = figure_rst(paths, settings["src_dir"])
+    if len(paths) == 1:  # in a box, which scrolls on a phone
+        text = f"\n.. container:: plot\n{indent(text, '   ')}"
     for name in scenes:  # of a class of their own, which is seen whole on a phone
         text = re.sub(rf"({re.escape(name)}\n.*?:class: )\S+", r"\1scene", text, count=1, flags=re.DOTALL)
     return text

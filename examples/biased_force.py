@@ -37,4 +37,4 @@ if __name__ == "__main__":
     trace = simulate(replace(Scenario.load("push_wall"), navigation=BiasedForce(bias=(0.5, 0.0, 0.0), noise=0.1)))
     print(f"push {trace.push[-1]:.3f} N, measured {-trace.f_contact_m_W[-1, 0]:.3f} N")
     force_figure = trace.plot("force", width=6.5)
-    force_error_figure = trace.plot("force_error", width=6.5)
+    force_error_figure = trace.between(19.98, 20.0).plot("force_error", width=6.5)

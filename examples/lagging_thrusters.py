@@ -1,5 +1,8 @@
 """Thrusters with a first-order lag: T u_dot = u_cmd - u, where u_cmd is the thrust of ideal thrusters.
 
+With a lag of 50 ms the law's command comes too late, and the push swings between 1.2 and 1.6 N for the rest of the run.
+With 5 ms it rests.
+
 uvms-mj run --set actuation.name=examples/lagging_thrusters.py:LaggingThrusters --set actuation.time_constant=0.05
 """
 
@@ -36,5 +39,7 @@ if __name__ == "__main__":
     scenario, traces = Scenario.load("push_wall", {"wall.stiffness": 2e3}), {}
     for T in (0.005, 0.05):
         traces[f"T = {T} s"] = simulate(replace(scenario, actuation=LaggingThrusters(time_constant=T)))
+        last = traces[f"T = {T} s"].between(18.0, 20.0).push
+        print(f"T = {T} s: push from {last.min():.3f} to {last.max():.3f} N in the last two seconds")
     force_figure = plot(traces, "force", width=6.5)
     position_figure = plot(traces, "position", width=6.5)

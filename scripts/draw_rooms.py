@@ -36,27 +36,27 @@ SIDES = {
 }
 SUBJECTS = {
     "cli": "commands",
-    "reproduce": "experiments: the paper, practicality, a pool",
+    "reproduce": "the paper, practicality, a pool",
     "studies": "many runs: plans, pages, tuning",
     "envs": "dm_env, Gymnasium",
     "engine": "runs it: Simulation, machine code",
-    "views": "what is seen: figures, Rerun",
+    "views": "figures, videos, Rerun",
     "analysis": "numbers from traces: metrics, summary",
-    "setup": "a run before its first step: Setup, checks",
-    "records": "what is kept: Trace, logs, export",
+    "setup": "before the first step: checks",
+    "records": "Trace, logs, export",
     "scenario": "all inputs of a run",
-    "guidance": "what is wanted",
-    "navigation": "what is known",
-    "control": "what is commanded",
-    "actuation": "what comes out",
-    "plant": "what is in the water",
+    "guidance": "references",
+    "navigation": "measurements",
+    "control": "commands",
+    "actuation": "thrusts",
+    "plant": "in the water",
     "stages": "the contract of a stage, the table of signals",
     "physics": "Fossen's equations, frames, water, contact, random numbers",
     "compiler": "Python functions to LLVM",
     "quantities": "units and ranges",
     "files": "reading, writing",
     "errors": "bad input",
-    "display": "what an object shows",
+    "display": "objects in a notebook",
 }
 
 
@@ -88,9 +88,9 @@ def house(ax: Axes, plan: list[list[str]], width: float) -> dict[str, float]:
             box(ax, k * share + gap / 2, y + gap / 2, share - gap, FLOOR - gap, fill)
             heights[room] = y + FLOOR / 2
             centre = (k + 0.5) * share
-            ax.text(centre, y + 0.40, room, ha="center", va="center", weight="bold", zorder=4)
-            ax.text(centre, y + 0.19, SUBJECTS[room], ha="center", va="center", size=7.0 if len(rooms) > 3 else 8.2,
-                    color=GREY, zorder=4)  # fmt: skip
+            ax.text(centre, y + 0.42, room, ha="center", va="center", weight="bold", zorder=4)
+            ax.text(centre, y + 0.19, SUBJECTS[room], ha="center", va="center", size=8.8, color=GREY,
+                    zorder=4)  # fmt: skip
     top = len(plan) * FLOOR
     ax.add_patch(Polygon([(-0.18, top + 0.03), (width / 2, top + 0.62), (width + 0.18, top + 0.03)],
                          fc="#e9ecef", ec=LINE, lw=1.1, joinstyle="round"))  # fmt: skip
@@ -116,13 +116,13 @@ def way(ax: Axes, heights: dict[str, float], left: float) -> None:
         ax.add_patch(Circle((x, y), 0.15, fc="white", ec=WAY, lw=1.8, zorder=5))
         ax.text(x, y - 0.01, number, ha="center", va="center", size=9, weight="bold", color=WAY, zorder=6)
         dx, dy, ha, va = SIDES[side]
-        ax.text(x + dx, y + dy, words, ha=ha, va=va, size=8.6, zorder=6)
+        ax.text(x + dx, y + dy, words, ha=ha, va=va, size=8.8, zorder=6)
 
 
 def rooms() -> Figure:
     """The rooms by floor, and the way of one scenario beside them."""
     plan, width = floors(), 8.9
-    figure = Figure(figsize=(10.2, 5.6), facecolor="white")
+    figure = Figure(figsize=(9.3, 6.0), facecolor="white")
     ax = figure.add_axes((0, 0, 1, 1))
     top = len(plan) * FLOOR
     heights = house(ax, plan, width)
@@ -135,7 +135,7 @@ def rooms() -> Figure:
             va="center", color=EDGES[STAGE], size=9)  # fmt: skip
     ax.annotate("", (-0.32, 0.1), (-0.32, top - 0.1), arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 1.2})
     ax.text(-0.48, top / 2, "a room imports only from the rooms below it", rotation=90, ha="center", va="center",
-            size=8.5, color=GREY)  # fmt: skip
+            size=8.8, color=GREY)  # fmt: skip
     ax.set(xlim=(-0.7, left + 5.6), ylim=(-0.12, top + 0.75))
     ax.axis("off")
     return figure
@@ -173,67 +173,70 @@ BEFORE = ("tool", "true attitude", ARM)
 """The stage before all others, of a run with a tool."""
 AFTER = ("surroundings, effects", "effects = [...]", STAGE)
 """The stages after all others, of a run with effects of a user's own."""
-STEP = 0.47
-"""Height of an optional stage, with the space to the next one."""
 
 
 def instant() -> Figure:
-    """One sample on its way through an instant: the stages in their order, around the plant."""
-    figure = Figure(figsize=(13.0, 5.5), facecolor="white")
+    """One sample on its way through an instant: the stages in their order from the top, the plant below them."""
+    pitch, width, height, way = 1.08, 2.1, 0.5, 0.42
+    top = 1.9 + len(CHAIN) * pitch
+    figure = Figure(figsize=(8.7, top + 1.3), facecolor="white")
     ax = figure.add_axes((0, 0, 1, 1))
-    width, pitch, low, high = 1.32, 2.2, 2.72, 3.32
     for n, (name, table, fill, signals, meaning) in enumerate(CHAIN):
-        x, between = n * pitch, n * pitch + (width + pitch) / 2
-        box(ax, x, low, width, high - low, fill)
+        low = top - n * pitch - height
+        box(ax, 0.0, low, width, height, fill)
         if name == "thrusters":
             ax.patches[-1].set_linestyle(DASHES)
-        ax.text(x + width / 2, high - 0.21, name, ha="center", va="center", weight="bold", zorder=4)
-        ax.text(x + width / 2, low + 0.17, table, ha="center", va="center", size=7.5, color=GREY, zorder=4)
-        lines = signals.count("\n") + 1
-        ax.text(between, low - 0.06, signals, ha="center", va="top", weight="bold", size=8.6, color=EDGES[STAGE])
-        ax.text(between, low - 0.07 - 0.17 * lines, meaning, ha="center", va="top", size=8, color=GREY)
+        ax.text(width / 2, low + (0.34 if table else 0.25), name, ha="center", va="center", weight="bold", zorder=4)
+        ax.text(width / 2, low + 0.13, table, ha="center", va="center", size=9, color=GREY, zorder=4)
         if signals:
-            arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
-        _optional(ax, between, high + 0.2, (low + high) / 2 + 0.06, BETWEEN.get(name, []))
-    _optional(ax, width / 2, 1.85, 1.85, [BEFORE], 1.1)
-    _optional(ax, 10.6, 1.62, 1.42, [AFTER], 2.2)
-    _legend(ax, 2.9, high + 0.2 + 4 * STEP)
-    right = (len(CHAIN) - 1) * pitch + width
-    box(ax, 0.0, 0.72, right, 0.7, WATER)
-    ax.text(right / 2, 1.2, "plant: the vehicle in the water, at its walls, one time step", ha="center", va="center",
-            weight="bold", zorder=4)  # fmt: skip
-    ax.text(right / 2, 0.92, EQUATION, ha="center", va="center", size=9.5, zorder=4)
-    arrow(ax, (right - width / 2, low - 0.05), (right - width / 2, 1.48))
-    arrow(ax, (width / 2, 1.48), (width / 2, low - 0.05), TRUE)
-    ax.text(width / 2 + 0.1, 1.6, "TRUE", color=TRUE, weight="bold", size=8.6, va="center")
-    ax.text(width / 2 + 0.6, 1.6, "state and contact force of this instant", color=GREY, size=8, va="center")
-    ax.text(right - width / 2 - 0.1, 1.6, "u", color=EDGES[STAGE], weight="bold", size=8.6, ha="right", va="center")
-    ax.text(right - width / 2 - 0.28, 1.6, "thrusts", color=GREY, size=8, ha="right", va="center")
-    ax.text(right - width / 2 - 0.95, 1.6, "tau_q", color=EDGES[ARM], weight="bold", size=8.6, ha="right", va="center")
-    ax.text(right - width / 2 - 1.46, 1.6, "torques of the joints", color=GREY, size=8, ha="right", va="center")
-    box(ax, 3.7, 0.02, right - 7.4, 0.34, PLAIN)
+            arrow(ax, (way, low - 0.04), (way, low - pitch + height + 0.04))
+            ax.text(way + 0.1, low - 0.18, signals, va="center", weight="bold", size=9.5, color=EDGES[STAGE])
+            ax.text(way + 0.1, low - 0.39, meaning.replace("\n", " "), va="center", size=9, color=GREY)
+            _optional(ax, low - (pitch - height) / 2, way, BETWEEN.get(name, []))
+    _optional(ax, top + 0.36, way, [BEFORE])
+    _legend(ax, 4.75, top + 0.9)
+    last = top - (len(CHAIN) - 1) * pitch - height
+    _optional(ax, last - 0.38, way, [AFTER])
+    plant, right = last - 1.62, 8.4
+    box(ax, -0.02, plant, right, 0.82, WATER)
+    ax.text(right / 2, plant + 0.6, "plant: the vehicle in the water, at its walls, one time step", ha="center",
+            va="center", weight="bold", zorder=4)  # fmt: skip
+    ax.text(right / 2, plant + 0.26, EQUATION, ha="center", va="center", size=11, zorder=4)
+    arrow(ax, (way, last - 0.04), (way, plant + 0.86))
+    for k, (signal, meaning, colour) in enumerate((("u", "thrusts", STAGE), ("tau_q", "torques of joints", ARM))):
+        y = last - 0.24 - 0.25 * k
+        ax.text(way + 0.1, y, signal, va="center", weight="bold", size=9.5, color=EDGES[colour])
+        ax.text(way + (0.28 if k == 0 else 0.62), y, meaning, va="center", size=9, color=GREY)
+    # the truth of this instant goes up, left of the stages
+    ax.plot((0.12, -0.25, -0.25, way, way), (plant + 0.41,) * 2 + (top + 0.72,) * 2 + (top + 0.7,), color=TRUE,
+            lw=1.4, zorder=1)  # fmt: skip
+    arrow(ax, (way, top + 0.72), (way, top + 0.04), TRUE)
+    ax.text(-0.37, top / 2, "TRUE", color=TRUE, weight="bold", size=9.5, rotation=90, ha="center", va="top")
+    ax.text(-0.37, top / 2 + 0.06, "state and contact force of this instant", color=GREY, size=9, rotation=90,
+            ha="center", va="bottom")  # fmt: skip
+    box(ax, -0.02, plant - 0.72, 6.35, 0.4, PLAIN)
     row = "row: state, joints, reference, task, states of the stages, u, contact, sums so far"
-    ax.text(right / 2, 0.19, row, ha="center", va="center", size=8.6, zorder=4)
-    arrow(ax, (right / 2, 0.68), (right / 2, 0.4), WAY)
-    arrow(ax, (right - 3.64, 0.19), (right - 2.8, 0.19), WAY)
-    ax.text(right - 2.7, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
-    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 0.2 + 5 * STEP + 0.05))
+    ax.text(3.16, plant - 0.52, row, ha="center", va="center", size=9, zorder=4)
+    arrow(ax, (3.16, plant - 0.04), (3.16, plant - 0.29), WAY)
+    arrow(ax, (6.37, plant - 0.52), (6.85, plant - 0.52), WAY)
+    ax.text(6.92, plant - 0.52, "Trace, log, viewer", color=WAY, weight="bold", size=9.5, va="center")
+    ax.set(xlim=(-0.55, 8.5), ylim=(plant - 0.8, top + 1.25))
     ax.axis("off")
     return figure
 
 
-def _optional(
-    ax: Axes, x: float, y: float, foot: float, stages: list[tuple[str, str, str]], width: float = 1.76
-) -> None:
-    """Draw the stages of one place, one above the other from the last to the first, with a line down to the chain."""
-    for n, (name, meaning, fill) in enumerate(stages):
-        low = y + n * STEP
-        box(ax, x - width / 2, low, width, 0.41, fill)
+def _optional(ax: Axes, y: float, way: float, stages: list[tuple[str, str, str]]) -> None:
+    """Draw the stages of one place beside each other, from the first to the last, with a line from the way."""
+    left, width = 2.6, 1.92
+    for n, (name, meaning, fill) in enumerate(reversed(stages)):
+        x = left + n * (width + 0.06)
+        wide = width + (0.25 if len(name) > 20 else 0.0)
+        box(ax, x, y - 0.23, wide, 0.46, fill)
         ax.patches[-1].set(linestyle=DASHES, zorder=4)
-        ax.text(x, low + 0.28, name, ha="center", va="center", weight="bold", size=8.6, zorder=5)
-        ax.text(x, low + 0.12, meaning, ha="center", va="center", size=6.8, color=GREY, zorder=5)
+        ax.text(x + wide / 2, y + 0.09, name, ha="center", va="center", weight="bold", size=9.5, zorder=5)
+        ax.text(x + wide / 2, y - 0.11, meaning, ha="center", va="center", size=9, color=GREY, zorder=5)
     if stages:
-        ax.plot((x, x), (y, foot), color=GREY, lw=1.0, ls=DASHES, zorder=1)
+        ax.plot((way, left), (y, y), color=GREY, lw=1.0, ls=DASHES, zorder=1)
 
 
 def _legend(ax: Axes, x: float, y: float) -> None:
@@ -241,14 +244,14 @@ def _legend(ax: Axes, x: float, y: float) -> None:
     kinds = (
         (STAGE, False, "in every run, chosen by the scenario"),
         (PLAIN, False, "in every run"),
-        (PLAIN, True, "in a run that asks for it, the upper one first"),
+        (PLAIN, True, "in a run that asks for it, the left one first"),
         (ARM, True, "with joints, or a task at a tool"),
     )
     for n, (fill, dashed, meaning) in enumerate(kinds):
-        low = y - 0.3 * n
-        box(ax, x, low, 0.42, 0.2, fill)
+        low = y - 0.28 * n
+        box(ax, x, low, 0.42, 0.19, fill)
         ax.patches[-1].set_linestyle(DASHES if dashed else "-")
-        ax.text(x + 0.55, low + 0.1, meaning, size=8.6, va="center", color=GREY)
+        ax.text(x + 0.52, low + 0.095, meaning, size=9, va="center", color=GREY)
 
 
 @click.command()

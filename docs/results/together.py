@@ -3,7 +3,8 @@ Two vehicles, side by side and with a bar
 =========================================
 
 Two BlueROV1 press on one wall, each with a law of its own. Then they carry a bar, which a joint holds at the nose of
-each, and press it against the wall with 20 N each. The loads are known before the run, in closed form.
+each, and press it against the wall with 20 N each. The loads are known before the run, in closed form. The bar's first
+coupling is the joint at ``left``, its second at ``right``.
 """
 
 from uvms_mj import World, coupled_rest, plot, simulate, still

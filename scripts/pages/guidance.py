@@ -71,6 +71,6 @@ def main() -> None:
         plane.legend(loc="upper left")
         line(push, wall.t, wall.push, "push", color=RUN, label="push [N]")
         line(push, wall.t, -wall.F_d[:, 0], "F_d", color=BLACK, label="-F_d [N], the schedule")
-        push.set(title="push of wipe_wall", xlabel="time [s]", xlim=(0.0, wall.t[-1]), ylim=(-0.2, 8.0))
+        push.set(title="push of wipe_wall", xlabel="time [s]", xlim=(0.0, wall.t[-1]), ylim=(-0.3, 13.5))
         push.legend(loc="upper right")
         written(figure, "guidance")

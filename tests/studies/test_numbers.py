@@ -187,7 +187,7 @@ def test_a_figure_of_a_study_for_a_paper(study, tmp_path, here):
 
 def test_the_distributions_of_named_metrics_are_its_panels(study):
     figure = study.plot("distributions", metrics=["effort_N2s", "contact.peak_N"])
-    assert [ax.get_xlabel() for ax in figure.axes if ax.get_visible()] == ["effort [N² s]", "contact.peak [N]"]
+    assert [ax.get_xlabel() for ax in figure.axes if ax.get_visible()] == ["effort [N² s]", "contact peak [N]"]
     rows = study.frame[study.frame["law"] == "impedance"]
     assert figure.axes[0].lines[0].get_xdata()[1:] == pytest.approx(np.sort(rows["effort_N2s"]))
     with pytest.raises(InputError, match=r"did you mean 'contact\.peak_N'"):

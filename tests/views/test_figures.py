@@ -29,7 +29,7 @@ from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES, BAND, RECORDED
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures import style
-from uvms_mj.views.figures.panels import JOINTS
+from uvms_mj.views.figures.panels import JOINTS, Panel
 from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 
@@ -251,6 +251,10 @@ def test_units_and_symbols_are_typeset():
     assert style.unit_text("kg s^-1") == "kg s$^{-1}$"
     assert style.unit_text("us") == "µs"
     assert style.unit_text("plus") == "plus"
+    assert style.titled("contact.peak", "N") == "contact peak [N]"
+    assert style.titled("final.position.x", "m") == "final position x [m]"
+    assert style.titled("controller.k_1", "m^(1/2)/s^(3/2)") == r"controller $k_{\mathrm{1}}$ [m$^{1/2}$/s$^{3/2}$]"
+    assert style.titled("impedance.K_d.0") == r"impedance $K_{\mathrm{d,0}}$"
     assert style.symbol("nu_dot", "x") == r"$\dot{\nu}_{\mathrm{x}}$"
     assert style.symbol("tau_q_cmd") == r"$\tau_{\mathrm{q,cmd}}$"
     for name in ("manipulability", "w_", "force_peak", "pwm", "sw1"):
@@ -453,9 +457,31 @@ def test_the_window_of_the_impacts_comes_from_the_trace():
     assert 2.9 < first < 3.0
     assert gaps[-1] < last < 4.6
     assert rebounds(t, np.minimum(bounces, 0.0), bounces) is None  # between two rows it leaves the wall until the end
+    banded = np.minimum(bounces, np.r_[0.0, bounces[:-1]])
+    assert rebounds(t, banded, bounces) == pytest.approx((first, last), abs=0.05)
     stays, bounces_on = np.where(t > 3.0, 1.0, 0.0), np.where(t > 3.0, 1.0 + np.sin(40.0 * t) - 0.5, 0.0)
     for push in (np.zeros_like(t), stays, bounces_on):
         assert rebounds(t, push, push) is None
+    assert rebounds(t, np.r_[0.0, stays[:-1]], stays) is None  # the zero before the contact is no loss
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "scale"),
+    [("m", 2e-3, (1e-3, "m")), ("m/s²", 2e-3, (1e-3, "m")), ("N m", 2e-6, (1e-6, "µ"))]
+    + [(unit, 2e-3, (1.0, "")) for unit in ("", "1", "1/s", "m²", "m$^{1/2}$/s", "kg")],
+)
+def test_an_axis_has_a_prefix_if_its_unit_can_have_one(unit, size, scale):
+    assert Panel("q", unit, lambda ax: None, size).scale == scale
+
+
+def test_two_vectors_of_three_have_a_panel_each():
+    pile = simulate(Scenario.load("press_pile", {"simulation.duration": 0.1}))
+    first, second = figures.plot(pile, "f_contacts_W").axes
+    assert first.get_ylabel() == r"$f_{\mathrm{contacts,W,1}}$ [N]"
+    assert second.get_ylabel() == r"$f_{\mathrm{contacts,W,2}}$ [N]"
+    assert [line.get_label() for line in second.lines] == ["x", "y", "z"]
+    both = figures.plot({"a": pile, "b": pile}, "f_contacts_W").axes
+    assert [ax.get_ylabel() for ax in both][3:5] == [rf"$f_{{\mathrm{{contacts,W,2,{axis}}}}}$ [N]" for axis in "xy"]
 
 
 def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(drawn, traces):

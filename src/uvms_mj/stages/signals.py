@@ -49,6 +49,11 @@ class Signal:
         return COMPONENTS[self.size]
 
     @property
+    def vectors(self) -> int:
+        """Number of its vectors of three in W or B; 0 for numbers of another kind."""
+        return self.shape[0] if len(self.shape) == 2 and self.shape[1] == 3 and self.frame != "-" else 0
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Unit of each component. Of two units, the first is for the linear and the second for the angular half."""
         linear, _, angular = self.unit.partition(", ")

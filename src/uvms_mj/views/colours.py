@@ -24,7 +24,7 @@ LAWS: dict[str, Colour] = {
 """Colours of the built-in laws, by name."""
 _OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))
 """Colours of other laws, in order of appearance."""
-_DARKEST, _LIGHTEST = -0.3, 0.5
+_DARKEST, _LIGHTEST = -0.6, 0.55
 """Range of the shades of a law's colour: shares of black (negative) and of white."""
 _FEW = 3
 """Up to this many runs of a law have its colour and lighter shades only."""

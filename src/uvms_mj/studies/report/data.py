@@ -11,6 +11,7 @@ import pandas as pd
 from ...analysis.summary import COURSES
 from ...errors import InputError, suggestion
 from ...views import colours
+from ...views.figures.style import titled
 from ..plan import Plan
 from ..plan.file import DEFAULT_METRICS, Distribution, Vary
 from ..plan.metrics import (
@@ -64,6 +65,11 @@ class Factor:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     @property
+    def axis(self) -> str:
+        """The label of its axis in a figure."""
+        return titled(self.key, self.unit)
+
+    @property
     def limits(self) -> tuple[float, float] | None:
         """The limits of a uniform or log-uniform distribution; otherwise None."""
         given = self.variation
@@ -103,6 +109,11 @@ class Metric:
     @property
     def short(self) -> str:
         return without_unit(self.name)
+
+    @property
+    def axis(self) -> str:
+        """The label of its axis in a figure."""
+        return titled(self.short, self.unit)
 
     @property
     def meaning(self) -> str:

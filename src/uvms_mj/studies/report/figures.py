@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from matplotlib.tri import Triangulation
 
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, panels, stripe, styled
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, Figure, panels, stripe, styled, titled
 from .data import Factor, Metric, StudyRows, spans_decades
 from .statistics import SUCCESS, Estimate, Sensitivities, rate
 
@@ -106,7 +106,7 @@ def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None
         ax.plot(x[-1], top, "o", color=data.colours[law], **end)
     scale(ax, values)
     ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel(metric.label, parse_math=False)
+    ax.set_xlabel(metric.axis)
     if first:
         ax.set_ylabel("share of runs")
 
@@ -180,8 +180,8 @@ def sensitivity(found: Sensitivities, data: StudyRows) -> Figure:
                     _dots(ax, [each.main[f] for f in at], offset, data.colours[law], filled=True)
                     if each.first:
                         _dots(ax, [each.first[f] for f in at], offset, data.colours[law], filled=False)
-            names = [factor.name if _leftmost(ax) else "" for factor in factors]
-            ax.set_yticks(range(len(factors)), names, parse_math=False)
+            names = [titled(factor.name) if _leftmost(ax) else "" for factor in factors]
+            ax.set_yticks(range(len(factors)), names)
             ax.set_ylim(len(factors) - 0.5, -0.5)
             if found.sobol:
                 left, right = ax.get_xlim()
@@ -189,7 +189,7 @@ def sensitivity(found: Sensitivities, data: StudyRows) -> Figure:
             else:
                 ax.set_xlim(-1.05, 1.05)
             ax.axvline(0.0, color=GREY, linewidth=0.6)
-            ax.set_title(metric.label, parse_math=False)
+            ax.set_title(metric.axis)
             ax.set_xlabel("Sobol index" if found.sobol else "rank correlation")
         look: dict[str, Any] = {"color": BLACK, "marker": "o", "linestyle": "none", "markersize": 3.5}
         faces = (("total", BLACK), ("first order", "white")) if found.sobol else ()
@@ -237,8 +237,8 @@ def profile(data: StudyRows, factor: Factor) -> Figure | None:
             if spans_decades(y):
                 decades(ax, "y")
             ax.margins(x=0.03)
-            ax.set_xlabel(factor.label, parse_math=False)
-            ax.set_ylabel(metric.label, parse_math=False)
+            ax.set_xlabel(factor.axis)
+            ax.set_ylabel(metric.axis)
         _name_laws(figure, data)
     return figure
 
@@ -322,9 +322,9 @@ def maps(data: StudyRows, pair: tuple[Factor, Factor], metrics: Sequence[Metric]
         for ax, law in zip(axes[0], laws, strict=False):
             ax.set_title(law, parse_math=False, color=data.colours[law], fontweight="bold")
         for row in axes:
-            row[0].set_ylabel(pair[1].label, parse_math=False, fontsize=_size(pair[1].label))
+            row[0].set_ylabel(pair[1].axis, fontsize=_size(pair[1].label))
         for ax in below:
-            ax.set_xlabel(pair[0].label, parse_math=False, fontsize=_size(pair[0].label))
+            ax.set_xlabel(pair[0].axis, fontsize=_size(pair[0].label))
     return figure
 
 
@@ -357,7 +357,7 @@ def _row(
             ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes)
         return
     bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale["extend"])
-    bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
+    bar.set_label("success [%]" if metric is SUCCESS else metric.axis)
     bar.outline.set_linewidth(0.4)
     if metric is SUCCESS:
         bar.set_ticks(range(0, 101, 20))

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ...views import colours
+from ...views.figures import style
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, Figure, panels, styled
 from ..pages import Page, Picture, Section, Table, Text, facts, given, marked, number, rendered
 from ..plan.metrics import unit_of_column, without_unit
@@ -148,6 +149,10 @@ def titled(measure: Measure) -> str:
     return without_unit(measure.label) + (f" [{unit}]" if unit else "")
 
 
+def _axis(measure: Measure) -> str:
+    return style.titled(without_unit(measure.label), unit_of_column(measure.metric))
+
+
 def history(problem: Problem, trials: Sequence[Trial]) -> Figure:
     """The objective of each trial, and the best feasible value so far."""
     with styled():
@@ -162,7 +167,7 @@ def history(problem: Problem, trials: Sequence[Trial]) -> Figure:
         ax.plot(numbers, best, color=_colour(problem), drawstyle="steps-post", linewidth=1.4 * LINE)
         ax.set_xlabel("trial")
         _limited(ax, problem, trials)
-        ax.set_ylabel(titled(problem.objective), parse_math=False)
+        ax.set_ylabel(_axis(problem.objective))
         ax.margins(x=0.02)
         _legend(figure, problem, trials, best=True)
     return figure
@@ -182,11 +187,10 @@ def slices(problem: Problem, trials: Sequence[Trial], units: Mapping[str, str], 
             if gain.log:
                 decades(ax, "x")
             ax.margins(x=0.03)
-            unit = units[gain.key]
-            ax.set_xlabel(f"{gain.key} [{unit}]" if unit else gain.key, parse_math=False)
+            ax.set_xlabel(style.titled(gain.key, units[gain.key]))
             _limited(ax, problem, trials)
             if i % _COLUMNS == 0:
-                ax.set_ylabel(titled(problem.objective), parse_math=False)
+                ax.set_ylabel(_axis(problem.objective))
         _legend(figure, problem, trials, best=False)
     return figure
 

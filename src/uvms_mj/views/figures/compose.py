@@ -343,7 +343,7 @@ def fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
     """Draw panels, each with its own range and prefix. All panels of a figure share range and prefix of time."""
     end = 0.0
     for ax, panel in cells:
-        power, prefix = prefix_of(panel.largest)
+        power, prefix = panel.scale
         ticks(ax, 6)
         panel.draw(ax)
         end = max(end, ax.get_xlim()[1])
@@ -369,7 +369,7 @@ def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[
         assert engine is not None
         engine.execute(figure)
     for ax, panel in with_insets:
-        place(ax, panel.insets, prefix_of(panel.largest)[0])
+        place(ax, panel.insets, panel.scale[0])
     for i, each in enumerate(figure.findobj(lambda artist: bool(artist.get_gid()))):
         each.set_gid(f"{each.get_gid()}-{i}")
 

@@ -17,6 +17,7 @@ from .panels import (
     ANGULAR,
     LINEAR,
     MOST_LINES,
+    MOST_VECTORS,
     REFERENCE,
     Panel,
     near_wall,
@@ -105,6 +106,8 @@ class Overlay:
         rows = [LINEAR, ANGULAR] if all(signal.components == AXES for signal in signals.values()) else [slice(0, size)]
         if name in OF_JOINTS or name in OF_THRUSTERS:
             rows = [slice(i, min(i + 3, size)) for i in range(0, size, 3)]
+        elif 1 < max(signal.vectors for signal in signals.values()) <= MOST_VECTORS:
+            rows = [slice(i, i + 3) for i in range(0, size, 3)]
         elif size > MOST_LINES:
             return [[self._range(name, owners)]]
         return [[self._component(name, i, part, owners, signals) for i in range(size)[part]] for part in rows]
@@ -122,6 +125,7 @@ class Overlay:
         label = next(iter(having))
         header = having[label].header
         component = header.components(signals[label])[i]
+        shown = f"{i // 3 + 1},{AXES[i % 3]}" if signals[label].vectors > 1 else component
 
         def draw(ax: Axes) -> None:
             for label, trace in having.items():
@@ -130,7 +134,7 @@ class Overlay:
                 samples(ax, trace, name, i, slice(None), f"{name}.{component}".rstrip("."), **look)
 
         return _panel(
-            symbol(name, component),
+            symbol(name, shown),
             header.units(signals[label])[i] if name in OF_JOINTS else unit_of(signals[label], slice(i, i + 1)),
             draw,
             values,

@@ -5,6 +5,7 @@ Linear and angular components have separate panels, because their units differ.
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +19,7 @@ from ...control.design import demanded_force
 from ...physics.frames import rotation_matrix
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal
-from .scales import Inset, early, largest, linear_within, number, rebounds
+from .scales import Inset, early, largest, linear_within, number, prefix_of, rebounds
 from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe, symbol, unit_text
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
@@ -27,6 +28,8 @@ SWITCHING_S = 0.01
 """Time that the insets of tau show from the start of a run [s]. The first-order law's chatter dies out within it."""
 MOST_LINES = 6
 """Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
+MOST_VECTORS = 4
+"""Most vectors of one signal that have a panel each."""
 REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
 LEVELS: dict[str, dict[str, Any]] = {
     "expected": REFERENCE,
@@ -40,6 +43,10 @@ _MOST_OWNERS = 3
 MEANINGS = {"expected": "expected at a rigid wall", "analytic": "analytic, at rest at this wall"}
 """Their entries in a legend."""
 WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
+
+
+_PREFIXED = re.compile(r"(?!kg)[A-Za-z]+(?![A-Za-z²³$^])")
+"""A unit whose first factor has no power. mm² is the square of a millimetre, and no thousandth of a square metre."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,12 @@ class Panel:
     insets: tuple[Inset, ...] = ()
     height: float = 1.0
     within: float | None = None
+
+    @property
+    def scale(self) -> tuple[float, str]:
+        """Power of ten of the numbers of y, and SI prefix of its unit; 1 without one if the unit can't have a prefix:
+        no unit, 1, 1/s, m², kg."""
+        return prefix_of(self.largest) if _PREFIXED.match(self.unit) else (1.0, "")
 
     def label(self, prefix: str) -> str:
         """Label of y: quantity and unit with an SI prefix."""
@@ -210,7 +223,22 @@ def of_signal(trace: Trace, name: str) -> list[Panel]:
         return [some(trace, signal, slice(i, i + 1))]
     if signal.components == AXES:
         return [vector(trace, name, part) for part in (LINEAR, ANGULAR)]
+    if 1 < signal.vectors <= MOST_VECTORS:
+        return [_one_of(trace, signal, k) for k in range(signal.vectors)]
     return [state(trace, signal)]
+
+
+def _one_of(trace: Trace, signal: Signal, k: int) -> Panel:
+    """The components of vector k of a signal of several."""
+
+    def draw(ax: Axes) -> None:
+        for i, axis in enumerate(AXES[LINEAR]):
+            look = {"color": COLOURS[axis], "label": axis, **stripe(i, 3)}
+            samples(ax, trace, signal.name, 3 * k + i, slice(None), f"{signal.name}.{3 * k + i + 1}", **look)
+
+    part = slice(3 * k, 3 * k + 3)
+    size = largest(trace[signal.name].reshape(len(trace), signal.size)[:, part])
+    return Panel(symbol(signal.name, str(k + 1)), unit_of(signal, part), draw, size)
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
@@ -461,7 +489,9 @@ def _at_rest(
         margin = max(0.2 * (max(seen) - min(seen)), 0.005 * max(seen))
         ax.set(xlim=(start, end), ylim=(min(seen) - margin, max(seen) + margin))
 
-    return (Inset(draw, "at rest", height=0.24),)
+    lows = (trace.band("push")[0][trace.t >= start] for trace in resting.values())
+    stays = all((low > 0.0).all() for low in lows)
+    return (Inset(draw, "at rest" if stays else "at the end", height=0.24),)
 
 
 _NEAR = 0.4

@@ -123,12 +123,13 @@ def rebounds(t: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, f
     """Start and end of the rebounds of a push with the band from ``low`` to ``high`` (n,), with margins of 5 % of their
     duration before and 50 % after them [s].
 
-    None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer.
+    None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer. The band of the
+    row in which the first contact begins holds the zero before it, which is no loss.
     """
     touched = np.flatnonzero(high > 0.0)
     if not len(touched):
         return None
-    lost = touched[0] + np.flatnonzero(low[touched[0] :] <= 0.0)
+    lost = touched[0] + 1 + np.flatnonzero(low[touched[0] + 1 :] <= 0.0)
     if not len(lost) or lost[-1] == len(low) - 1:
         return None
     first, last = float(t[touched[0]]), float(t[lost[-1]])

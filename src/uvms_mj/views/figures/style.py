@@ -336,7 +336,7 @@ def symbol(name: str, component: str = "") -> str:
     """The name of a signal as it is typeset: a symbol with its subscripts, of which the component is the last. Other
     names are words, and stay as they are."""
     found = _SYMBOL.fullmatch(name)
-    if found is None or not (component.isalnum() or not component):
+    if found is None or not (component.replace(",", "").isalnum() or not component):
         return f"{name}.{component}" if component else name
     letter, below = found[1] if len(found[1]) == 1 else f"\\{found[1]}", found[2].split("_")[1:]
     for word, form in _ABOVE.items():
@@ -345,6 +345,19 @@ def symbol(name: str, component: str = "") -> str:
             letter = form % letter
     below += [component] if component else []
     return f"${letter}_{{\\mathrm{{{','.join(below)}}}}}$" if below else f"${letter}$"
+
+
+def titled(place: str, unit: str = "") -> str:
+    """The label of an axis for a key or a metric by its place, in words, ``wall stiffness [N/m]``, whose last one is
+    typeset if it is a symbol: ``controller.k_1`` ends with k₁."""
+    words, component = place.split("."), []
+    while len(words) > 1 and (words[-1] in AXES or words[-1].isdigit()):
+        component.insert(0, words.pop())
+    last = symbol(words[-1], "".join(component))
+    if last.startswith("$"):
+        words, component = [*words[:-1], last], []
+    text = " ".join([each if each.startswith("$") else each.replace("_", " ") for each in words] + component)
+    return f"{text} [{unit_text(unit)}]" if unit else text
 
 
 _MATHS = {
