@@ -15,7 +15,7 @@ from uvms_mj.analysis.hold import HOLD_S
 from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.studies.report.data import StudyRows
 from uvms_mj.studies.report.latex import Column, LatexTable, Stacked, latex, ranged
-from uvms_mj.studies.report.tables import printed, statistics, to_csv
+from uvms_mj.studies.report.tables import comparison, printed, statistics, to_csv
 
 METRICS = ("contact.peak_N", "effort_N2s", "final.position_m.x")
 
@@ -84,13 +84,70 @@ def test_texts_for_latex():
         ([[3.0, 3.0, 3.0], [np.nan] * 3], ["3.00 (3.00 to 3.00)", "–"], 0),
         ([[1.0, 1.0 - 1e-8, 1.0 + 1e-8]], ["1.0000 (1.0000 to 1.0000)"], 0),
         ([[0.0, 0.0, 0.0]], ["0 (0 to 0)"], 0),
+        ([[293.2, 160.2, 880.1], [363.7, 161.0, 7.08e6]], ["290 (160 to 880)", "360 (160 to 7.1·10^6)"], 0),
+        ([[293.2, 160.2, 880.1], [4.1e6, 1.0e6, 7.08e6]], ["290 (160 to 880)", "4.1·10^6 (1.0·10^6 to 7.1·10^6)"], 0),
     ],
 )
 def test_a_number_has_the_digits_that_its_range_supports(rows, cells, exponent):
-    """The narrowest range of a column has two digits, a number at most five, and a column one power of ten."""
+    """The narrowest range of a column has two digits, a number at most five, and a column one power of ten, unless its
+    values span more decades than it has digits."""
     found = ranged(np.array(rows))
     assert [cell.text for cell in found.cells] == cells
     assert found.exponent == exponent
+
+
+def pairs_of(rows, number):
+    """A study of three laws and its rows, each with one number of a draw and a law, ``number(draw, law)``."""
+    tables = {
+        "base": {"scenario": "push_wall", "simulation": {"duration": 0.1}},
+        "laws": ["impedance", "fosm", "gsta"],
+        "vary": [{"key": "current.speed", "low": 0.1, "high": 0.5, "number": rows}],
+        "keep": {"metrics": ["effort_N2s"]},
+        "success": {"effort_N2s": [0.0, 100.0]},
+    }
+    plan = Study.from_dict(tables).plan
+    given = [(i, i // 3, law) for i, law in enumerate(["impedance", "fosm", "gsta"] * rows)]
+    frame = pd.DataFrame(given, columns=["index", "draw", "law"]).assign(repeat=0, status="completed", engine="mujoco")
+    frame["current.speed"] = np.repeat(np.linspace(0.1, 0.5, rows), 3)
+    frame["effort_N2s"] = [number(draw, law) for _, draw, law in given]
+    frame["success"] = frame["effort_N2s"] < 100.0
+    return plan, frame
+
+
+def test_every_two_laws_are_compared_draw_by_draw(rng):
+    """A difference of 3 in a spread of 40 is seen since it is of the same draws. Its median lies between two order
+    statistics; a law that is equal but for noise of both signs is not resolved."""
+    common, noise = rng.normal(50.0, 40.0, 40), rng.normal(0.0, 0.1, 40)
+    more = {"impedance": lambda d: 0.0, "fosm": lambda d: noise[d], "gsta": lambda d: 3.0 + noise[d]}
+    plan, frame = pairs_of(40, lambda draw, law: common[draw] + more[law](draw))
+    found, head = comparison(plan, frame), "effort [N² s]"
+    assert list(found.index) == ["fosm − impedance", "gsta − impedance", "gsta − fosm"]
+    assert (found["draws", ""] == 40).all()
+    for pair, change in zip(found.index, (noise, 3.0 + noise, np.full(40, 3.0)), strict=True):
+        row = found.loc[pair, head]
+        assert row["difference"] == pytest.approx(np.median(change))
+        for end in ("interval low", "interval high"):
+            assert np.isclose(row[end], change, rtol=0.0, atol=1e-9).any(), "no order statistic"
+        assert row["interval low"] <= row["difference"] <= row["interval high"]
+    assert list(found[head, "resolved among all"]) == [0.0, 1.0, 1.0]
+    share = {law: (frame["effort_N2s"][frame["law"] == law] < 100.0).mean() for law in ("impedance", "gsta")}
+    points = found.loc["gsta − impedance", ("success [points]", "difference")]
+    assert points == pytest.approx(100.0 * (share["gsta"] - share["impedance"]))
+    table = printed(found)
+    assert [cell.value.endswith("*") for cell in table.columns[1].cells] == [False, True, True]
+    assert [float(cell.value.strip("*")) for cell in table.columns[1].cells[1:]] == pytest.approx([3.0] * 2, abs=0.1)
+    assert all(cell.value.startswith("+") for cell in table.columns[1].cells[1:])
+    assert "all 6 intervals hold at once" in table.note
+
+
+def test_two_laws_in_few_draws_have_no_interval_of_a_median():
+    plan, frame = pairs_of(5, lambda draw, law: draw + len(law))
+    found = comparison(plan, frame)
+    assert np.isnan(found["effort [N² s]"].to_numpy(dtype=float)[:, :3]).all()
+    assert {cell.value for cell in printed(found).columns[1].cells} == {"–"}
+    one = Study.from_dict({"base": {"scenario": "push_wall"}, "vary": [{"key": "current.speed", "values": [0.1]}]}).plan
+    with pytest.raises(InputError, match="no two laws"):
+        comparison(one, frame[frame["law"] == "gsta"][:1])
 
 
 def test_the_note_says_over_which_time_a_metric_is_taken(study, here):
@@ -122,16 +179,17 @@ def _has(file):
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="needs pdflatex")
+@pytest.mark.parametrize("pairs", [False, True])
 @pytest.mark.parametrize("metrics", [METRICS[:1], METRICS[:2], METRICS, (*METRICS, "final.position_m.y")])
-def test_latex_takes_the_table_and_finds_it_as_narrow_as_it_is_said_to_be(study, tmp_path, metrics):
-    """LaTeX measures it: in no paper it is wider than said, and two metrics fit a column of IEEEtran."""
-    study.save_table(tmp_path / "table.tex", metrics)
-    said = printed(study.statistics(metrics))
+def test_latex_takes_the_table_and_finds_it_as_narrow_as_it_is_said_to_be(study, tmp_path, metrics, pairs):
+    """LaTeX measures it: in no paper it is wider than said, and two metrics of laws fit a column of IEEEtran."""
+    study.save_table(tmp_path / "table.tex", metrics, pairs=pairs)
+    said = printed(study.statistics(metrics, pairs=pairs))
     measure = r"\setbox0\hbox{\input{table.tex}}\typeout{WIDE \the\wd0}"
     for font in ("", r"\fontfamily{cmr}\fontsize{10}{12}\selectfont "):
         found = re.search(r"WIDE ([\d.]+)pt", compiled(tmp_path, font + measure))
         assert 0.75 * said.width < float(found[1]) <= said.width
-    if len(metrics) <= 2:
+    if len(metrics) <= 2 and not pairs:
         assert said.width <= 252.0
         assert "fits a column" in (tmp_path / "table.tex").read_text()
         text = r"\begin{table}\centering\input{table.tex}\end{table}x"
@@ -162,6 +220,9 @@ def test_the_commands_write_what_the_calls_write(study, tmp_path, here):
     study.save_table(tmp_path / "mine.csv", METRICS)
     assert here("study", "table", folder, "--out", "a.tex").exit_code == 0
     assert here("study", "table", folder, "--out", "a.csv", "--metrics", ",".join(METRICS)).exit_code == 0
+    study.save_table(tmp_path / "pairs_mine.tex", pairs=True)
+    assert here("study", "table", folder, "--out", "pairs_a.tex", "--pairs").exit_code == 0
+    assert (tmp_path / "pairs_a.tex").read_bytes() == (tmp_path / "pairs_mine.tex").read_bytes()
     for kind in ("tex", "csv"):
         assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"mine.{kind}").read_bytes()
     said = here("study", "table", folder, "--metrics", "contact.peak_N").stdout

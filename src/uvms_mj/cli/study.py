@@ -90,7 +90,7 @@ def run_study(
     uvms-mj study --from study.zip --out repeated
     uvms-mj study report results         one page: rates, distributions, maps, sensitivity, worst runs
     uvms-mj study plot results           one figure of it, for a paper
-    uvms-mj study table results          a table by law, as LaTeX or CSV
+    uvms-mj study table results          a table by law, or of every two, as LaTeX or CSV
     uvms-mj study list                   the studies that ship
 
     DIR/rows has one row a run as Parquet. After any interruption the same command goes on where it was, and the rows
@@ -272,17 +272,21 @@ def study_plot(
     metavar="NAME[,NAME]",
     help="Kept metrics, as in uvms-mj metrics; may be repeated [default: the first three that vary].",
 )
+@click.option("--pairs", is_flag=True, help="Compare every two laws, with intervals of the differences.")
 @path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
 @force_option
-def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: bool) -> None:
+def study_table(folder: str, metrics: tuple[str, ...], pairs: bool, out: str | None, force: bool) -> None:
     """Print or write a table of a study for a paper: of each law its rate of success with the 95 % interval, and of
-    each metric the median with the quantiles of 5 and 95 %, in the digits that they support. The LaTeX is for the
-    package booktabs; a table that is wider than a column says so. A .csv has all digits.
+    each metric the median with the quantiles of 5 and 95 %, in the digits that they support. With --pairs it has the
+    differences of every two laws in the same draws with their 95 % intervals; * marks a difference that is resolved
+    also if all intervals of the table shall hold at once. The LaTeX is for the package booktabs; a table that is wider
+    than a column says so. A .csv has all digits.
 
     \b
     uvms-mj study table results
     uvms-mj study table results --metrics contact.peak_N,contact.final_N --out table.tex
     uvms-mj study table results --out table.csv
+    uvms-mj study table results --pairs --metrics contact.peak_N --out pairs.tex
     """
     with bad_input():
         from ..errors import InputError
@@ -296,8 +300,8 @@ def study_table(folder: str, metrics: tuple[str, ...], out: str | None, force: b
         names = names_in("--metrics", metrics)
         if out is not None:
             refuse_existing("--out", Path(out), force)
-            study.save_table(out, names)
-        found = study.statistics(names)
+            study.save_table(out, names, pairs=pairs)
+        found = study.statistics(names, pairs=pairs)
         table = printed(found)
     if out is not None:
         click.echo(out)

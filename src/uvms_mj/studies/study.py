@@ -198,21 +198,23 @@ class Study:
         drawn.set_figwidth(wide)
         return drawn
 
-    def statistics(self, metrics: Sequence[str] = ()) -> "pd.DataFrame":
+    def statistics(self, metrics: Sequence[str] = (), *, pairs: bool = False) -> "pd.DataFrame":
         """One row a law: its runs, the share that succeeds [%] with its 95 % interval, and of each metric the median
-        and the quantiles of 5 and 95 %, with units in the heads. ``attrs["meanings"]`` says what each metric is, and
-        over which time. ``metrics`` are names of kept metrics; default: the first three that vary. Raises InputError if
-        the study has not run, or lacks a metric."""
+        and the quantiles of 5 and 95 %, with units in the heads; with ``pairs`` one row a pair of laws: the differences
+        in the same draws with their 95 % intervals, and whether each is resolved if all intervals shall hold at once.
+        ``attrs["meanings"]`` says what each metric is, and over which time. ``metrics`` are names of kept metrics;
+        default: the first three that vary. Raises InputError if the study has not run, or lacks a metric."""
         from .report import tables
 
-        return tables.statistics(self.plan_of_results, self.frame, metrics)
+        made = tables.comparison if pairs else tables.statistics
+        return made(self.plan_of_results, self.frame, metrics)
 
-    def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = ()) -> None:
+    def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = (), *, pairs: bool = False) -> None:
         """Write :meth:`statistics` as LaTeX, .tex, with the digits that the ranges support, or as .csv, with all. An
         existing file is replaced. Raises InputError for another ending."""
         from .report import tables
 
-        tables.write(self.statistics(metrics), Path(path), f"study {self.title}")
+        tables.write(self.statistics(metrics, pairs=pairs), Path(path), f"study {self.title}")
 
     def report(self, path: str | os.PathLike | None = None) -> Path:
         """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:

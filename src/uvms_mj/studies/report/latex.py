@@ -56,6 +56,8 @@ def _roman() -> FT2Font:
     return FT2Font(str(Path(mpl.get_data_path(), "fonts", "ttf", "cmr10.ttf")))
 
 
+_AS_WIDE = str.maketrans("_–−·", "00++")
+"""Letters of the font that are as wide as others that it lacks; a dot between factors has the space of a sign."""
 _SIDES_PT = 0.5
 """Space at the sides of the first and the last letter, which the font's box leaves out [pt]."""
 _WIDER_SPACE = 0.11
@@ -68,16 +70,18 @@ def width_pt(text: str, size: float = 10.0) -> float:
     """The width of a text, not of its LaTeX, in Computer Modern of a size [pt]."""
     font = _roman()
     font.set_size(size, PT_IN)
-    # a rule is as wide as a digit, and the sign of a number as the font's +
-    font.set_text(text.replace("_", "0").replace("−", "+"), 0.0, LoadFlags.NO_HINTING)
+    font.set_text(text.translate(_AS_WIDE), 0.0, LoadFlags.NO_HINTING)
     return font.get_width_height()[0] / 64.0 + _SIDES_PT + _WIDER_SPACE * size * text.count(" ")
 
 
 def label(text: str, room: float) -> str:
-    """A text in LaTeX. One that is wider than a room [pt] has several lines, and may be broken everywhere."""
+    """A text in LaTeX. One that is wider than a room [pt] has several lines; a word that is wider may be broken
+    everywhere."""
     if width_pt(text) <= room:
         return latex(text)
-    broken = "\\allowbreak{}".join(map(latex, text))
+    wide = (width_pt(word) > room for word in text.split(" "))
+    words = zip(text.split(" "), wide, strict=True)
+    broken = " ".join("\\allowbreak{}".join(map(latex, word)) if long else latex(word) for word, long in words)
     return f"\\parbox[t]{{{room:g}pt}}{{\\raggedright {broken}\\strut}}"
 
 
@@ -106,31 +110,44 @@ _DIGITS, _MOST_DIGITS = 2, 5
 """Digits of the narrowest range that are shown; most digits of a number."""
 _LARGE, _SMALL = 1e5, 1e-2
 """From where on and up to where all numbers of a column have a power of ten in its head."""
+_SPAN = 1e3
+"""Most of the largest number over the smallest value of a column that has such a power."""
 
 
-def ranged(values: np.ndarray) -> Numbers:
-    """Texts of numbers (n, 3): a value, and the lower and upper end of its range.
+def ranged(values: np.ndarray, signed: bool = False) -> Numbers:
+    """Texts of numbers (n, 3): a value, and the lower and upper end of its range; ``signed`` with a sign of each.
 
-    All have the same decimals: the narrowest range has two digits, and no number more than five. Nan is a dash.
+    All have the same decimals: the narrowest range has two digits, and no number more than five. Where the values span
+    more than three decades, the large ones have a power of ten of their own, 7.1·10^6. Nan is a dash.
     """
-    finite = np.abs(values[np.isfinite(values)])
-    largest = float(finite.max(initial=0.0))
+    sizes = np.abs(values[np.isfinite(values)])
+    largest = float(sizes.max(initial=0.0))
     if not largest:
-        return Numbers(tuple(_cell(row, 0) for row in values))
-    exponent = 3 * math.floor(math.log10(largest) / 3) if largest >= _LARGE or largest < _SMALL else 0
+        return Numbers(tuple(_cell(row, 0, signed) for row in values))
+    middle = np.abs(values[np.isfinite(values[:, 0]) & (values[:, 0] != 0.0), 0])
+    together = largest < _LARGE or middle.min(initial=largest) * _SPAN >= largest
+    exponent = 3 * math.floor(math.log10(largest) / 3) if together and not _SMALL <= largest < _LARGE else 0
     scaled = values / 10.0**exponent
-    top = math.floor(math.log10(largest / 10.0**exponent))
+    largest = float((sizes[together | (sizes < _LARGE)] / 10.0**exponent).max(initial=0.0)) or 1.0
+    top = math.floor(math.log10(largest))
     wide = scaled[:, 2] - scaled[:, 1]
-    wide = wide[np.isfinite(wide) & (wide > 1e-9 * largest / 10.0**exponent)]
+    wide = wide[np.isfinite(wide) & (wide > 1e-9 * largest)]
     places = _DIGITS - 1 - math.floor(math.log10(wide.min())) if len(wide) else 2 - top
-    return Numbers(tuple(_cell(row, min(places, _MOST_DIGITS - 1 - top)) for row in scaled), exponent)
+    return Numbers(tuple(_cell(row, min(places, _MOST_DIGITS - 1 - top), signed) for row in scaled), exponent)
 
 
-def _cell(row: np.ndarray, places: int) -> Stacked:
+def _cell(row: np.ndarray, places: int, signed: bool) -> Stacked:
     if not np.isfinite(row).all():
         return Stacked("–")
-    value, low, high = (f"{round(float(each), places) + 0.0:.{max(0, places)}f}".replace("-", "−") for each in row)
+    value, low, high = (_text(float(each), places, "+" if signed else "") for each in row)
     return Stacked(value, f"{low} to {high}")
+
+
+def _text(number: float, places: int, sign: str) -> str:
+    if abs(number) >= _LARGE:
+        mantissa, _, exponent = f"{number:{sign}.1e}".partition("e")
+        return f"{mantissa}·10^{int(exponent)}".replace("-", "−")
+    return f"{round(number, places) + 0.0:{sign}.{max(0, places)}f}".replace("-", "−")
 
 
 @dataclass(frozen=True)

@@ -186,25 +186,24 @@ class Paired:
     among_all: Estimate
 
 
-def paired(data: StudyRows) -> list[Paired]:
-    """Compare each pair of laws in the draws that both have done, in the first metrics that vary.
+def paired(data: StudyRows, metrics: Sequence[Metric] = ()) -> list[Paired]:
+    """Compare each pair of laws in the draws that both have done, in metrics; default: the first that vary.
 
     n intervals of 1 - 0.05 / n hold all at once with 95 % (Bonferroni).
     """
-    pairs = list(itertools.combinations(data.laws, 2))
-    n = max(1, len(pairs)) * (1 + len(data.varying[:MOST_OF_ALL_PAIRS]))
-    level = 1.0 - (1.0 - LEVEL) / n
-    return [found for first, second in pairs if (found := _compared(data, first, second, level)) is not None]
+    pairs, chosen = list(itertools.combinations(data.laws, 2)), metrics or data.varying[:MOST_OF_ALL_PAIRS]
+    level = 1.0 - (1.0 - LEVEL) / (max(1, len(pairs)) * (1 + len(chosen)))
+    return [found for first, second in pairs if (found := _compared(data, first, second, chosen, level)) is not None]
 
 
-def _compared(data: StudyRows, first: str, second: str, level: float) -> Paired | None:
+def _compared(data: StudyRows, first: str, second: str, chosen: Sequence[Metric], level: float) -> Paired | None:
     success = data.success.astype(float)
     differences = data.by_draw(second, success) - data.by_draw(first, success)
     differences = differences[np.isfinite(differences)]
     if not len(differences):
         return None
     metrics = []
-    for metric in data.varying[:MOST_OF_ALL_PAIRS]:
+    for metric in chosen:
         values = data.values(metric)
         before = data.by_draw(first, values)
         change = data.by_draw(second, values) - before

@@ -5,6 +5,7 @@ import math
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from ..pages import ROUNDING, Cell, Table, keyed, marked, number
 from ..plan import Plan
 from ..plan.metrics import COMPLETED
 from . import figures
-from .data import StudyRows
+from .data import Metric, StudyRows
 from .latex import Column, LatexTable, Stacked, ranged
-from .statistics import Estimate, Paired
+from .statistics import Estimate, Paired, paired
 
 HEAD_METRICS = 3
 """Metrics in the table of laws at the top of the page."""
@@ -221,6 +222,7 @@ _SHARE = {"share": "value", "interval low": "low", "interval high": "high"}
 """The attribute of an estimate by its head."""
 _QUANTILES = {"median": 0.5, "quantile 5 %": 0.05, "quantile 95 %": 0.95}
 _SUCCESS = "success [%]"
+_POINTS, _DIFFERENCE = "success [points]", ("difference", "interval low", "interval high", "resolved among all")
 
 
 def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
@@ -245,11 +247,56 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
             for name, q in _QUANTILES.items():
                 row[metric.label, name] = float(np.quantile(values, q)) if len(values) else np.nan
         rows[law] = row
+    medians = "Of success the 95 % interval (Wilson's); of the others medians, and the quantiles of 5 % and 95 %"
+    return _with_heads(rows, "law", chosen, f"{medians} over the runs that completed.")
+
+
+def comparison(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
+    """One row a pair of laws, ``"B − A"``: the draws that both have done, and of success [points] and each metric the
+    difference of B from A in the same draws, the ends of its 95 % interval, and whether it is resolved with all others
+    at once: 1 where the interval of all has no zero. Of success it is the difference of the shares, of a metric the
+    median.
+
+    Heads, ``attrs`` and ``metrics`` are as for :func:`statistics`. Raises InputError for an unknown metric, or if
+    there are no two laws that ran.
+    """
+    data = StudyRows(plan, frame)
+    chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
+    pairs = paired(data, chosen)
+    if not pairs:
+        raise InputError(f"{plan.name}: has no two laws with runs in the same draws")
+    rows = {f"{each.second} − {each.first}": _row_of(each, chosen) for each in pairs}
+    n = sum(1 + len(each.metrics) for each in pairs)
+    said = (
+        "B − A: the difference in the same draws, of success of the shares, of the others the median difference, and "
+        f"below it the 95 % interval. *: the interval has no zero, also if all {n} intervals hold at once."
+    )
+    return _with_heads(rows, "laws", chosen, said)
+
+
+def _row_of(pair: Paired, metrics: Sequence[Metric]) -> dict[tuple[str, str], float]:
+    """A row of :func:`comparison`; nan of a metric that has no interval, in fewer than eight draws."""
+    found = {each.metric: (each.median, each.among_all.apart) for each in pair.metrics}
+    points = Estimate(*(100.0 * each for each in (pair.success.value, pair.success.low, pair.success.high)))
+    row = {("draws", ""): float(pair.draws)}
+    for head, (one, resolved) in (
+        (_POINTS, (points, pair.among_all.apart)),
+        *((metric.label, found.get(metric, (Estimate(np.nan, np.nan, np.nan), False))) for metric in metrics),
+    ):
+        numbers = (one.value, one.low, one.high, float(resolved))
+        row |= {(head, name): number for name, number in zip(_DIFFERENCE, numbers, strict=True)}
+    return row
+
+
+def _with_heads(
+    rows: Mapping[str, Mapping[tuple[str, str], float]], corner: str, metrics: Sequence[Metric], said: str
+) -> pd.DataFrame:
     found = pd.DataFrame.from_dict(rows, orient="index")
     found.columns = pd.MultiIndex.from_tuples(found.columns)
-    found.index.name = "law"
-    found["runs", ""] = found["runs", ""].astype(int)
-    found.attrs["meanings"] = {metric.label: metric.meaning for metric in chosen if metric.meaning}
+    found.index.name, counted = corner, found.columns[0]
+    found[counted] = found[counted].astype(int)
+    meanings = {metric.label: metric.meaning for metric in metrics if metric.meaning}
+    found.attrs |= {"meanings": meanings, "said": said}
     return found
 
 
@@ -261,28 +308,34 @@ def to_csv(found: pd.DataFrame) -> str:
 
 
 def printed(found: pd.DataFrame, comment: str = "") -> LatexTable:
-    """The table of :func:`statistics` for a paper: a row for each law, and below each number its range, with the digits
-    that the range supports. The runs are in the note if all laws have as many."""
-    runs = found["runs", ""]
-    columns = []
-    if runs.nunique() > 1:
-        columns.append(Column("runs", "", [Stacked(str(n)) for n in runs]))
+    """The table of :func:`statistics` or :func:`comparison` for a paper: a row for each law or pair, and below each
+    number its range, with the digits that the range supports. The runs are in the note if all rows have as many."""
+    columns, counted = [], found.columns[0]
+    if found[counted].nunique() > 1:
+        columns.append(Column(counted[0], "", [Stacked(str(n)) for n in found[counted]]))
     for head in dict.fromkeys(found.columns.get_level_values(0)[1:]):
-        numbers = ranged(found[head].to_numpy(dtype=float))
+        values = found[head].to_numpy(dtype=float)
+        numbers, stars = ranged(values[:, :3], values.shape[1] > 3), values[:, 3:].any(axis=1)
+        cells = [
+            replace(cell, value=f"{cell.value}*") if star else cell
+            for cell, star in zip(numbers.cells, stars, strict=True)
+        ]
         name, _, unit = head.removesuffix("]").partition(" [")
         factor = f"10^{numbers.exponent}" if numbers.exponent else ""
         unit = " ".join(filter(None, (factor, unit)))
-        columns.append(Column(name, f"[{unit}]" if unit else "", numbers.cells))
-    return LatexTable("law", [*map(str, found.index)], columns, note(found), [*filter(None, comment.splitlines())])
+        columns.append(Column(name, f"[{unit}]" if unit else "", cells))
+    corner, names = str(found.index.name), [*map(str, found.index)]
+    return LatexTable(corner, names, columns, note(found), [*filter(None, comment.splitlines())])
 
 
 def note(found: pd.DataFrame) -> str:
-    """How the numbers of :func:`statistics` are to be read: their ranges, the runs, and what each metric is."""
-    runs = found["runs", ""]
-    each = f"{runs.iloc[0]} runs of each law. " if runs.nunique() == 1 else ""
+    """How the numbers of :func:`statistics` or :func:`comparison` are to be read: their ranges, the runs, and what each
+    metric is."""
+    counted = found.columns[0]
+    each = {"runs": "runs of each law", "draws": "draws of each pair"}[counted[0]]
+    number = f"{found[counted].iloc[0]} {each}. " if found[counted].nunique() == 1 else ""
     said = [f"{head.partition(' [')[0]}: {meaning}." for head, meaning in found.attrs.get("meanings", {}).items()]
-    medians = "Of success the 95 % interval (Wilson's); of the others medians, and the quantiles of 5 % and 95 %"
-    return " ".join([f"{each}{medians} over the runs that completed.", *said])
+    return " ".join([f"{number}{found.attrs['said']}", *said])
 
 
 def write(found: pd.DataFrame, path: Path, comment: str = "") -> None:
