@@ -1074,6 +1074,41 @@ def test_what_can_not_leave_is_refused_by_name(tmp_path, law, settings, said):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("static double sum[2]; sum[0] += 1.0; tau_cmd[0] += sum[0];", "it keeps sum beside an instance"),
+        ("static double one = 1.0; tau_cmd[0] += one *= 0.5;", "it keeps one beside an instance"),
+        ("tau_cmd[0] += all_see[0]; all_see[0] += 1.0;", "it keeps all_see beside an instance"),
+        ("tau_cmd[0] += 1e-9 * rand();", "it calls rand; a library takes"),
+        ('printf("%g\\n", signals->t);', "it calls printf; a library takes functions of math.h and string.h alone"),
+    ],
+)
+def test_a_law_in_c_that_keeps_numbers_or_asks_a_system_is_refused(tmp_path, body, said):
+    """An instance is all of its memory, so that several run in several threads, and a reset begins anew."""
+    law = MY_LAW.replace("    return 0;", f"    {body}\n    return 0;")
+    above = "#include <stdio.h>\n#include <stdlib.h>\n" + ("double all_see[2];\n" if "all_see" in body else "")
+    (tmp_path / "my_law.c").write_text(above + law)
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    with pytest.raises(InputError) as refused:
+        write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", ["x86_64"])
+    assert f"controller.name: my_law.c: {said}" in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("target", MACHINES)
+def test_constant_tables_of_a_law_in_c_are_nothing_that_it_keeps(tmp_path, target):
+    """Where addresses are written when a program is loaded, a table of functions is in memory that is changed then."""
+    (tmp_path / "table.c").write_text(
+        "static double a(double x) { return x; }\nstatic double b(double x) { return -x; }\n"
+        "static double (*const table[])(double) = {a, b};\nstatic const double weights[] = {1.0, 2.0};\n"
+        "double law(int i, double x) { return table[i & 1](x) * weights[i & 1]; }\n"
+    )
+    code = (tmp_path / linking.compiled_c(MACHINES[target], "table.c", tmp_path)).read_bytes()
+    assert linking.kept_apart(code) == []
+    assert linking.sizes(code)[1] + linking.sizes(code)[2] >= 16
+
+
 def test_a_law_that_runs_as_plain_python_is_refused_with_the_reason(tmp_path):
     (tmp_path / "plain.py").write_text(PLAIN)
     with pytest.raises(InputError, match=r"runs as plain Python, which no library takes: .*str"):

@@ -116,6 +116,27 @@ def test_a_run_as_deployed_says_first_what_is_left_of_the_push(tmp_path):
     assert (recorded.controller.delay, recorded.actuation.period, recorded.thrusters.voltage) == (0.01, 0.005, 15.0)
 
 
+_OF_EACH = {
+    "press_together": [
+        "left, as deployed: the smallest push that can be held is ",
+        "right, as deployed: the smallest push",
+    ],
+    "press_bar": [
+        "left, as deployed: what is left of the push is not known: there is no [wall]",
+        "bar, as deployed: what is left of the push is not known: the vehicle has no thrusters",
+    ],
+}
+
+
+@pytest.mark.parametrize("world", _OF_EACH)
+def test_of_a_world_as_deployed_each_vehicle_is_named(tmp_path, world):
+    """A load has no thrusters, and nothing is left of its push."""
+    words = ["run", world, "--as-deployed", "simulation.duration=0.05", "--engine", "free_body", "--json"]
+    done = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "run")])
+    assert done.exit_code == 0, done.output
+    assert all(said in done.stderr for said in _OF_EACH[world])
+
+
 @pytest.mark.parametrize(("dead_band", "warned"), [(0.0, False), (100.0, True)])
 def test_a_push_below_the_least_one_is_warned_of(dead_band, warned):
     keys = {"thrusters.name": "t200", "thrusters.dead_band": dead_band, "vehicle.model": "bluerov2_heavy"}

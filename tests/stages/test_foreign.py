@@ -176,6 +176,19 @@ def test_a_header_says_units_and_meanings_and_frames(tmp_path):
     assert "double M_hat[6][6]; /* [kg, kg m, kg m^2]" in text
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a library finds its own functions first")
+def test_a_law_calls_its_own_function_also_where_the_c_library_has_one_of_its_name(tmp_path):
+    """gamma, the logarithm of the gamma function, is in the C library of this process."""
+    helper = "__attribute__((noinline)) double gamma(double x) { return 2.0 * x; }\n\nint NAME("
+    found = []
+    for name, form in (("plain", "2.0 * (signals->eta_e[i])"), ("helped", "gamma(signals->eta_e[i])")):
+        law = PD.replace("signals->eta_e[i]", form).replace("int NAME(", helper).replace("NAME", name)
+        (tmp_path / f"{name}.c").write_text(law)
+        (tmp_path / f"{name}.toml").write_text(PD_TOML)
+        found.append(simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}, str(tmp_path / f"{name}.c"))))
+    assert np.array_equal(found[0].tau_cmd, found[1].tau_cmd)
+
+
 def test_each_run_has_static_data_of_its_own(tmp_path):
     counting = PD.replace(
         "{\n    for", "{\n    static double calls;\n    calls += 1.0;\n    state->count[0] = calls;\n    for", 1

@@ -124,7 +124,7 @@ def run(
 
 
 def _announced(found: Chosen, as_deployed: bool) -> list[str]:
-    """The announcement before a run: of a world the loads of its couplings, and of one vehicle the push that its
+    """The announcement before a run: of a world the loads of its couplings, and of each vehicle the push that its
     thrusters' commands leave of the demanded one, if they are as deployed."""
     from ..control.base import NoClosedForm
     from ..setup.base import set_up
@@ -132,18 +132,20 @@ def _announced(found: Chosen, as_deployed: bool) -> list[str]:
     from ..setup.deployment import resolution
     from ..setup.world import World
 
-    scenario = found.scenario
-    if isinstance(scenario, World):
-        rest = coupled_rest(scenario) if scenario.couplings else None
-        if isinstance(rest, NoClosedForm):
-            return [f"no closed form of the loads: {rest.reason}"]
-        return rest.announced if rest else []
-    if not as_deployed:
-        return []
-    left = resolution(set_up(scenario, found.mjcf))
-    if isinstance(left, str):
-        return [f"as deployed: what is left of the push is not known: {left}"]
-    return [f"as deployed: {left.text(getattr(scenario.thrusters, 'quantum', 0.0))}"]
+    world, said = found.scenario, list[str]()
+    if isinstance(world, World) and world.couplings:
+        rest = coupled_rest(world)
+        known = not isinstance(rest, NoClosedForm)
+        said += rest.announced if known else [f"no closed form of the loads: {rest.reason}"]
+    for name, scenario in scenarios_of(world).items() if as_deployed else ():
+        left = resolution(set_up(scenario, found.mjcf))
+        known = not isinstance(left, str)
+        text = left.text(getattr(scenario.thrusters, "quantum", 0.0)) if known else f"{_NOT_KNOWN}: {left}"
+        said.append(f"{f'{name}, ' if name else ''}as deployed: {text}")
+    return said
+
+
+_NOT_KNOWN = "what is left of the push is not known"
 
 
 def run_and_report(

@@ -118,6 +118,10 @@ def _slope(true: Curve, command: float, sign: float) -> float:
 def resolution(setup: Setup, push: float | None = None) -> Resolution | str:
     """The resolution of a push on ``[wall]`` [N], by default the demanded one, or the reason why it is not known."""
     thrusters = setup.scenario.thrusters
+    if not setup.nominal.B.size:
+        return "the vehicle has no thrusters"
+    if not setup.scenario.wall.present:
+        return "there is no [wall], along whose normal it would be"
     if not isinstance(thrusters, Propeller):
         return f"thrusters.name is {thrusters.label()}, which has no steps that are known"
     if setup.not_rigid:

@@ -321,6 +321,14 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
         linking.compiled_c(machine, str(path.resolve()), place, options, out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
+    code = (place / out).read_bytes()
+    kept, alien = linking.kept_apart(code), linking.alien(code)
+    wrong = [
+        *([f"it keeps {', '.join(kept)} beside an instance; put numbers that last into its state"] if kept else []),
+        *([f"it calls {', '.join(alien)}; a library takes functions of math.h and string.h alone"] if alien else []),
+    ]
+    if wrong:
+        raise InputError([Fault(f"{stage.room.table}.name", f"{path.name}: {each}") for each in wrong], "export law")
     return out
 
 

@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
@@ -107,6 +107,13 @@ HELPERS = {"memcpy", "memmove", "memset"} | {
 }
 HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
 """Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
+_OF_MATH = (
+    "acos asin atan atan2 cos sin tan acosh asinh atanh cosh sinh tanh exp exp2 expm1 frexp ilogb ldexp log log10 "
+    "log1p log2 logb modf scalbn scalbln cbrt fabs hypot pow sqrt erf erfc lgamma tgamma ceil floor nearbyint rint "
+    "lrint llrint round lround llround trunc fmod remainder remquo copysign nan nextafter nexttoward fdim fmax fmin fma"
+)
+C_LIBRARY = {f"{each}{kind}" for each in _OF_MATH.split() for kind in ("", "f", "l")} | {"memcmp"}
+"""Functions of a C library that keep nothing and have no effect: those of math.h in C99, and a comparison."""
 _BOARD = ("-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none")
 _BOARD += ("-chardev", "file,id=said,path=/dev/stdout", "-semihosting-config", "enable=on,chardev=said", "-kernel")
 _C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")
@@ -236,7 +243,7 @@ def linked(machine: Machine, name: str, objects: Sequence[str], folder: Path, ou
         shared = out / f"lib{name}.so"
         if machine.emulator == "arm":
             objects = [*objects, _arm(machine, folder)]
-        links = [*zig(), "ld.lld", "-shared", "--gc-sections", "--build-id=none", "-soname", shared.name]
+        links = [*zig(), "ld.lld", "-shared", "-Bsymbolic", "--gc-sections", "--build-id=none", "-soname", shared.name]
         run([*links, "-z", "noexecstack", *objects, "-o", str(shared.resolve())], folder)
         made.append(shared)
     return made
@@ -271,49 +278,86 @@ def own_c(machine: Machine, source: Path, folder: Path, options: Sequence[str] =
 
 def undefined(code: bytes) -> tuple[str, ...]:
     """The symbols that an object uses and does not define."""
-    return tuple(sorted({name for section, name in _symbols(code) if section == 0 and name}))
+    return tuple(sorted({each.name for each in _symbols(code) if each.section == 0 and each.name}))
 
 
 def defined(code: bytes) -> tuple[str, ...]:
     """The symbols that an object defines."""
-    return tuple(sorted({name for section, name in _symbols(code) if section and name}))
+    return tuple(sorted({each.name for each in _symbols(code) if each.section and each.name}))
+
+
+def alien(code: bytes) -> list[str]:
+    """The symbols that an object takes and that are neither helpers nor functions of :data:`C_LIBRARY`."""
+    known = HELPERS | C_LIBRARY
+    return [each for each in undefined(code) if each not in known and not each.startswith("__aeabi_")]
+
+
+def kept_apart(code: bytes) -> list[str]:
+    """The variables of an object that a program could change. Constants with addresses can't be: they are written when
+    a program is loaded."""
+    sections = _sections(code)
+    named = {k for k, each in enumerate(sections) if each.flags & 1 and not each.name.startswith(".data.rel.ro")}
+    found = {each.name for each in _symbols(code) if each.variable and (each.section in named or each.common)}
+    return sorted({re.sub(r"\.\d+$", "", each).rpartition(".")[2] for each in found})  # function.variable.number
 
 
 def sizes(code: bytes) -> tuple[int, int, int]:
     """The bytes of an object's code, of its constants and of what it could change in the memory of a program."""
-    held = [(flags, size) for _, flags, size, *_ in _sections(code) if flags & 2]
+    held = [(each.flags, each.size) for each in _sections(code) if each.flags & 2]
     runs, changes = sum(n for flags, n in held if flags & 4), sum(n for flags, n in held if flags & 1)
     return runs, sum(n for _, n in held) - runs - changes, changes
 
 
-def _sections(code: bytes) -> list[tuple[int, int, int, int, int]]:
-    """Type, flags, size, offset and link of the sections of an ELF object in little endian."""
+class _Section(NamedTuple):
+    kind: int
+    flags: int
+    size: int
+    offset: int
+    link: int
+    name: str
+
+
+class _Symbol(NamedTuple):
+    """A symbol of an ELF object. Section 0 is none; ``common``: a variable that the linker places."""
+
+    section: int
+    name: str
+    variable: bool
+    common: bool
+
+
+def _text_at(code: bytes, at: int) -> str:
+    return code[at : code.index(b"\0", at)].decode()
+
+
+def _sections(code: bytes) -> list[_Section]:
+    """The sections of an ELF object in little endian."""
     wide = code[4] == 2
-    at, step, count = (
-        (*struct.unpack_from("<Q", code, 40), *struct.unpack_from("<HH", code, 58))
+    at, step, count, names = (
+        (*struct.unpack_from("<Q", code, 40), *struct.unpack_from("<HHH", code, 58))
         if wide
-        else (*struct.unpack_from("<I", code, 32), *struct.unpack_from("<HH", code, 46))
+        else (*struct.unpack_from("<I", code, 32), *struct.unpack_from("<HHH", code, 46))
     )
-    found = []
-    for k in range(count):
-        each = struct.unpack_from("<IIQQQQI" if wide else "<IIIIIII", code, at + k * step)
-        _, kind, flags, _, offset, size, link = each
-        found.append((kind, flags, size, offset, link))
-    return found
+    found = [struct.unpack_from("<IIQQQQI" if wide else "<IIIIIII", code, at + k * step) for k in range(count)]
+    texts = found[names][4] if found else 0
+    return [
+        _Section(kind, flags, size, offset, link, _text_at(code, texts + name))
+        for name, kind, flags, _, offset, size, link in found
+    ]
 
 
-def _symbols(code: bytes) -> Iterator[tuple[int, str]]:
-    """Section and name of the symbols; section 0 is none."""
+def _symbols(code: bytes) -> Iterator[_Symbol]:
     wide, sections = code[4] == 2, _sections(code)
-    for kind, _, size, offset, link in sections:
-        if kind != 2:
+    for table in sections:
+        if table.kind != 2:
             continue
-        names = sections[link][3]
-        for at in range(offset, offset + size, 24 if wide else 16):
+        names = sections[table.link].offset
+        for at in range(table.offset, table.offset + table.size, 24 if wide else 16):
             name = struct.unpack_from("<I", code, at)[0]
+            (info,) = struct.unpack_from("<B", code, at + (4 if wide else 12))
             (section,) = struct.unpack_from("<H", code, at + (6 if wide else 14))
-            end = code.index(b"\0", names + name)
-            yield section, code[names + name : end].decode()
+            variable = info & 15 in (1, 6)  # of each thread, too
+            yield _Symbol(section, _text_at(code, names + name), variable, section == 0xFFF2)
 
 
 def prepare(machine: Machine, folder: Path, source: Path = _LIBC) -> str:

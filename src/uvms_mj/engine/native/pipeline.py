@@ -379,7 +379,9 @@ def _torques(loop: "Pipeline", run: np.ndarray) -> Recorded:
 
 
 def _commands(loop: "Pipeline", run: np.ndarray) -> Recorded:
-    """The commands of the thrusters."""
+    """The commands of the thrusters, which a load has not."""
+    if not loop.shape.thrusters:
+        return
     yield commanded_signal(loop.shape.thrusters), loop.u_cmd
     if getattr(loop.scenario.thrusters, "takes_pulses", False):
         yield pulse_signal(loop.shape.thrusters), loop.stages["thrusters"].state["command"][0]
@@ -660,4 +662,6 @@ class Pipeline:
         for table, stage in self.stages.items():
             if table != "truth":
                 for name in type(stage.stage).states:
+                    if not stage.state[name].size:  # a state of each thruster, of a load
+                        continue
                     yield stage.stage, name, self.scenario.recorded_name(table, name), stage.state[name][0]

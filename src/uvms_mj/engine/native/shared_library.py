@@ -34,6 +34,8 @@ _OPTIONS = (
     "-ffp-contract=off",  # a product and a sum are rounded twice, as in Python
     *("-Werror=implicit-function-declaration", "-Werror=incompatible-pointer-types", "-Werror=return-type"),
 )
+_LINK = (*(("-Wl,-Bsymbolic",) if sys.platform == "linux" else ()), "-lm")
+"""Its functions are its own, also where this process or the C library has others of their names, as gamma."""
 _MOST_LINES = 6
 
 
@@ -64,12 +66,12 @@ def compiled(path: Path, kind: type[Stage], records: Records) -> bytes:
         # this header in place of an older one beside the file: both have the same guard
         _run([*command, *_OPTIONS, "-include", str(own), "-I", new, "-E", str(path), "-o", str(whole)], path)
         read = whole.read_bytes()
-        about = [*command, _age(command[0]), platform.machine(), *_OPTIONS]
+        about = [*command, _age(command[0]), platform.machine(), *_OPTIONS, *_LINK]
         lines = _MARKER.sub(b"", read)
         name = f"c-{fingerprint([*(each.encode() for each in about), lines])}"
         data = None if _reads_more(read) else _kept(above, name)
         if data is None:
-            _run([*command, *_OPTIONS, str(whole), "-o", str(part), "-lm"], path)
+            _run([*command, *_OPTIONS, str(whole), "-o", str(part), *_LINK], path)
             data = part.read_bytes()
             for suffix, content in ((".so", data), (".sha256", _digest(name, data))):
                 each = Path(new, f"{name}{suffix}")
