@@ -110,6 +110,8 @@ class Overlay:
             rows = [slice(i, i + 3) for i in range(0, size, 3)]
         elif size > MOST_LINES:
             return [[self._range(name, owners)]]
+        elif size > 3 and len(rows) == 1:
+            rows = [slice(0, size // 2), slice(size // 2, size)]  # four panels beside each other have no room for times
         return [[self._component(name, i, part, owners, signals) for i in range(size)[part]] for part in rows]
 
     def _component(

@@ -70,13 +70,17 @@ class Panel:
 
     @property
     def scale(self) -> tuple[float, str]:
-        """Power of ten of the numbers of y, and SI prefix of its unit; 1 without one if the unit can't have a prefix:
-        no unit, 1, 1/s, m², kg."""
-        return prefix_of(self.largest) if _PREFIXED.match(self.unit) else (1.0, "")
+        """Power of ten of the numbers of y, and the prefix of its unit: an SI prefix, or the power itself if the unit
+        has none: no unit, 1, 1/s, m², kg."""
+        power, prefix = prefix_of(self.largest)
+        if power == 1.0 or _PREFIXED.match(self.unit):
+            return power, prefix
+        return power, f"$10^{{{round(math.log10(power))}}}$" + (" " if self.unit[:1].isalpha() else "")
 
     def label(self, prefix: str) -> str:
-        """Label of y: quantity and unit with an SI prefix."""
-        return f"{self.quantity} [{prefix}{self.unit}]" if self.unit else self.quantity
+        """Label of y: quantity, prefix and unit."""
+        unit = self.unit.removeprefix("1") if prefix.startswith("$") else self.unit
+        return f"{self.quantity} [{prefix}{unit}]" if prefix or unit else self.quantity
 
 
 # Position
