@@ -150,6 +150,17 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
+def test_what_plain_python_does_is_apart_from_machine_code(monkeypatch):
+    """In one process, in any order."""
+    setup, made = set_up(Scenario.load("push_wall", SHORT)), []
+    for plain in ("0", "1", "0", "1"):
+        monkeypatch.setenv(compilation.PLAIN, plain)
+        code = run_memory.RunMemory(setup, engine_of("free_body", setup)).code
+        made.append([each.address for each in code.values()])
+    assert made[:2] == made[2:]
+    assert not {*made[0]} & {*made[1]}
+
+
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
     monkeypatch.setattr(objects, "cache_folder", lambda: Path("/nowhere/at/all"))

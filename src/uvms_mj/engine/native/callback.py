@@ -11,7 +11,6 @@ nobody asks for these times in a run.
 """
 
 import ctypes
-import functools
 import threading
 from typing import Any
 
@@ -24,7 +23,7 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import fused, kernel
 from ...physics.tree import along_joint, compose_links, deliverable, full_inertia, joint_column, place_links
-from .compilation import native_function
+from .compilation import made_once, native_function
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, clock, floats, frozen_clock, mj_factorM, mujoco_library, registered, triples
 from .record import STOP_NONE, alone_dtype, with_numbers
@@ -251,13 +250,13 @@ def _callback(model, data):
             call_code(table[i, 2], table[i, 1], model, data)
 
 
-@functools.cache
+@made_once
 def mjcb_control() -> Any:
     """The callback: it calls the code of each attached vehicle of an mjData."""
     return native_function(_callback, ["i8", "i8"]).ctypes
 
 
-@functools.cache
+@made_once
 def evaluation(joints: int, effects: np.dtype) -> int:
     """The address of the code of a forward evaluation of a vehicle with so many joints and these effects of the water,
     without a closed loop."""
@@ -273,7 +272,7 @@ def _stopped() -> float:
     return frozen_clock()[0]
 
 
-@functools.cache
+@made_once
 def stopped_clock() -> int:
     """The address of a clock that shows when it was stopped, loaded at the first call. Without a clock, a thread within
     mj_step might call none."""

@@ -119,6 +119,14 @@ def plain_python() -> bool:
     return os.environ.get(PLAIN, "0") not in ("", "0")
 
 
+def made_once(make: Callable[..., Any]) -> Any:
+    """As :func:`functools.cache`, of machine code, and beside it of what stands for it where all is plain Python."""
+    cached = functools.cache(lambda plain, *arguments: make(*arguments))
+    found: Any = functools.wraps(make)(lambda *arguments: cached(plain_python(), *arguments))
+    found.cache_clear = cached.cache_clear
+    return found
+
+
 def native_function(function: Any, parameters: Sequence[np.dtype | str], fused: bool = False) -> NativeFunction:
     """A C function of 64-bit integers from one of the package's functions, loaded from disk or compiled. It returns the
     number that the function returns, or 0.

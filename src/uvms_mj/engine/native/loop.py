@@ -7,7 +7,6 @@ MuJoCo computes this force during step k, so the row is completed at the start o
 read.
 """
 
-import functools
 import math
 import sys
 from typing import Any
@@ -23,7 +22,7 @@ from ...physics.free_body import free_acceleration, soft_contact, symplectic_ste
 from ...physics.hydrodynamics import water_wrench
 from ...physics.kernels import kernel
 from ...physics.linear_algebra import cholesky, inverse
-from .compilation import NativeFunction, native_functions
+from .compilation import NativeFunction, made_once, native_functions
 from .memory import call_code, floats
 from .record import (
     JOINT_BOUND,
@@ -514,7 +513,7 @@ def scatter(runs, n, places, count, table):
             numbers[places[k]] = table[i * count + k]
 
 
-@functools.cache
+@made_once
 def many_runs() -> dict[str, NativeFunction]:
     """The machine code of this module, by name."""
     copy: list[np.dtype | str] = [_PLACES, "i8", _PLACES, "i8", _TABLE]

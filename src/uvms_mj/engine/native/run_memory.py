@@ -64,7 +64,7 @@ from .bodies import (
     write_wrist,
 )
 from .callback import advance, finish
-from .compilation import native_functions, short_run
+from .compilation import made_once, native_functions, short_run
 from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
@@ -194,7 +194,7 @@ def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
     return {key: (key, rows) for key, rows in setup.effect_rows.items()} | of_walls | swells
 
 
-@functools.cache
+@made_once
 def entry_points(shape: Shape, step: Any, short: bool) -> dict[str, Any]:
     """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine,
     :func:`.callback.evaluate` in MuJoCo's callback or :func:`.loop.free_steps`, and what Python calls between
