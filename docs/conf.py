@@ -40,6 +40,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "source_pages",
     "api_pages",
+    "line_breaks",
 ]
 exclude_patterns = [
     "_build",
