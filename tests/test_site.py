@@ -77,7 +77,9 @@ def test_the_site(tmp_path, subtests):
         assert broken(site) == []
     with subtests.test("the API shows classes as their users make them, and a sentence of each name"):
         for page in (site / "reference" / "api").glob("*.html"):
-            assert found(r"check\)|Annotated|\bat 0x|<function|\(\*args|, \.\.\.\)|\b_[A-Z]", article(page)) == [], page.name
+            assert found(r"check\)|Annotated|\bat 0x|<function|\(\*args|, \.\.\.\)|\b_[A-Z]", article(page)) == [], (
+                page.name
+            )
         rows = re.findall(r"<tr.*?</tr>", (site / "reference" / "api.html").read_text(), re.DOTALL)
         listed = [words(row) for row in rows if "autosummary" in row or "api/uvms_mj." in row]
         assert len(listed) > len(uvms_mj.__all__)
