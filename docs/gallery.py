@@ -63,7 +63,7 @@ def copy_sources(docs: Path) -> None:
     for path in sorted((docs.parent / "examples").glob("*.py")):
         text = _titled(path.read_text())
         if path.name in NOT_RUN:
-            text = f"# sphinx_gallery_thumbnail_path = {(CARDS.get(path.stem) or _udp_card(docs))!r}\n{text}"
+            text += f"# sphinx_gallery_thumbnail_path = {(CARDS.get(path.stem) or _udp_card(docs))!r}\n"
         (examples / path.name).write_text(text)
     if why_not := _undrawable():
         logging.getLogger(__name__).info("the gallery has no pictures of the scene: %s", why_not)

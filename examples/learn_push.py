@@ -226,5 +226,5 @@ if __name__ == "__main__":
             given.curve.write_text("\n".join(rows) + "\n")
     share = judged(theta, JUDGED)
     print(f"success on {len(JUDGED)} walls on which nothing was learned or chosen: {share:.3f}")
-    result = f" Of {len(JUDGED)} episodes on which\nnothing was learned or chosen, it ends {share:.1%} with success."
-    export(theta, given.out, about, result)
+    others = f" Of {len(JUDGED)} episodes on which\nnothing was learned or chosen,"
+    export(theta, given.out, about, f"{others} it ends {100.0 * share:.0f} % with success.")

@@ -3,7 +3,7 @@
 uvms-mj run --controller learned_push.py:LearnedPush
 
 Written by learn_push.py, which says what it has learned on. Of 200 episodes on which
-nothing was learned or chosen, it ends 89.0% with success.
+nothing was learned or chosen, it ends 89 % with success.
 
 The network has 12 inputs, two hidden layers of 64 with tanh and 6 outputs, without offsets. Its weights are W_1
 (64, 12), W_2 (64, 64) and W_3 (6, 64), 5248 numbers, at the end of this file.
