@@ -77,7 +77,7 @@ def _settings(cls: Any) -> Iterator[str]:
     fields = [field for field in _fields(cls) if "meaning" in field.metadata] if dataclasses.is_dataclass(cls) else []
     types = typing.get_type_hints(cls) if fields else {}
     for field in fields:
-        unit = f" [{field.metadata['unit']}]" if field.metadata.get("unit") else ""
+        unit = f" [{field.metadata['unit']}]" if field.metadata.get("unit", "-") != "-" else ""
         yield f":param {field.name}: {_escaped(field.metadata['meaning'] + unit)}."
         yield f":type {field.name}: {stringify_annotation(types[field.name], 'smart')}"
 

@@ -40,6 +40,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "source_pages",
     "api_pages",
+    "line_breaks",
 ]
 exclude_patterns = [
     "_build",
@@ -95,6 +96,7 @@ autodoc_typehints_description_target = "documented_params"
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
+napoleon_attr_annotations = False
 toc_object_entries_show_parents = "hide"
 
 # Looks. Nothing is loaded from another address.

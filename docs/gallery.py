@@ -3,6 +3,9 @@
 import logging
 import re
 import shutil
+import socket
+import subprocess
+import sys
 from pathlib import Path
 from textwrap import indent
 from typing import Any
@@ -37,6 +40,8 @@ NOT_RUN = {
     "udp_law.py": "answers another program until Ctrl-C",
 }
 """Examples that the gallery shows and does not run, each with the reason."""
+CARDS = {"ardusub_sender": "how_to/autopilot.png", "learn_push": "evidence/learning.png", "ppo": "how_to/ppo.png"}
+"""Pictures, from docs, on the cards of examples that are not run."""
 HEADING = """
 Examples of the guides
 ----------------------
@@ -57,12 +62,31 @@ def copy_sources(docs: Path) -> None:
     examples.mkdir()
     (examples / "GALLERY_HEADER.rst").write_text(HEADING)
     for path in sorted((docs.parent / "examples").glob("*.py")):
-        (examples / path.name).write_text(_titled(path.read_text()))
+        text = _titled(path.read_text())
+        if path.name in NOT_RUN:
+            text += f"# sphinx_gallery_thumbnail_path = {(CARDS.get(path.stem) or _udp_card(docs))!r}\n"
+        (examples / path.name).write_text(text)
     if why_not := _undrawable():
         logging.getLogger(__name__).info("the gallery has no pictures of the scene: %s", why_not)
         for path in target.glob("*.py"):
             kept = [line for line in path.read_text().splitlines() if " = still(" not in line]
             path.write_text("\n".join(kept).replace(", still", "") + "\n")
+
+
+def _udp_card(docs: Path) -> str:
+    """Run against udp_law.py and draw its push. Returns the path of the picture from the folder of the pages."""
+    picture = docs / "_build" / "udp_law.png"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    law = subprocess.Popen([sys.executable, docs.parent / "examples" / "udp_law.py", str(port)])
+    try:
+        settings = {"controller.name": "udp", "controller.port": port, "controller.period": 1e-3, "current.speed": 0.0}
+        simulate(Scenario.load("push_wall", settings)).plot("force", width=6.5).savefig(picture, dpi=150)
+    finally:
+        law.terminate()
+        law.wait()
+    return str(picture.relative_to(docs))
 
 
 def _undrawable() -> str:

@@ -279,10 +279,18 @@ def _bench_tasks() -> str:
             _table(("level", "difficulty"), [(str(i), text) for i, text in enumerate(task.levels, 1)]),
             "A draw is passed if the run completes and meets:",
             _table(("metric", "bounds", "why"), bounds),
-            _table((law.corner, *law.heads), [(name, *map(str, cells)) for name, cells in law.rows]),
+            *_halves((law.corner, *law.heads), [(name, *map(str, cells)) for name, cells in law.rows]),
             *([f"`ideal`: {task.truth}"] if task.truth else []),
         ]
     return _page(parts)
+
+
+def _halves(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """The numbers of the laws, and then the bounds that each of them is near to or fails by, in words."""
+    numbers = len(columns) - 2
+    yield _table(columns[:numbers], [row[:numbers] for row in rows])
+    yield "Share of the bounds that a law needs, and what it fails by at the next level:"
+    yield _table((columns[0], *columns[numbers:]), [(row[0], *row[numbers:]) for row in rows])
 
 
 def _page(parts: Sequence[str]) -> str:

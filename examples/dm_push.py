@@ -32,4 +32,9 @@ def main(episodes: int = 5, seconds: float = 8.0) -> list[float]:
 
 
 if __name__ == "__main__":
-    main()
+    import matplotlib.pyplot as plt
+
+    returns = main()
+    figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
+    axes.bar(range(1, len(returns) + 1), returns)
+    axes.set(xlabel="episode, each with its own gains and wall", ylabel="mean reward", ylim=(0.0, 1.0))

@@ -14,8 +14,8 @@ D = np.array([80.0, 80.0, 80.0, 4.0, 4.0, 4.0])  # N s/m, N m s
 SCALE = np.array([40.0, 40.0, 40.0, 10.0, 10.0, 10.0])  # wrench_scale of the environment [N, N m]
 
 
-def main(seconds: float = 20.0, rate: float = 100.0) -> float:
-    """Run one episode. Returns the mean reward of its last second."""
+def main(seconds: float = 20.0, rate: float = 100.0) -> list[float]:
+    """Run one episode. Returns the reward of each control step; 1 is the demanded force at no effort."""
     env = gymnasium.make(
         "uvms_mj/PushWall-v0",
         overrides={"simulation.duration": seconds, "simulation.timestep": 5e-4},
@@ -36,8 +36,14 @@ def main(seconds: float = 20.0, rate: float = 100.0) -> float:
         rewards.append(float(reward))
         over = ended or truncated
     env.close()
-    return float(np.mean(rewards[-int(rate) :]))
+    return rewards
 
 
 if __name__ == "__main__":
-    print(f"mean reward of the last second: {main():.3f}")
+    import matplotlib.pyplot as plt
+
+    rewards = main()
+    print(f"mean reward of the last second: {np.mean(rewards[-100:]):.3f}")
+    figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
+    axes.plot(np.arange(1, len(rewards) + 1) / 100.0, rewards)
+    axes.set(xlabel="time [s]", ylabel="reward", ylim=(0.0, 1.05))

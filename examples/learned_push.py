@@ -2,7 +2,11 @@
 
 uvms-mj run --controller learned_push.py:LearnedPush
 
-Written by learn_push.py, which says what it has learned on.
+Written by learn_push.py, which says what it has learned on. Of 200 episodes on which
+nothing was learned or chosen, it ends 89 % with success.
+
+The network has 12 inputs, two hidden layers of 64 with tanh and 6 outputs, without offsets. Its weights are W_1
+(64, 12), W_2 (64, 64) and W_3 (6, 64), 5248 numbers, at the end of this file.
 """
 
 from dataclasses import dataclass
@@ -11,6 +15,31 @@ import numpy as np
 
 from uvms_mj import Controller, setting
 from uvms_mj.quantities import Positive, Step
+
+SCALE = np.array([40.0, 40.0, 40.0, 10.0, 10.0, 10.0])  # wrench at 1 [N, N m]
+
+
+@dataclass(frozen=True)
+class LearnedPush(Controller):
+    """Two hidden layers of 64 without offsets behind a PI filter; the weights are constants."""
+
+    period: Step = setting(0.01, "s", "control period; it has learned at 0.01 s")
+    T_I: Positive = setting(0.5, "s", "time constant of the integral; it has learned with 0.5 s")
+
+    uses_task = False
+    states = {"z": 6}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        off = signals.K_d * signals.eta_e - signals.K_f * (signals.tau_contact_m_B - signals.F_d)
+        x = np.concatenate((np.arcsinh(off / 5.0), 10.0 * signals.nu_e))
+        a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x))
+        state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
+        tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)
+
+
+# %%
+# The weights of the three layers one after another, row by row.
 
 WEIGHTS = """
 -0.0071304 -0.0768 0.32449 0.03644 -0.1358 0.097904 0.40193 0.18045 -0.26667 -0.38652
@@ -538,26 +567,15 @@ WEIGHTS = """
 -0.011346 0.01675 -0.040481 0.035494 -0.026493 0.02979 -0.01389 0.050273 0.073993 -0.074832
 0.043281 0.031252 -0.029515 -0.00976 -0.012558 0.045537 0.011678 -0.084313 -0.0094814 0.10045
 0.0043658 -0.022146 0.023419 -0.0016234 -0.12172 -0.020024 -0.037707 -0.044126
-"""  # of the three layers one after another, row by row
+"""
 _LAYERS = np.split(np.array(WEIGHTS.split(), float), [768, 4864])
 W_1, W_2, W_3 = (each.reshape(-1, n).T.copy() for each, n in zip(_LAYERS, (64, 64, 6), strict=True))
-SCALE = np.array([40.0, 40.0, 40.0, 10.0, 10.0, 10.0])  # wrench at 1 [N, N m]
 
+if __name__ == "__main__":
+    from uvms_mj import Scenario, simulate
 
-@dataclass(frozen=True)
-class LearnedPush(Controller):
-    """Two hidden layers of 64 without offsets behind a PI filter; the weights are constants."""
-
-    period: Step = setting(0.01, "s", "control period; it has learned at 0.01 s")
-    T_I: Positive = setting(0.5, "s", "time constant of the integral; it has learned with 0.5 s")
-
-    uses_task = False
-    states = {"z": 6}
-
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        off = signals.K_d * signals.eta_e - signals.K_f * (signals.tau_contact_m_B - signals.F_d)
-        x = np.concatenate((np.arcsinh(off / 5.0), 10.0 * signals.nu_e))
-        a = W_3 @ np.tanh(W_2 @ np.tanh(W_1 @ x))
-        state.z[:] = np.clip(state.z + a * signals.period / gains.T_I, -1.0, 1.0)
-        tau_cmd[:] = SCALE * np.clip(a + state.z, -1.0, 1.0)
+    scenario = Scenario.load("push_wall", {"wall.stiffness": 2e4, "current.speed": 0.3})
+    trace = simulate(scenario, controller=LearnedPush())
+    print("shapes of the weights:", W_1.shape, W_2.shape, W_3.shape)
+    print(f"push {trace.push[-1]:.3f} N in a current of 0.3 m/s")
+    figure = trace.plot(["force", "position"], width=6.5)

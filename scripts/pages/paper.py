@@ -15,10 +15,14 @@ from uvms_mj.cli import main as command
 
 def numbers(folder: str = "") -> Iterator[tuple]:
     found = json.loads(CliRunner().invoke(command, ["certify", "--json"]).output)
-    yield "changes at less than {} + {} |s| m/s³", found["certified"]["rate"], found["certified"]["state"]
+    yield (
+        "changes at less than ${} + {}\\, \\lvert s \\rvert$ m/s³",
+        found["certified"]["rate"],
+        found["certified"]["state"],
+    )
     yield "current's Munk moment changes at {} rad/s³", max(found["experienced"]["rate"])
     k_1, k_2 = re.findall(r"k_1 = (\S+) and k_2 = (\S+) are certified", found["verdict"])[0]
-    yield "k_1 = {} and k_2 = {} would be certified", float(k_1), float(k_2)
+    yield "$k_1$ = {} and $k_2$ = {} would be certified", float(k_1), float(k_2)
     if folder:
         yield from of_the_paper(Path(folder))
 
@@ -32,7 +36,7 @@ def of_the_paper(folder: Path) -> Iterator[tuple]:
 
     yield "| impedance control stops short of the wall | {} mm", ours["impedance-short"]
     yield "GSTA: {} N, impedance error {} N", ours["gsta-force"], ours["gsta-impedance"]
-    yield "{} N, s below {} epsilon at all times", ours["fosm-force"], ours["fosm-well-inside"]
+    yield "{} N, $s$ below {} $\\epsilon$ at all times", ours["fosm-force"], ours["fosm-well-inside"]
     yield "| {} and {} N from step to step", ours["fosm-epsilon"], ours["fosm-gain"]
     yield "20 % too small: {} N", ours["gsta-model-errors"]
     yield "within {} s, with a quarter of the time step as well", within("gsta-finite-time")[0]

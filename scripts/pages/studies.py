@@ -64,7 +64,7 @@ def numbers(folder: str) -> Iterator[tuple]:
     yield "all with an added mass above {} and", (gsta["vehicle.added_mass"][bounces].min(), 0.01)
     yield "walls above {} N/m", (gsta["wall.stiffness"][bounces].min(), 1e4)
     found = rows(gains, "gsta")
-    yield "k_1² = {} k_2: left of it", (bend(found), 0.15)
+    yield "$k_1^2$ = {} $k_2$: left of it", (bend(found), 0.15)
     corner = (found["controller.k_1"] + found["controller.k_2"]).idxmax()
     yield "falls to the {} N of the desired impedance", found["contact.peak_N"][corner]
     yield "still bounces after 20 s, up to {} times", (found["contact.touches"].max(), 3.0)

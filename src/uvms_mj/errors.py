@@ -31,7 +31,8 @@ _MOST_LINES = 50
 
 
 class InputError(ValueError):
-    """The input is invalid. ``faults`` has one entry for each error that was found."""
+    """The input is invalid. ``faults`` has one entry for each error that was found, with its ``key`` and its
+    ``message``."""
 
     def __init__(self, faults: Sequence[Fault] | str, place: str = "") -> None:
         self.faults = (Fault("", faults),) if isinstance(faults, str) else tuple(faults)
