@@ -4,7 +4,8 @@ The impact, and the stiffness of the wall
 
 One wall after another, from 1e3 to 1e6 N/m; nothing is built again between two resets. A free mass m that meets a
 spring k with the speed v presses with v sqrt(k m) at most. The line is this formula with the inertia in surge, added
-mass included. On a soft wall the impact lasts long enough for the law to push.
+mass included. An impact on a soft wall lasts longer, and the law acts in it: at 1e3 N/m the peak is 0.6 % below the
+line, at 1e6 N/m 0.04 %.
 """
 
 import numpy as np

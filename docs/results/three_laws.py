@@ -4,7 +4,7 @@ Three laws push on a wall
 
 The paper's scenario: a BlueROV1 in an unknown current of 0.5 m/s, a wall of 1e5 N/m, a reference 1 cm inside it.
 Impedance control stops short of the wall, the first-order sliding mode and generalised super-twisting (GSTA) press.
-The dashed line is the closed form.
+The dotted line is the closed form.
 """
 
 import uvms_mj

@@ -3,7 +3,8 @@ A push with the tool of an arm
 ==============================
 
 The vehicle floats in a current that the law does not know, and the paper's law runs at the tool, with the tool's
-inertia in place of the vehicle's. The push rests at its closed form while the arm still moves.
+inertia in place of the vehicle's. From 12 s on the push is within 2 µN of its closed form, while the joints still move
+by 0.2 mrad.
 """
 
 from uvms_mj import Scenario, simulate, still

@@ -42,11 +42,10 @@ def force(ax: Axes, trace: Trace) -> None:
     """The push of the tool, and the closed form of the force at rest."""
     line(ax, trace.t, trace.push, "push", color=COLOURS["force"], linewidth=LINE, label="tool")
     if isinstance(trace.analytic, SteadyState):
-        level(ax, trace.t, trace.analytic.force, "closed form", LEVELS["analytic"])
-    top = 1.6 * trace.push[trace.t > 0.5 * trace.t[-1]].max()
-    ax.set(xlabel="time [s]", ylabel="push on the wall [N]", xlim=(0.0, trace.t[-1]), ylim=(-0.03 * top, top))
+        level(ax, trace.t, trace.analytic.force, "closed form", LEVELS["analytic"] | {"linestyle": "dotted"})
+    ax.set(xlabel="time [s]", ylabel="push on the wall [N]", xlim=(0.0, trace.t[-1]))
     ticks(ax, 6)
-    ax.legend(loc="lower right")
+    ax.legend(loc="upper right")
 
 
 def numbers() -> Iterator[tuple]:

@@ -78,11 +78,11 @@ def draw(axes: dict[str, Axes]) -> None:
         axes[f"push {side}"].set(title=title, yscale="log", ylim=(3.0, 500.0))
         axes[f"push {side}"].set_yticks([5, 10, 20, 50, 100, 200], ["5", "10", "20", "50", "100", "200"])
         axes[f"push {side}"].minorticks_off()
-        axes[f"place {side}"].set(xlabel="t [s]", ylim=(-1.5, 2.5))
+        axes[f"place {side}"].set(xlabel="time [s]", ylim=(-1.5, 2.5))
         for name in ("push", "command", "place"):
             axes[f"{name} {side}"].set_xlim(0.0, 45.0)
     axes["push a"].set_ylabel("push [N]")
-    axes["command a"].set_ylabel("pulse, thruster 1 [us]")
+    axes["command a"].set_ylabel("pulse, thruster 1 [µs]")
     axes["command g"].set_ylabel("thrust, thruster 1 [N]")
     axes["place a"].set_ylabel("x [m]; wall at 2 m")
     axes["push g"].legend(loc="upper left")

@@ -58,7 +58,7 @@ def bounds(ax: Axes, t: np.ndarray, error: np.ndarray, sigma: np.ndarray, label:
     line(ax, t, error, label, color=BLUE, lw=0.8)
     ax.set_yscale("symlog", linthresh=6.0 * sigma[-1], linscale=2.0)
     ax.set(title=label, xlim=(0.0, t[-1]))
-    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=6.0 * sigma[-1], subs=(1.0, 3.0)))
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=6.0 * sigma[-1], subs=(1.0,)))
     ax.yaxis.set_major_formatter(ScalarFormatter())
     ax.legend(loc="upper right")
 

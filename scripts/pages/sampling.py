@@ -124,7 +124,7 @@ def old_forces(axes: Axes) -> None:
     axes.plot([], [], "o", color=HOLDS, label="run holds")
     axes.plot([], [], "x", color=FAILS, label="run vibrates or bounces")
     axes.set(xscale="log", yscale="log", xlim=(0.1, 80), ylim=(1e3, 1e6))
-    axes.set(xlabel="mean age T of the contact force [ms]", ylabel="stiffness of the wall k_c [N/m]")
+    axes.set(xlabel="mean age $T$ of the contact force [ms]", ylabel="stiffness of the wall $k_c$ [N/m]")
     axes.set_title("An old force: GSTA with the paper's gains")
     axes.legend(loc="lower left")
 

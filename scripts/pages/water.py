@@ -50,8 +50,8 @@ def spectrum(ax: Axes) -> None:
             label=f"run of 1000 s, shortest gust T/{T / gust:g}",
         )
     ax.loglog(f[keep], theory(f[keep]), color=BLACK, lw=1.0, ls="--", label=r"$4\sigma^2 T/(1 + (2\pi f T)^2)$")
-    ax.set(xlabel="frequency [Hz]", ylabel="density of $v_c$ [m$^2$/s$^2$/Hz]", ylim=(1e-9, 1e0))
-    ax.legend(loc="lower left")
+    ax.set(xlabel="frequency [Hz]", ylabel="density of $v_c$ [m²/s²/Hz]", ylim=(1e-9, 1e1))
+    ax.legend(loc="upper right")
 
 
 @functools.cache
@@ -115,7 +115,7 @@ def push(above: Axes, below: Axes) -> None:
     for i, axis in enumerate("xyz"):
         line(above, trace.t, trace.v_c_W[:, i], axis, color=COLOURS[axis], lw=1.0, label=axis)
     above.set(ylabel="current $v_c$ in W [m/s]", ylim=(-0.4, 0.6))
-    below.set(xlabel="time [s]", ylabel="push on the wall [N]", ylim=(0.0, 6.0))
+    below.set(xlabel="time [s]", ylabel="push on the wall [N]", ylim=(-0.4, 18.0))
     for ax in (above, below):
         ax.set_xlim(0.0, trace.t[-1])
         ax.legend(loc="upper right", ncols=3)

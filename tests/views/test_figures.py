@@ -478,6 +478,15 @@ def test_an_axis_has_a_prefix_if_its_unit_can_have_one_and_a_power_of_ten_otherw
     assert panel.label(panel.scale[1]) == label
 
 
+@pytest.mark.parametrize(("law", "shown"), [("none", False), ("gsta", True)])
+def test_a_vehicle_without_a_law_has_no_reference(law, shown):
+    drift = simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}, law))
+    for runs in (drift, {"a": drift, "b": drift}):
+        for what in ("position", "attitude"):
+            lines = [line for ax in figures.plot(runs, what).axes for line in ax.lines]
+            assert any(line.get_label() == "reference" for line in lines) == shown
+
+
 def test_two_vectors_of_three_have_a_panel_each():
     pile = simulate(Scenario.load("press_pile", {"simulation.duration": 0.1}))
     first, second = figures.plot(pile, "f_contacts_W").axes

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import to_rgba
 
 from ...analysis.hold import HOLD_S
 from ...analysis.summary import COURSES, PARTS
@@ -116,6 +117,8 @@ def _worst(task: Task, frame: "pd.DataFrame") -> int | None:
     return max(failed, key=lambda i: errors[i])
 
 
+_PALE = 0.25
+"""Opacity of the bars, whose edges have the full colour."""
 ORDER = (
     "The laws of each task in order: by the level that they hold, and by the share of the draws that they pass at the "
     "next. A full step is a level."
@@ -133,9 +136,10 @@ def order(found: Mapping[str, Any], shown: Mapping[str, str]) -> Any:
             ax.barh(
                 range(len(labels)),
                 [lengths[each] for each in labels],
-                color=[shown[each] for each in labels],
+                color=[to_rgba(shown[each], _PALE) for each in labels],  # the names stand on the bars
+                edgecolor=[shown[each] for each in labels],
+                linewidth=0.8 * LINE,
                 height=0.7,
-                alpha=0.5,
             )
             for i, label in enumerate(labels):
                 ax.text(0.06, i, label, va="center", fontsize=SMALL, parse_math=False)

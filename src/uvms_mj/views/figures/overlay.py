@@ -20,6 +20,7 @@ from .panels import (
     MOST_VECTORS,
     REFERENCE,
     Panel,
+    led,
     near_wall,
     roll_pitch_yaw,
     samples,
@@ -65,7 +66,8 @@ class Overlay:
             for label, trace in self.traces.items():
                 line(ax, trace.t, values[label], f"{names[label]}.{AXES[i]}", **self.looks[label])
             for label, trace in self.traces.items():
-                line(ax, trace.t, trace.p_d[:, i], f"p_d.{AXES[i]}", **REFERENCE | {"label": "reference"})
+                if led(trace):
+                    line(ax, trace.t, trace.p_d[:, i], f"p_d.{AXES[i]}", **REFERENCE | {"label": "reference"})
                 if i == 0:
                     wall(ax, trace, np.concatenate([trace[names[label]][:, 0], trace.p_d[:, 0]]))
 
@@ -82,7 +84,7 @@ class Overlay:
             axis = AXES[ANGULAR][i]
             for label, trace in self.traces.items():
                 line(ax, trace.t, values[label], f"{names[label]}.{axis}", **self.looks[label])
-            for trace in self.traces.values():
+            for trace in filter(led, self.traces.values()):
                 desired = roll_pitch_yaw(trace.quat_d)[:, i]
                 line(ax, trace.t, desired, f"quat_d.{axis}", **REFERENCE | {"label": "reference"})
 

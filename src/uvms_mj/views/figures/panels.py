@@ -94,12 +94,17 @@ def position(trace: Trace) -> Panel:
     def draw(ax: Axes) -> None:
         for i, axis in enumerate(AXES[LINEAR]):
             line(ax, trace.t, p[:, i], f"{name}.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
-        for i, axis in enumerate(AXES[LINEAR]):
+        for i, axis in enumerate(AXES[LINEAR] if led(trace) else ()):
             line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **REFERENCE)
         wall(ax, trace, reach)
 
     what = "tool position" if name == "p_WT" else "position"
     return Panel(what, "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
+
+
+def led(trace: Trace) -> bool:
+    """Whether a vehicle follows its reference; one without a law drifts."""
+    return trace.header.law.source != "none"
 
 
 def attitude(trace: Trace) -> Panel:
@@ -110,7 +115,7 @@ def attitude(trace: Trace) -> Panel:
     def draw(ax: Axes) -> None:
         for i, axis in enumerate(AXES[ANGULAR]):
             line(ax, trace.t, angles[:, i], f"{names[0]}.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
-        for i, axis in enumerate(AXES[ANGULAR]):
+        for i, axis in enumerate(AXES[ANGULAR] if led(trace) else ()):
             line(ax, trace.t, desired[:, i], f"quat_d.{axis}", label="reference", **REFERENCE)
 
     return Panel("tool attitude" if names[0] == "quat_WT" else "attitude", "deg", draw)
