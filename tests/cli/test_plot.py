@@ -136,15 +136,16 @@ def test_signals_and_components_are_drawn_by_their_names(log, tmp_path):
 def test_a_window_of_time_is_drawn_from_its_first_to_its_last_sample(log, tmp_path, monkeypatch):
     seen = {}
 
-    def spy(traces, whats, width, fonts):
-        seen.update(traces=traces, whats=whats, width=width)
-        return real(traces, whats, width, fonts)
+    def spy(traces, whats, width, fonts, height):
+        seen.update(traces=traces, whats=whats, width=width, height=height)
+        return real(traces, whats, width, fonts, height)
 
     real = figures.plot
     monkeypatch.setattr(figures, "plot", spy)
-    size = ("--width", "12.7 cm", "--out", tmp_path / "w.png")
+    size = ("--width", "12.7 cm", "--height", "300mm", "--label", "gsta=ours", "--out", tmp_path / "w.png")
     assert command(log, "--from", "0.25", "--to", "0.5", "--what", "summary,push", *size).exit_code == 0
-    (trace,) = seen["traces"].values()
+    ((name, trace),) = seen["traces"].items()
+    assert (name, seen["height"]) == ("ours", "300mm")
     assert (trace.t[0], trace.t[-1], len(trace)) == (pytest.approx(0.25), pytest.approx(0.5), 251)
     assert np.array_equal(trace.tau, Trace.load(log).tau[250:501])
     assert style.width_of(seen["width"], 0.0) == pytest.approx(5.0)

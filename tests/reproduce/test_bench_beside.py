@@ -1,6 +1,7 @@
 """A result of the benchmark with the rows of another one below its own: in the table, on the page, in the figure."""
 
 import copy
+import itertools
 import json
 import re
 from pathlib import Path
@@ -31,7 +32,7 @@ def own(label: str = "mine", law: str = "gsta", some: int = 3) -> dict:
 
 def test_the_table_has_own_and_shipped_rows_of_the_own_tasks():
     both = results.beside(own(), "shipped")
-    table = latex_table(both)
+    table = latex_table(both).text
     heads, mine, *others = re.findall(r"^([\w\\. ()]+) & .*\\\\$", table, re.M)[:3]
     assert (heads, mine) == ("law", "mine")
     shipped = [law["label"] for law in results.shipped()["laws"]]
@@ -141,13 +142,59 @@ def test_a_table_is_made_from_a_result_and_nothing_runs(here, tmp_path):
     Path("mine.json").write_text(results.text(own()))
     done = here("bench", "table", "mine.json", "--with", "shipped:sta", "--out", "table.tex")
     assert done.exit_code == 0, done.stderr
-    assert Path("table.tex").read_text() == latex_table(results.beside(own(), "shipped:sta"))
-    assert here("bench", "table", "mine.json").stdout == latex_table(own())
+    assert Path("table.tex").read_text() == latex_table(results.beside(own(), "shipped:sta")).text
+    assert here("bench", "table", "mine.json").stdout == latex_table(own()).text
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.json", "table.tex"]
     assert here("bench", "table", "mine.json", "--out", "table.tex").exit_code == 2
     assert "must end in .tex" in here("bench", "table", "mine.json", "--out", "table.csv").stderr
     assert "lacks these tasks" in here("bench", "table", "shipped:gsta", "--with", "mine.json").stderr
     assert "version 1" in here("bench", "table", "shipped-version-1").stderr
+
+
+def test_the_note_of_the_table_names_its_tasks_and_draws():
+    """The heads are numbers, so that a paper needs their names."""
+    table = latex_table(results.beside(own(), "shipped:sta"))
+    for name, task in own()["tasks"].items():
+        assert f"{task['number']}: {name.replace('_', ' ')}" in table.note
+    assert drawn(own()).capitalize() in table.note
+    assert table.names == ["mine", "sta"]
+    for column, (name, task) in zip(table.columns, own()["tasks"].items(), strict=True):
+        assert column.head == str(task["number"])
+        assert column.cells[0].value == str(own()["laws"][0]["tasks"][name]["level"])
+
+
+def test_of_one_result_every_two_laws_are_compared(here):
+    """Each pair is as two results of one law each give it."""
+    names = [law["label"] for law in results.shipped()["laws"]]
+    found = results.compared("shipped")
+    assert [(pair["first"], pair["second"]) for pair in found["pairs"]] == [*itertools.combinations(names, 2)]
+    (pair,) = results.compared("shipped:gsta", "shipped:sta")["pairs"]
+    assert pair in found["pairs"]
+    assert "name a second result" in here("bench", "compare", "shipped:gsta").stderr
+
+
+def test_words_of_a_paper_stand_in_place_of_laws_and_tasks(here):
+    names = list(own()["tasks"])
+    words = {"mine": "ours", "sta": "STA", names[0]: "other words"}
+    both = results.beside(own(), "shipped:sta")
+    found = results.renamed(both, words)
+    assert latex_table(found).names == ["ours", "STA"]
+    assert "From STA on" in latex_table(found).note or drawn(both) == drawn(both["beside"])
+    assert list(found["tasks"]) == ["other words", *names[1:]]
+    assert [law["tasks"]["other words"] for law in found["laws"]] == [law["tasks"][names[0]] for law in both["laws"]]
+    Path("mine.json").write_text(results.text(own()))
+    given = ("mine.json:mine", "shipped:sta")
+    done = here(
+        "bench", "compare", *given, "--label", f"{names[0]}=other words", "--label", "sta=STA", "--out", "p.tex"
+    )
+    assert done.exit_code == 0, done.stderr
+    assert "STA" in done.stdout
+    assert "other words" in Path("p.tex").read_text()
+    assert "did you mean" in here("bench", "compare", *given, "--label", "stb=STA").stderr
+    done = here("bench", "plot", "mine.json", "--label", "mine=ours", "--height", "50mm", "--out", "order.pdf")
+    assert done.exit_code == 0, done.stderr
+    (box,) = re.findall(rb"/MediaBox \[ 0 0 [\d.]+ ([\d.]+) ", Path("order.pdf").read_bytes())
+    assert float(box) == pytest.approx(50.0 / 25.4 * 72.0, abs=0.01)
 
 
 def test_results_of_other_draws_are_not_compared(here):

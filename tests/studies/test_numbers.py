@@ -253,5 +253,29 @@ def test_the_distributions_of_named_metrics_are_its_panels(study):
     assert figure.axes[0].lines[0].get_xdata()[1:] == pytest.approx(np.sort(rows["effort_N2s"]))
     with pytest.raises(InputError, match=r"did you mean 'contact\.peak_N'"):
         study.plot("distributions", metrics=["contact.peek_N"])
-    with pytest.raises(InputError, match="are for distributions, not for 'map'"):
-        study.plot("map", metrics=["contact.peak_N"])
+    with pytest.raises(InputError, match="are for distributions and maps, not for 'overview'"):
+        study.plot("overview", metrics=["contact.peak_N"])
+    over = study.plot("map", over=["current.speed"], metrics=["effort_N2s"])
+    assert [ax.get_ylabel() for ax in over.axes] == ["effort [N² s]"]
+
+
+def test_words_of_a_paper_stand_in_place_of_names(study, tmp_path, here):
+    """Laws, metrics and keys have other words, and the same numbers, heights and colours as without."""
+    words = {"impedance": "ours", "effort_N2s": "thrust used", "current.speed": "current"}
+    plain, found = study.statistics(["effort_N2s"]), study.statistics(["effort_N2s"], labels=words)
+    assert list(found.index) == ["ours", "gsta_2 & 50 % #1"]
+    assert "thrust used [N² s]" in found.columns.get_level_values(0)
+    assert np.array_equal(found.to_numpy(), plain.to_numpy())
+    assert study.statistics(pairs=True, labels=words).index[0] == "gsta_2 & 50 % #1 − ours"
+    figure = study.plot("map", over=["current.speed"], metrics=["effort_N2s"], labels=words, height="70mm")
+    (ax,) = figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("current [m/s]", "thrust used [N² s]")
+    assert figure.get_figheight() == pytest.approx(70.0 / 25.4)
+    given = [option for name, text in words.items() for option in ("--label", f"{name}={text}")]
+    table = here("study", "table", str(study.folder), "--metrics", "effort_N2s", *given)
+    assert "ours" in table.stdout
+    assert "impedance" not in table.stdout
+    for wrong, why in (("impedence=a", "did you mean 'impedance'"), ("impedance", "NAME=TEXT"), ("=a", "NAME=TEXT")):
+        assert why in here("study", "table", str(study.folder), "--label", wrong).stderr
+    with pytest.raises(InputError, match="would stand for two laws"):
+        study.plot(labels={"impedance": "gsta_2 & 50 % #1"})

@@ -449,6 +449,25 @@ def test_impacts_and_rest_of_the_contact_force_can_both_be_read(drawn, traces):
         assert (np.diff((shown.get_ydata() > 0.0).astype(int)) == 1).sum() == touches > 5
 
 
+def test_a_window_of_the_impacts_alone_has_no_inset_of_a_rest(traces):
+    """While the vehicle still rebounds, or has just ceased, nothing rests."""
+    trace = traces["gsta"]
+    last = trace.t[(trace.push <= 0.0) & (trace.t > trace.first_contact[-1])][-1]
+    for end, rests in ((last - 0.05, False), (last + 0.5, False), (20.0, True)):
+        (ax,) = figures.plot(trace.between(4.8, end), "force").axes
+        assert ("at rest" in {each.get_title(loc="left") for each in ax.child_axes}) == rests
+
+
+def test_a_height_is_the_height_of_the_figure(traces):
+    for height, inches in (("60mm", 60.0 / 25.4), (3.0, 3.0), ("144.54pt", 2.0)):
+        assert figures.plot(traces["gsta"], "force", height=height).get_figheight() == pytest.approx(inches)
+    for height in ("column", "60", "0.5in", 50.0):
+        with pytest.raises(InputError, match="height"):
+            figures.plot(traces["gsta"], "force", height=height)
+    with pytest.raises(InputError, match="too low for 2 rows"):
+        figures.plot(traces, "tau", height="1in")
+
+
 def test_the_window_of_the_impacts_comes_from_the_trace():
     t = np.linspace(0.0, 10.0, 10_001)
     bounces = np.where((t > 3.0) & (t < 4.0), np.maximum(0.0, np.sin(40.0 * (t - 3.0))), np.where(t >= 4.0, 0.7, 0.0))

@@ -19,7 +19,7 @@ from .options import (
     path_option,
     workers_option,
 )
-from .plot import figure_files, figure_options
+from .plot import figure_files, figure_options, label_option, labels_in
 from .study import pool_of
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ _with_option = path_option(
 
 
 @command(
-    epilog="Exit status: 0 every law has its rows, also where it fails, 2 bad input or no space, 130 interrupted (143 "
-    "SIGTERM, 129 SIGHUP)."
+    epilog="Exit status: 0 every law has its rows, also where it fails, 1 with --from: a number differs, 2 bad input "
+    "or no space, 130 interrupted (143 SIGTERM, 129 SIGHUP)."
 )
 @click.argument("laws", nargs=-1, metavar="[LAW [KEY=VALUE]...]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/bench].")
@@ -198,12 +198,16 @@ def bench_tasks(as_json: bool) -> None:
 
 @command("compare", epilog="Exit status: 0, also where the results differ, 2 bad input or nothing to compare.")
 @click.argument("first", metavar="A.json[:LAW]")
-@click.argument("second", metavar="B.json[:LAW]")
+@click.argument("second", metavar="[B.json[:LAW]]", required=False)
+@label_option
 @path_option("-o", "--out", metavar="FILE.tex", help="Also write the table as LaTeX.")
 @force_option
 @json_option
-def bench_compare(first: str, second: str, out: str | None, force: bool, as_json: bool) -> None:
-    """Compare two results of the benchmark, law by law and task by task, in the same draws.
+def bench_compare(
+    first: str, second: str | None, labels: tuple[str, ...], out: str | None, force: bool, as_json: bool
+) -> None:
+    """Compare two results of the benchmark, law by law and task by task, in the same draws; of one result every two
+    laws.
 
     Of each task: the level that each law holds, and of the draws that both ran, at the levels at which both were
     judged, the draws that each law passes, the draws that one of them alone passes, the better law, by how many points
@@ -218,12 +222,13 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
     uvms-mj bench compare before/bench.json after/bench.json       or their folders, before and after
     uvms-mj bench compare mine/bench.json:MyLaw shipped:gsta
     uvms-mj bench compare mine blind --out table.tex
+    uvms-mj bench compare mine --label my_law=ours                  every two laws of one result
     """
     with bad_input():
         from ..errors import InputError
         from ..files import atomic_write
         from ..reproduce.bench.latex import comparison
-        from ..reproduce.bench.results import compared, sentences
+        from ..reproduce.bench.results import compared, renamed, sentences
         from ..studies.report.latex import COLUMN_PT
         from ..studies.report.statistics import of_many
 
@@ -231,7 +236,7 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
             if Path(out).suffix != ".tex":
                 raise InputError(f"--out {out}: the name must end in .tex")
             refuse_existing("--out", Path(out), force)
-        found = compared(first, second)
+        found = renamed(compared(first, second or ""), labels_in(labels))
         tables = comparison(found) if out is not None else []
         if out is not None:
             with atomic_write(Path(out)) as part:
@@ -254,16 +259,16 @@ def bench_compare(first: str, second: str, out: str | None, force: bool, as_json
         click.echo(printable(f"note: {note}"), err=True)
 
 
-def _result(given: str, beside: str | None) -> "Mapping[str, Any]":
-    """A result of the benchmark, with the rows of another one below its own if it is given."""
+def _result(given: str, beside: str | None, labels: tuple[str, ...]) -> "Mapping[str, Any]":
+    """A result of the benchmark, with the rows of another one below its own if it is given, and with its labels."""
     from ..reproduce.bench.results import beside as with_rows_of
-    from ..reproduce.bench.results import refuse_other_tasks, result_of
+    from ..reproduce.bench.results import refuse_other_tasks, renamed, result_of
 
     found = result_of(given)
-    if not beside:
-        return found
-    refuse_other_tasks(beside, found["tasks"])
-    return with_rows_of(found, beside)
+    if beside:
+        refuse_other_tasks(beside, found["tasks"])
+        found = with_rows_of(found, beside)
+    return renamed(found, labels_in(labels))
 
 
 @command("plot")
@@ -275,6 +280,8 @@ def bench_plot(
     beside: str | None,
     kinds: tuple[str, ...],
     width: str | None,
+    height: str | None,
+    labels: tuple[str, ...],
     fonts: str,
     out: str | None,
     force: bool,
@@ -289,13 +296,14 @@ def bench_plot(
     with bad_input():
         from ..reproduce.bench.figures import colours_of, order
         from ..views import figures
-        from ..views.figures.style import PAGE_IN, typeset, width_of
+        from ..views.figures.style import PAGE_IN, height_of, typeset, width_of
 
         stem, formats = figure_files(kinds, out, Path("order"), force)
-        found = _result(result, beside)
+        found = _result(result, beside, labels)
         shown = dict(zip([law["label"] for law in found["laws"]], colours_of(found), strict=True))
         with typeset(fonts, width_of(width, PAGE_IN)):
             drawn = order(found, shown)
+        drawn.set_figheight(height_of(height, drawn.get_figheight()))
         for written in figures.save(drawn, stem, formats):
             click.echo(str(written))
 
@@ -303,9 +311,10 @@ def bench_plot(
 @command("table")
 @click.argument("result", metavar="RESULT[:LAW]")
 @_with_option
+@label_option
 @path_option("-o", "--out", metavar="FILE.tex", help="File of the table [default: print].")
 @force_option
-def bench_table(result: str, beside: str | None, out: str | None, force: bool) -> None:
+def bench_table(result: str, beside: str | None, labels: tuple[str, ...], out: str | None, force: bool) -> None:
     """Write the table of a result as LaTeX: of each law and task the level that it holds, and the draws passed at the
     next. RESULT is a folder of a benchmark, its bench.json, or shipped. Nothing runs. It needs the package booktabs.
 
@@ -316,18 +325,21 @@ def bench_table(result: str, beside: str | None, out: str | None, force: bool) -
         from ..errors import InputError
         from ..files import atomic_write
         from ..reproduce.bench.latex import latex_table
+        from ..studies.report.latex import COLUMN_PT
 
         if out is not None:
             if Path(out).suffix != ".tex":
                 raise InputError(f"--out {out}: the name must end in .tex")
             refuse_existing("--out", Path(out), force)
-        text = latex_table(_result(result, beside))
+        table = latex_table(_result(result, beside, labels))
         if out is None:
-            click.echo(text, nl=False)
+            click.echo(table.text, nl=False)
             return
         with atomic_write(Path(out)) as part:
-            part.write_text(text, encoding="utf-8")
+            part.write_text(table.text, encoding="utf-8")
         click.echo(printable(out))
+        if table.width > COLUMN_PT:
+            click.echo(printable(f"note: {out}: {table.fits}"), err=True)
 
 
 for each in (bench_tasks, bench_compare, bench_plot, bench_table):

@@ -20,8 +20,32 @@ FORMATS = ("png", "svg", "pdf", "pgf")
 FONTS = ("sans", "serif", "cm", "latex")
 
 
+label_option = click.option(
+    "--label",
+    "labels",
+    multiple=True,
+    metavar="NAME=TEXT",
+    help="TEXT in place of the name of a law or of another name that stands there; may be repeated.",
+)
+
+
+def labels_in(words: Sequence[str]) -> dict[str, str]:
+    """The texts by name of the option ``--label``. Raises InputError for one without a name or a text."""
+    from ..errors import InputError
+
+    found: dict[str, str] = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        if not (name and text.strip()):
+            raise InputError(f"--label {word}: write NAME=TEXT")
+        if name in found:
+            raise InputError(f"--label {word}: {name} has the text {found[name]!r} already")
+        found[name] = text
+    return found
+
+
 def figure_options(function: Any) -> Any:
-    """Options of the commands that draw figures: formats, width, fonts, file."""
+    """Options of the commands that draw figures: formats, size, fonts, labels, file."""
     for option in (
         force_option,
         path_option("-o", "--out", metavar="FILE", help=f"Output file, .{', .'.join(FORMATS)}."),
@@ -32,6 +56,8 @@ def figure_options(function: Any) -> Any:
             metavar="NAME",
             help="sans, serif (Times), cm (Computer Modern), or latex: LaTeX sets the texts of a pdf or pgf.",
         ),
+        label_option,
+        click.option("--height", metavar="HEIGHT", help="A length, 60mm [default: by the panels]."),
         click.option(
             "--width",
             metavar="WIDTH",
@@ -91,6 +117,8 @@ def plot(
     end: str | None,
     kinds: tuple[str, ...],
     width: str | None,
+    height: str | None,
+    labels: tuple[str, ...],
     fonts: str,
     out: str | None,
     force: bool,
@@ -107,18 +135,21 @@ def plot(
     uvms-mj plot results/run.mcap --what force --out force.svg
     uvms-mj plot results/run.mcap --what tau.x,p_WB --from 5 --to 6 --width 12cm
     uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
-    uvms-mj plot results/run.mcap --what force --format pdf,pgf --width column --fonts cm
+    uvms-mj plot results/run.mcap --what force --format pdf,pgf --width column --height 50mm --fonts cm
     """
     draw_to_files()
     with bad_input():
+        from ..studies.report.data import refuse_unknown
         from ..views import figures
 
         names = names_in("--what", whats) or ["summary"]
         beside = Path(logs[0])
         default = (beside if beside.is_dir() else beside.parent) / "_".join(names)[:60]
         stem, formats = figure_files(kinds, out, default, force)
-        traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
-        for written in figures.save(figures.plot(traces, names, width, fonts), stem, formats):
+        given, words = loaded(logs), labels_in(labels)
+        refuse_unknown(words, list(given), list(given))
+        traces = {words.get(label, label): _between(label, trace, start, end) for label, trace in given.items()}
+        for written in figures.save(figures.plot(traces, names, width, fonts, height), stem, formats):
             click.echo(str(written))
 
 

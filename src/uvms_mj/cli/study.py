@@ -35,7 +35,7 @@ from .options import (
     set_by_option,
     workers_option,
 )
-from .plot import figure_files, figure_options
+from .plot import figure_files, figure_options, label_option, labels_in
 
 if TYPE_CHECKING:
     from ..studies.pool.execution import Estimate
@@ -224,7 +224,7 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
     "--metrics",
     multiple=True,
     metavar="NAME[,NAME]",
-    help="Of distributions: kept metrics; may be repeated [default: all that vary].",
+    help="Of distributions and maps: kept metrics; may be repeated [default: all that vary, or the most telling].",
 )
 @figure_options
 def study_plot(
@@ -234,6 +234,8 @@ def study_plot(
     metrics: tuple[str, ...],
     kinds: tuple[str, ...],
     width: str | None,
+    height: str | None,
+    labels: tuple[str, ...],
     fonts: str,
     out: str | None,
     force: bool,
@@ -243,6 +245,7 @@ def study_plot(
     \b
     uvms-mj study plot results --what distributions --metrics contact.peak_N,contact.final_N
     uvms-mj study plot results --what map --over current.speed,wall.stiffness --format pdf --width page
+    uvms-mj study plot results --what distributions --label my_law=ours --label contact.peak_N="largest push"
     """
     draw_to_files()
     with bad_input():
@@ -258,7 +261,9 @@ def study_plot(
             over=names_in("--over", [over] if over else []),
             metrics=names_in("--metrics", metrics),
             width=width,
+            height=height,
             fonts=fonts,
+            labels=labels_in(labels),
         )
         for written in figures.save(drawn, stem, formats):
             click.echo(str(written))
@@ -273,9 +278,12 @@ def study_plot(
     help="Kept metrics, as in uvms-mj metrics; may be repeated [default: the first three that vary].",
 )
 @click.option("--pairs", is_flag=True, help="Compare every two laws, with intervals of the differences.")
+@label_option
 @path_option("-o", "--out", metavar="FILE", help="Write .tex or .csv [default: print].")
 @force_option
-def study_table(folder: str, metrics: tuple[str, ...], pairs: bool, out: str | None, force: bool) -> None:
+def study_table(
+    folder: str, metrics: tuple[str, ...], pairs: bool, labels: tuple[str, ...], out: str | None, force: bool
+) -> None:
     """Print or write a table of a study for a paper: of each law its rate of success with the 95 % interval, and of
     each metric the median with the quantiles of 5 and 95 %, in the digits that they support. With --pairs it has the
     differences of every two laws in the same draws with their 95 % intervals; * marks a difference that is resolved
@@ -297,11 +305,11 @@ def study_table(folder: str, metrics: tuple[str, ...], pairs: bool, out: str | N
         if not Path(folder).is_dir():
             raise InputError(f"{folder}: is not a folder with the results of a study")
         study = Study.load(folder)
-        names = names_in("--metrics", metrics)
+        names, words = names_in("--metrics", metrics), labels_in(labels)
         if out is not None:
             refuse_existing("--out", Path(out), force)
-            study.save_table(out, names, pairs=pairs)
-        found = study.statistics(names, pairs=pairs)
+            study.save_table(out, names, pairs=pairs, labels=words)
+        found = study.statistics(names, pairs=pairs, labels=words)
         table = printed(found)
     if out is not None:
         click.echo(out)

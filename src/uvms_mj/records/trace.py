@@ -166,6 +166,7 @@ class Trace:
         *,
         width: str | float | None = None,
         fonts: str | None = None,
+        height: str | float | None = None,
     ) -> "Figure":
         """Draw the run as a matplotlib Figure, which a notebook shows. pyplot does not know it and keeps it not open.
 
@@ -177,11 +178,12 @@ class Trace:
                 for the summary, otherwise column.
             fonts: "sans" (default), "serif" (Times), "cm" (Computer Modern), or "latex": LaTeX sets the texts when the
                 figure is written as .pdf or .pgf.
+            height: of the figure, a length with its unit, or a number [in]; default: by its panels.
 
         :func:`uvms_mj.plot` draws several runs on the same axes. Raises InputError if the run has no such quantity, or
         fewer than two samples.
         """
-        return display.figure(self, what, width, fonts)
+        return display.figure(self, what, width, fonts, height)
 
     def between(self, start: float | None = None, end: float | None = None) -> "Trace":
         """The rows from a time to a time [s]; default: the first and the last one. Raises InputError unless there are

@@ -175,46 +175,59 @@ class Study:
         over: Sequence[str] = (),
         metrics: Sequence[str] = (),
         width: str | float | None = None,
+        height: str | float | None = None,
         fonts: str = "sans",
+        labels: Mapping[str, str] | None = None,
     ) -> "Figure":
         """Draw one figure of the report as a matplotlib Figure, which a notebook shows; pyplot does not know it.
 
         Args:
             what: overview (success rates, the first distributions), distributions, map, or sensitivity.
             over: of a map, one or two varied keys; default: the keys with the greatest effect.
-            metrics: of distributions, names of kept metrics; default: all that vary.
-            width, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
+            metrics: of distributions and maps, names of kept metrics; default: all that vary, or the most telling.
+            width, height, fonts: as in :meth:`uvms_mj.Trace.plot`; default: page, sans.
+            labels: words in place of names of laws, metrics and varied keys: ``{"contact.peak_N": "largest push"}``.
 
         Raises InputError if the study has not run, or has no such figure.
         """
-        from ..views.figures.style import PAGE_IN, typeset, width_of
+        from ..views.figures.style import PAGE_IN, height_of, typeset, width_of
         from .report import figure
 
         wide = width_of(width, PAGE_IN)
         if what in ("overview", "map") and wide < NARROW_IN:
             raise InputError(f"width: a figure of {what} needs at least {NARROW_IN:g} inches")
         with typeset(fonts, wide):
-            drawn = figure(self.plan_of_results, self.frame, what, over, metrics)
-        drawn.set_figwidth(wide)
+            drawn = figure(self.plan_of_results, self.frame, what, over, metrics, labels)
+        drawn.set_size_inches(wide, height_of(height, drawn.get_figheight()))
         return drawn
 
-    def statistics(self, metrics: Sequence[str] = (), *, pairs: bool = False) -> "pd.DataFrame":
+    def statistics(
+        self, metrics: Sequence[str] = (), *, pairs: bool = False, labels: Mapping[str, str] | None = None
+    ) -> "pd.DataFrame":
         """One row a law: its runs, the share that succeeds [%] with its 95 % interval, and of each metric the median
         and the quantiles of 5 and 95 %, with units in the heads; with ``pairs`` one row a pair of laws: the differences
         in the same draws with their 95 % intervals, and whether each is resolved if all intervals shall hold at once.
         ``attrs["meanings"]`` says what each metric is, and over which time. ``metrics`` are names of kept metrics;
-        default: the first three that vary. Raises InputError if the study has not run, or lacks a metric."""
+        default: the first three that vary. ``labels`` are words in place of names of laws and metrics. Raises
+        InputError if the study has not run, or lacks a metric."""
         from .report import tables
 
         made = tables.comparison if pairs else tables.statistics
-        return made(self.plan_of_results, self.frame, metrics)
+        return made(self.plan_of_results, self.frame, metrics, labels)
 
-    def save_table(self, path: str | os.PathLike, metrics: Sequence[str] = (), *, pairs: bool = False) -> None:
+    def save_table(
+        self,
+        path: str | os.PathLike,
+        metrics: Sequence[str] = (),
+        *,
+        pairs: bool = False,
+        labels: Mapping[str, str] | None = None,
+    ) -> None:
         """Write :meth:`statistics` as LaTeX, .tex, with the digits that the ranges support, or as .csv, with all. An
         existing file is replaced. Raises InputError for another ending."""
         from .report import tables
 
-        tables.write(self.statistics(metrics, pairs=pairs), Path(path), f"study {self.title}")
+        tables.write(self.statistics(metrics, pairs=pairs, labels=labels), Path(path), f"study {self.title}")
 
     def report(self, path: str | os.PathLike | None = None) -> Path:
         """Write the page about the results that ``uvms-mj study report`` writes, and return its path; default:

@@ -25,11 +25,17 @@ _DPI = 140
 
 
 @display.figure.register(Trace)
-def trace_figure(trace: Trace, what: str | Sequence[str], width: str | float | None, fonts: str | None) -> "Figure":
+def trace_figure(
+    trace: Trace,
+    what: str | Sequence[str],
+    width: str | float | None,
+    fonts: str | None,
+    height: str | float | None,
+) -> "Figure":
     """A figure of a run."""
     from . import figures
 
-    return figures.plot(trace, what, width, fonts)
+    return figures.plot(trace, what, width, fonts, height)
 
 
 @display.html.register(Trace)

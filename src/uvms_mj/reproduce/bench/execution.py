@@ -78,7 +78,7 @@ def execute(planned: Sequence[Job], folder: Path, told: Progress, pool: Executor
     document = results.document(tasks, laws, code(), planned[0].draws, planned[0].most)
     write(folder / RESULT, results.text(document))
     shown = results.beside(document, beside) if beside else document
-    write(folder / LATEX, latex_table(shown))
+    write(folder / LATEX, latex_table(shown).text)
     write(folder / PAGE, page(shown, planned))
     return document
 

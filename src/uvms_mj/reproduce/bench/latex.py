@@ -5,46 +5,54 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...analysis.hold import HOLD_S
-from ...studies.report.latex import Column, LatexTable, Stacked, label
+from ...studies.report.latex import Column, LatexTable, Stacked
 from ...studies.report.statistics import of_many
 from .results import drawn, ended, may_compare
+from .task import LEVELS
 
 
-def latex_table(found: Mapping[str, Any]) -> str:
-    """Of each law and task the level that the law holds, and below it the draws passed at this level and at the next; a
-    dash where it can't run, with the reason below the table. It fits the width of a page of two columns, 516 pt, at
-    10 pt.
+def latex_table(found: Mapping[str, Any]) -> LatexTable:
+    """Of each law and task the level that the law holds, and below it the draws passed at the level that ended its
+    ladder; a dash where it can't run, with the reason in a comment. Of all tasks it fits a page of two columns, 516 pt.
 
-    The heads are the numbers of the tasks; comments have their names, versions, the draws and the digest of the result.
+    The heads are the numbers of the tasks, whose names the note has; comments have their versions, the draws and the
+    digest of the result.
     """
-    tasks = found["tasks"]
-    lines = [
-        f"% {found['benchmark']} version {found['version']}, result {found['digest']}: levels held; {drawn(found)}",
-        f"% A draw is judged by the push of the hold, the last {HOLD_S:g} s, and by the other criteria of its task.",
+    tasks, also = found["tasks"], found.get("beside", {"labels": []})
+    comments = [
+        f"{found['benchmark']} version {found['version']}, result {found['digest']}: levels held; {drawn(found)}",
+        f"A draw is judged by the push of the hold, the last {HOLD_S:g} s, and by the other criteria of its task.",
+        *(
+            f"{each['number']}: {name}, version {each['version']}, digest {each['digest']}"
+            for name, each in tasks.items()
+        ),
     ]
-    lines += [
-        f"% {task['number']}: {name}, version {task['version']}, digest {task['digest']}"
-        for name, task in tasks.items()
-    ]
-    space = f"@{{\\hspace{{{SPACE_PT}pt}}}}"
-    lines += ["% \\usepackage{booktabs}", f"\\begin{{tabular}}{{l{f'{space}r' * len(tasks)}}}", "\\toprule"]
-    lines += [" & ".join(["law", *(str(task["number"]) for task in tasks.values())]) + " \\\\", "\\midrule"]
-    notes = []
-    also = found.get("beside", {"labels": []})
+    said = [f"Level that a law holds, of {len(LEVELS)}, and below it the draws that it passes at the next level."]
+    said += ["; ".join(f"{each['number']}: {name.replace('_', ' ')}" for name, each in tasks.items()) + "."]
+    said += [f"{drawn(found).capitalize()}."]
+    labels = [law["label"] for law in found["laws"]]
     if also["labels"]:
-        notes += [f"% from {also['labels'][0]} on: result {also['result']}; {drawn(also)}", f"% {may_compare(also)}"]
+        first = also["labels"][0]
+        comments += [f"from {first} on: result {also['result']}; {drawn(also)}", may_compare(also)]
+        said += [f"From {first} on: {drawn(also)}."] if drawn(also) != drawn(found) else []
     for law in found["laws"]:
-        if law["label"] in also["labels"][:1]:
-            lines.append("\\midrule")
-        cells = [_texts(law["tasks"][name]) for name in tasks]
-        lines.append(" & ".join([label(law["label"], LABEL_PT), *(level for level, _ in cells)]) + " \\\\")
-        lines.append(" & ".join(["", *(counts for _, counts in cells)]) + " \\\\")
-        notes += [
-            f"% {law['label']} on {name}: {' '.join(ladder['reason'].split())}"
-            for name, ladder in law["tasks"].items()
-            if not ladder["runs"]
-        ]
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", *notes]) + "\n"
+        ladders = law["tasks"].items()
+        whys = [(name, " ".join(each["reason"].split())) for name, each in ladders if not each["runs"]]
+        comments += [f"{law['label']} on {name}: {why}" for name, why in whys]
+    columns = [
+        Column(str(each["number"]), "", [_held(law["tasks"][name]) for law in found["laws"]])
+        for name, each in tasks.items()
+    ]
+    ruled = [labels.index(label) for label in also["labels"][:1]]
+    return LatexTable("law", labels, columns, " ".join(said), comments, ruled)
+
+
+def _held(ladder: Mapping[str, Any]) -> Stacked:
+    """The level that a law holds, and the draws that it passes at the level that ended its ladder."""
+    if not ladder["runs"]:
+        return Stacked("–")
+    last = ended(ladder)
+    return Stacked(str(ladder["level"]), "" if last is None else f"{last[1]['passed']}/{last[1]['draws']}")
 
 
 def comparison(found: Mapping[str, Any]) -> list[LatexTable]:
@@ -86,17 +94,3 @@ def _change(task: Mapping[str, Any]) -> Stacked:
         f"{round(100.0 * each) + 0:+d}".replace("-", "−") for each in (task["difference"], *task["interval"])
     )
     return Stacked(value, f"{low} to {high}")
-
-
-SPACE_PT = 6
-"""Space between the columns of the LaTeX table [pt]."""
-LABEL_PT = 160
-"""Width in which the labels of laws are set [pt]."""
-
-
-def _texts(ladder: Mapping[str, Any]) -> tuple[str, str]:
-    """The level that a law holds, and the draws that it passes at the level that ended its ladder."""
-    if not ladder["runs"]:
-        return "--", ""
-    last = ended(ladder)
-    return str(ladder["level"]), "" if last is None else f"{{\\scriptsize {last[1]['passed']}/{last[1]['draws']}}}"

@@ -9,6 +9,7 @@ has the one level of its tasks; it is read and compared with its like, and with 
 
 import gzip
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -22,6 +23,7 @@ from ...control import BUILT_IN
 from ...errors import InputError, suggestion
 from ...files import is_file, is_folder
 from ...studies.plan.metrics import COMPLETED
+from ...studies.report.data import refuse_unknown
 from ...studies.report.statistics import difference_of_rates, rate
 from ...studies.report.tables import without_folders
 from .draws import DEVELOPMENT, KNOWN, Draws
@@ -243,15 +245,16 @@ OF_PACKAGE = {"shipped": SHIPPED, "shipped-version-1": FIRST_VERSION}
 _NO_DRAW = "no draw is in both"
 
 
-def compared(first: str, second: str) -> dict[str, Any]:
+def compared(first: str, second: str = "") -> dict[str, Any]:
     """Compare two results, each ``FILE`` or ``FILE:LABEL``, or their folders; ``shipped`` is the result of the shipped
-    laws.
+    laws. Of one result compare every two laws.
 
     Returns pairs of laws, each with its tasks; whether their numbers may be compared, and why; and notes: about tasks
     of different versions, which are left out, and about laws of one file alone. Raises InputError if a file is no
     result, or there is nothing to compare: no task, no law, or no draw that both ran.
     """
-    (a, one), (b, other) = (_read(given) for given in (first, second))
+    a, one = _read(first)
+    b, other = _read(second) if second else (a, one)
     if version(a) != version(b):
         of = f"{first} is of version {version(a)} of {NAME}, {second} of version {version(b)}"
         raise InputError(f"{of}: their tasks and draws differ, and nothing can be compared")
@@ -266,10 +269,12 @@ def compared(first: str, second: str) -> dict[str, Any]:
             tasks.append(name)
     if not tasks:
         raise InputError(f"nothing to compare: {'; '.join(notes)}")
-    pairs, alone = _pairs(a, b, one, other)
+    pairs, alone = _pairs(a, b, one, other) if second else ([*itertools.combinations(a["laws"], 2)], [])
     notes += alone
+    if not second and (one or not pairs):
+        raise InputError(f"{first}: is one law; name a second result, or a result of several laws")
     if not pairs:
-        labels = " and ".join(", ".join(law["label"] for law in each["laws"]) for each in (a, b))
+        labels = " and ".join(", ".join(repr(law["label"]) for law in each["laws"]) for each in (a, b))
         raise InputError(f"no law is in both: {labels}; name one in each, FILE.json:LAW")
     found = [
         {"first": mine["label"], "second": theirs["label"], "same_law": mine["digest"] == theirs["digest"]}
@@ -279,6 +284,33 @@ def compared(first: str, second: str) -> dict[str, Any]:
     if all(task.get("reason") == _NO_DRAW for pair in found for task in pair["tasks"].values()):
         raise InputError(f"nothing to compare: {_NO_DRAW}; {first} has {drawn(a)}, {second} has {drawn(b)}")
     return {"results": [a["digest"], b["digest"]], "pairs": found, **_validity(a, b, tasks), "notes": notes}
+
+
+def renamed(found: Mapping[str, Any], words: Mapping[str, str]) -> dict[str, Any]:
+    """A result, or a comparison of two, with words in place of the names of laws and tasks. Raises InputError for a
+    name that is not in it, and for two laws with the same words."""
+    pairs, laws = found.get("pairs", []), found.get("laws", [])
+    labels = [law["label"] for law in laws] or [*dict.fromkeys(pair[k] for pair in pairs for k in ("first", "second"))]
+    named = [*dict.fromkeys(name for each in (*laws, *pairs) for name in each["tasks"])]
+    refuse_unknown(words, [*labels, *named], labels)
+
+    def of(name: str) -> str:
+        return words.get(name, name)
+
+    def tasks(given: Mapping[str, Any]) -> dict[str, Any]:
+        return {of(name): each for name, each in given.items()}
+
+    other = {
+        "laws": [{**law, "label": of(law["label"]), "tasks": tasks(law["tasks"])} for law in laws],
+        "pairs": [
+            {**pair, "first": of(pair["first"]), "second": of(pair["second"]), "tasks": tasks(pair["tasks"])}
+            for pair in pairs
+        ],
+        "tasks": tasks(found.get("tasks", {})),
+    }
+    if also := found.get("beside"):
+        other["beside"] = {**also, "labels": [of(label) for label in also["labels"]]}
+    return {**found, **{key: each for key, each in other.items() if key in found}}
 
 
 def refuse_other_tasks(given: str, tasks: Mapping[str, Mapping[str, Any]]) -> None:

@@ -1,8 +1,8 @@
 """The rows of a study as its report reads them: laws with their colours, factors, metrics, successes."""
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ class Factor:
     variation: Vary
     unit: str
     numeric: bool
+    words: str = ""
 
     @property
     def key(self) -> str:
@@ -56,7 +57,9 @@ class Factor:
 
     @property
     def name(self) -> str:
-        """The key, and the number of keys that move with it."""
+        """Its words, or the key, and the number of keys that move with it."""
+        if self.words:
+            return self.words
         more = len(self.variation.places) - 1
         return self.key + (f" (+{more})" if more else "")
 
@@ -94,9 +97,10 @@ def _even(values: Any) -> float:
 
 @dataclass(frozen=True)
 class Metric:
-    """A column of numbers. Its label has the unit in brackets."""
+    """A column of numbers. Its label has the unit in brackets, behind its words or its name."""
 
     name: str
+    words: str = ""
 
     @property
     def unit(self) -> str:
@@ -108,7 +112,7 @@ class Metric:
 
     @property
     def short(self) -> str:
-        return without_unit(self.name)
+        return self.words or without_unit(self.name)
 
     @property
     def axis(self) -> str:
@@ -123,14 +127,24 @@ class Metric:
 
 @dataclass(frozen=True, eq=False)
 class StudyRows:
-    """The rows of a study. Series have the index of ``frame``; values of runs that did not complete are nan."""
+    """The rows of a study. Series have the index of ``frame``; values of runs that did not complete are nan.
+
+    Attributes:
+        words: what stands in figures and tables in place of the names of laws, metrics and varied keys.
+    """
 
     plan: Plan
     frame: pd.DataFrame
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        laws = [law.label for law in self.plan.laws]
+        known = [*laws, *(metric.name for metric in self.metrics), *(each.key for each in self.factors)]
+        refuse_unknown(self.words, known, laws)
 
     @functools.cached_property
     def laws(self) -> tuple[str, ...]:
-        return tuple(law.label for law in self.plan.laws)
+        return tuple(self.words.get(law.label, law.label) for law in self.plan.laws)
 
     @functools.cached_property
     def colours(self) -> dict[str, str]:
@@ -141,13 +155,13 @@ class StudyRows:
     def rows(self) -> dict[str, np.ndarray]:
         """Positions of the rows of each law."""
         given = self.frame["law"].to_numpy()
-        return {law: np.flatnonzero(given == law) for law in self.laws}
+        return {shown: np.flatnonzero(given == law.label) for shown, law in zip(self.laws, self.plan.laws, strict=True)}
 
     @functools.cached_property
     def factors(self) -> tuple[Factor, ...]:
         return tuple(
-            Factor(each, self.plan.units.get(each.places[0], ""), self._numbers(each.places[0]).notna().any())
-            for each in self.plan.variations
+            Factor(each, self.plan.units.get(key, ""), self._numbers(key).notna().any(), self.words.get(key, ""))
+            for key, each in ((each.places[0], each) for each in self.plan.variations)
         )
 
     def of(self, factor: Factor) -> np.ndarray:
@@ -190,7 +204,7 @@ class StudyRows:
         names = [name for name in names if self._numbers(name).notna().any()]
         if tuple(self.plan.metrics) == DEFAULT_METRICS:
             names.sort(key=lambda name: PREFERRED.index(name) if name in PREFERRED else len(PREFERRED))
-        return tuple(Metric(name) for name in names)
+        return tuple(Metric(name, self.words.get(name, "")) for name in names)
 
     @functools.cached_property
     def varying(self) -> tuple[Metric, ...]:
@@ -219,6 +233,16 @@ class StudyRows:
     @functools.cached_property
     def _columns(self) -> dict[str, pd.Series]:
         return {}
+
+
+def refuse_unknown(words: Mapping[str, str], known: Sequence[str], laws: Sequence[str]) -> None:
+    """Raise InputError for words in place of a name that is not known, and for laws with the same words."""
+    for name in words:
+        if name not in known:
+            raise InputError(f"labels: {name!r} is not in the results; {suggestion(name, known)}")
+    shown = [words.get(law, law) for law in laws]
+    if twice := [each for each in shown if shown.count(each) > 1]:
+        raise InputError(f"labels: {twice[0]!r} would stand for two laws")
 
 
 def _finite(values: np.ndarray) -> np.ndarray:

@@ -206,10 +206,10 @@ def _dots(ax: Axes, estimates: Sequence[Estimate | None], offset: float, colour:
             ax.plot(each.value, y + offset, "o", color=colour, markerfacecolor=face, markersize=3.2)
 
 
-def profile(data: StudyRows, factor: Factor) -> Figure | None:
-    """Metrics over the only factor of a study: a dot for each run, and crosses above the panel for runs that do not
-    succeed."""
-    metrics = data.varying[: 2 * _COLUMNS]
+def profile(data: StudyRows, factor: Factor, metrics: Sequence[Metric] = ()) -> Figure | None:
+    """Metrics, by default the first that vary, over one factor: a dot for each run, and crosses above the panel for
+    runs that do not succeed."""
+    metrics = metrics or data.varying[: 2 * _COLUMNS]
     if not metrics or not factor.numeric:
         return None
     x = data.of(factor)

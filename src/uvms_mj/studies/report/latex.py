@@ -7,7 +7,7 @@ paper of the class IEEEtran.
 import functools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -180,6 +180,7 @@ class LatexTable:
         corner: head of the names.
         names: of the rows.
         comments: lines of the file that LaTeX does not print.
+        ruled: rows with a line above them.
     """
 
     corner: str
@@ -187,6 +188,7 @@ class LatexTable:
     columns: Sequence[Column]
     note: str = ""
     comments: Sequence[str] = ()
+    ruled: Collection[int] = ()
 
     @property
     def width(self) -> float:
@@ -211,8 +213,9 @@ class LatexTable:
         rows = [[self.corner, *(label(each.head, LABEL_PT) for each in self.columns)]]
         if any(each.below for each in self.columns):
             rows.append(["", *(latex(each.below) for each in self.columns)])
-        rows.append(["\\midrule"])
         for i, name in enumerate(self.names):
+            if i in (0, *self.ruled):
+                rows.append(["\\midrule"])
             cells = [column.cells[i] for column in self.columns]
             rows.append([label(name, LABEL_PT), *(_value(cell.value) for cell in cells)])
             if any(cell.below for cell in cells):

@@ -10,7 +10,7 @@ from ...errors import InputError, suggestion
 from ..pages import Group, Items, Page, Part, Picture, Section, Table, Text, facts, given, rendered
 from ..plan import Plan
 from . import figures, tables
-from .data import StudyRows
+from .data import Metric, StudyRows
 from .statistics import SUCCESS, Paired, Sensitivities, of_many, paired, sensitivities
 
 if TYPE_CHECKING:
@@ -184,27 +184,28 @@ def figure(
     what: str = "overview",
     over: Sequence[str] = (),
     metrics: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
 ) -> Figure:
     """One figure of the report: one of :data:`DRAWN`, a map over one or two of the varied keys; default: those with the
-    greatest effect; distributions of kept metrics, by default of all that vary. Raises InputError if the study has no
-    such figure."""
-    data = StudyRows(plan, frame)
+    greatest effect; distributions or a map of kept metrics, by default of all that vary or of the first. ``labels``
+    stand in place of names of laws, metrics and keys. Raises InputError if the study has no such figure."""
+    data = StudyRows(plan, frame, labels or {})
     if what not in DRAWN:
         raise InputError(f"{what}: is no figure of a study; {suggestion(what, DRAWN)}")
     if over and what != "map":
         raise InputError(f"over: is for a map, not for {what!r}")
-    if metrics and what != "distributions":
-        raise InputError(f"metrics: are for distributions, not for {what!r}")
+    if metrics and what not in ("distributions", "map"):
+        raise InputError(f"metrics: are for distributions and maps, not for {what!r}")
     drawn: Figure | None
     if what == "overview":
         drawn = figures.overview(data, figures.success_rates(data))
     elif what == "distributions":
         drawn = figures.distributions(data, data.named(metrics))
     elif over:
-        drawn = _map_over(data, over)
+        drawn = _map_over(data, over, data.named(metrics))
     else:
         found = sensitivities(data)
-        made = [_sensitivity(data, found)] if what == "sensitivity" else _maps(data, found)
+        made = [_sensitivity(data, found)] if what == "sensitivity" else _maps(data, found, data.named(metrics))
         drawn = made[0].figure if made and made[0] is not None else None
     if drawn is None:
         why = "no number of its runs varies" if data.factors else "no key varies"
@@ -214,8 +215,9 @@ def figure(
     return drawn
 
 
-def _map_over(data: StudyRows, over: Sequence[str]) -> Figure | None:
-    """A map over one or two varied keys. Raises InputError for another number, or a key that does not vary."""
+def _map_over(data: StudyRows, over: Sequence[str], metrics: Sequence[Metric]) -> Figure | None:
+    """A map of metrics, by default of the first, over one or two varied keys. Raises InputError for another number, or
+    a key that does not vary."""
     known = {factor.key: factor for factor in data.factors}
     for key in over:
         if key not in known:
@@ -223,10 +225,10 @@ def _map_over(data: StudyRows, over: Sequence[str]) -> Figure | None:
         if not known[key].numeric:
             raise InputError(f"over: {key!r}: its values are no numbers, so that it has no axis; the rows have them")
     if len(over) == 1:
-        return figures.profile(data, known[over[0]])
+        return figures.profile(data, known[over[0]], metrics)
     if len(over) != 2 or over[0] == over[1]:
         raise InputError("over: give one key, or two different ones")
-    return figures.maps(data, (known[over[0]], known[over[1]]), data.varying[: figures.MOST_METRICS])
+    return figures.maps(data, (known[over[0]], known[over[1]]), metrics or data.varying[: figures.MOST_METRICS])
 
 
 def _line(data: StudyRows) -> str:
@@ -256,15 +258,16 @@ def _distributions(data: StudyRows) -> Picture | None:
     return None if figure is None else Picture("distributions-figure", caption, figure)
 
 
-def _maps(data: StudyRows, found: Sensitivities) -> list[Picture]:
-    """Maps over the most telling pairs of factors, or the metrics over a single factor."""
+def _maps(data: StudyRows, found: Sensitivities, named: Sequence[Metric] = ()) -> list[Picture]:
+    """Maps over the most telling pairs of factors, or the metrics over a single factor; of the ``named`` metrics, or of
+    the most telling ones."""
     if len(data.factors) == 1:
-        figure = figures.profile(data, data.factors[0])
+        figure = figures.profile(data, data.factors[0], named)
         caption = f"Each run over {data.factors[0].label}. A cross above a panel is a run that did not succeed."
         return [] if figure is None else [Picture("over-1", caption, figure)]
     pictures = []
     for i, pair in enumerate(figures.pairs(found), 1):
-        metrics = figures.shown(found, pair, i == 1)
+        metrics = named or figures.shown(found, pair, i == 1)
         if metrics:
             caption = f"{pair[0].label} and {pair[1].label}: {', '.join(m.label for m in metrics)}."
             if len(data.laws) > figures.MOST_LAWS:

@@ -225,15 +225,17 @@ _SUCCESS = "success [%]"
 _POINTS, _DIFFERENCE = "success [points]", ("difference", "interval low", "interval high", "resolved among all")
 
 
-def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
+def statistics(
+    plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = (), labels: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """One row a law: its runs, the share that succeeds [%] with the ends of its 95 % interval (Wilson's), and of each
     metric the median and the quantiles of 5 and 95 %.
 
     The columns have two heads: the quantity with its unit, and the number. ``attrs["meanings"]`` has by the first head
     what a shipped metric is, and over which time. ``metrics`` are names of kept metrics; default: the first three that
-    vary. Raises InputError for an unknown one.
+    vary. ``labels`` stand in place of names of laws and metrics. Raises InputError for an unknown one.
     """
-    data = StudyRows(plan, frame)
+    data = StudyRows(plan, frame, labels or {})
     chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
     rates = figures.success_rates(data)
     rows: dict[str, dict[tuple[str, str], float]] = {}
@@ -251,16 +253,18 @@ def statistics(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> 
     return _with_heads(rows, "law", chosen, f"{medians} over the runs that completed.")
 
 
-def comparison(plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = ()) -> pd.DataFrame:
+def comparison(
+    plan: Plan, frame: pd.DataFrame, metrics: Sequence[str] = (), labels: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """One row a pair of laws, ``"B − A"``: the draws that both have done, and of success [points] and each metric the
     difference of B from A in the same draws, the ends of its 95 % interval, and whether it is resolved with all others
     at once: 1 where the interval of all has no zero. Of success it is the difference of the shares, of a metric the
     median.
 
-    Heads, ``attrs`` and ``metrics`` are as for :func:`statistics`. Raises InputError for an unknown metric, or if
-    there are no two laws that ran.
+    Heads, ``attrs``, ``metrics`` and ``labels`` are as for :func:`statistics`. Raises InputError for an unknown metric,
+    or if there are no two laws that ran.
     """
-    data = StudyRows(plan, frame)
+    data = StudyRows(plan, frame, labels or {})
     chosen = data.named(metrics) or list(data.varying[:HEAD_METRICS])
     pairs = paired(data, chosen)
     if not pairs:

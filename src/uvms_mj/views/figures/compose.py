@@ -29,6 +29,7 @@ from .style import (
     SMALL,
     Figure,
     band_handles,
+    height_of,
     size_in,
     styled,
     ticks,
@@ -48,7 +49,8 @@ MOST_ROWS = 30
 """Most rows of panels in one figure."""
 LONGEST_NAME = 30
 """Most characters of a run's name in a legend; of longer names the end is shown."""
-_HEIGHT_IN = 1.75
+_HEIGHT_IN, _LEAST_IN = 1.75, 0.5
+"""Height of an ordinary panel; least height of a row of panels, and of the legend [in]."""
 _COLUMNS = 6
 """Columns of the grid, so that one, two, three or six panels fill the width of a figure."""
 
@@ -82,6 +84,7 @@ def plot(
     what: str | Sequence[str] = "summary",
     width: str | float | None = None,
     fonts: str | None = None,
+    height: str | float | None = None,
 ) -> Figure:
     """Draw one figure of a run, or of several runs on the same axes.
 
@@ -92,6 +95,7 @@ def plot(
             number [in]; default: a column for one run, a page for several runs, components side by side and the
             summary.
         fonts: "sans", "serif", "cm", or "latex", whose texts LaTeX sets when a .pdf or .pgf is written; default: sans.
+        height: of the figure, a length with its unit, or a number [in]; default: by its panels.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
     has the colour of its law. The size of the figure does not depend on the number of runs. Raises InputError if a
@@ -108,9 +112,10 @@ def plot(
         if len(named) == 1:
             ((name, trace),) = named.items()
             rows = [row for each in whats for row in of_one(name, trace, each)]
-            return _grid(rows, width_of(width, COLUMN_IN if "summary" not in whats else PAGE_IN), name)
+            return _grid(rows, width_of(width, COLUMN_IN if "summary" not in whats else PAGE_IN), name, height=height)
         runs = Overlay(named)
-        return _grid([row for each in whats for row in _of_several(runs, each)], width_of(width, PAGE_IN), "")
+        rows = [row for each in whats for row in _of_several(runs, each)]
+        return _grid(rows, width_of(width, PAGE_IN), "", height=height)
 
 
 def check_quantity(what: str, traces: Mapping[str, Trace]) -> None:
@@ -295,12 +300,17 @@ def _refuse(names: Sequence[str], what: str) -> Never:
     raise InputError(f"{names[0]}: {one}; draw one of {others}")
 
 
-def _grid(rows: Rows, width: float, title: str, more: Sequence[Line2D] = ()) -> Figure:
+def _grid(
+    rows: Rows, width: float, title: str, more: Sequence[Line2D] = (), height: str | float | None = None
+) -> Figure:
     """A figure of rows of panels; each row fills the width of the figure."""
     if len(rows) > MOST_ROWS:
         raise InputError(f"{len(rows)} rows of panels are too many for one figure; draw one quantity at a time")
     heights = [max(panel.height for panel in row) for row in rows]
-    figure = Figure(figsize=(width, 0.55 + _HEIGHT_IN * sum(heights)))
+    high = height_of(height, 0.55 + _HEIGHT_IN * sum(heights))
+    if high < _LEAST_IN * (1 + len(rows)):
+        raise InputError(f"height: {high:.3g} inches are too low for {len(rows)} rows of panels and the legend")
+    figure = Figure(figsize=(width, high))
     grid = GridSpec(len(rows), _COLUMNS, figure=figure, height_ratios=heights)
     drawn = []
     for i, row in enumerate(rows):

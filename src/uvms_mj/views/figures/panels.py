@@ -19,7 +19,7 @@ from ...control.design import demanded_force
 from ...physics.frames import rotation_matrix
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal
-from .scales import Inset, early, largest, linear_within, number, prefix_of, rebounds
+from .scales import Inset, early, largest, linear_within, number, prefix_of, rebounding, rebounds
 from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe, symbol, unit_text
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
@@ -192,11 +192,11 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
 def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
     """Name of the linear or angular components of a signal, for the axis label."""
     if name == "tau":
-        return "actuation moment τ" if part == ANGULAR else "actuation force τ"
+        return f"actuation {'moment' if part == ANGULAR else 'force'} {symbol(name)}"
     if name == "s":
-        return "sliding variable s"
+        return f"sliding variable {symbol(name)}"
     if name == "z" and trace.header.law.source in ("gsta", "sta"):
-        return "integral term z"
+        return f"integral term {symbol(name)}"
     return f"state {symbol(name)}" if name in (state.name for state in states_of(trace)) else symbol(name)
 
 
@@ -222,7 +222,9 @@ def _beginning(lines: Callable[[Axes], None], window: float) -> tuple[Inset, ...
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
     """Force part of the integral term of a super-twisting law; ``other`` is dashed."""
-    return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
+    return Panel(
+        f"integral term {symbol('z')}", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3])
+    )
 
 
 def of_signal(trace: Trace, name: str) -> list[Panel]:
@@ -480,17 +482,21 @@ def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
 def _at_rest(
     traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]], levels: Sequence[_Level]
 ) -> tuple[Inset, ...]:
-    """Inset of the second half of the time after first contact, for runs in contact then, if peaks are much larger."""
+    """Inset of the second half of the time after first contact, for runs that press all that time, if peaks are much
+    larger, and rebounds have long ended."""
     pushes = {label: trace.band("push")[1] for label, trace in traces.items()}
     touched = {label: trace for label, trace in traces.items() if pushes[label].any()}
     if not touched:
         return ()
     start = max(0.5 * float(trace.t[np.argmax(pushes[label] > 0.0)] + trace.t[-1]) for label, trace in touched.items())
     end = max(float(trace.t[-1]) for trace in touched.values())
-    late = {label: pushes[label][trace.t >= start] for label, trace in touched.items()}
-    resting = {label: trace for label, trace in touched.items() if late[label].any()}
-    highest = max((largest(late[label]) for label in resting), default=0.0)
+    late = {label: [edge[trace.t >= start] for edge in trace.band("push")] for label, trace in touched.items()}
+    resting = {label: trace for label, trace in touched.items() if (late[label][0] > 0.0).all()}
+    highest = max((largest(late[label][1]) for label in resting), default=0.0)
     if not resting or 2.0 * highest > max(_peak(trace) for trace in traces.values()):
+        return ()
+    bounced = [time for trace in resting.values() if (time := rebounding(trace.t, *trace.band("push")))]
+    if any(start < last + (last - first) for first, last in bounced):
         return ()
 
     def draw(ax: Axes, _: float) -> None:

@@ -124,18 +124,22 @@ def rebounds(t: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, f
     """Start and end of the rebounds of a push with the band from ``low`` to ``high`` (n,), with margins of 5 % of their
     duration before and 50 % after them [s].
 
-    None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer. The band of the
-    row in which the first contact begins holds the zero before it, which is no loss.
+    None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer.
     """
-    touched = np.flatnonzero(high > 0.0)
-    if not len(touched):
+    if (ended := rebounding(t, low, high)) is None or ended[1] == t[-1]:
         return None
-    lost = touched[0] + 1 + np.flatnonzero(low[touched[0] + 1 :] <= 0.0)
-    if not len(lost) or lost[-1] == len(low) - 1:
-        return None
-    first, last = float(t[touched[0]]), float(t[lost[-1]])
+    first, last = ended
     window = first - 0.05 * (last - first), last + 0.5 * (last - first)
     return window if window[1] - window[0] < 0.3 * (t[-1] - t[0]) else None
+
+
+def rebounding(t: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, float] | None:
+    """Time of the first touch and of the last instant without contact after it [s], from a band of the push (n,); None
+    without a touch, or if contact is never lost. The band of the row in which the first contact begins holds the zero
+    before it, which is no loss."""
+    touched = np.flatnonzero(high > 0.0)
+    lost = touched[0] + 1 + np.flatnonzero(low[touched[0] + 1 :] <= 0.0) if len(touched) else touched
+    return (float(t[touched[0]]), float(t[lost[-1]])) if len(lost) else None
 
 
 CELLS = 120

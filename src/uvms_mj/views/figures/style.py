@@ -299,19 +299,27 @@ def typeset(fonts: str, width: float = PAGE_IN) -> Iterator[None]:
 def width_of(given: str | float | None, default: float) -> float:
     """A width in inches: a number, a name of :data:`WIDTHS`, or a length with its unit, ``"88mm"``, in in, cm, mm or
     points of TeX, pt. Raises InputError for others."""
-    if given is None:
-        return default
+    return default if given is None else _length("width", given, WIDTHS)
+
+
+def height_of(given: str | float | None, default: float) -> float:
+    """A height in inches: a number, or a length with its unit as of :func:`width_of`. Raises InputError for others."""
+    return default if given is None else _length("height", given, {})
+
+
+def _length(what: str, given: str | float, names: Mapping[str, float]) -> float:
     said = f"{given:g}" if isinstance(given, float | int) else repr(given)
-    wide = WIDTHS.get(given) if isinstance(given, str) else float(given)
-    if wide is None:
+    long = names.get(given) if isinstance(given, str) else float(given)
+    if long is None:
         found = _LENGTH.fullmatch(str(given))
         if found is None:
-            lengths = f"or a length with its unit, in, cm, mm or pt ({PT_IN:g} pt are an inch): 88mm"
-            raise InputError(f"width {said}: {suggestion(str(given), WIDTHS)}, {lengths}")
-        wide = float(found[1]) * _UNITS_IN[found[2]]
-    if not _NARROWEST_IN <= wide <= _WIDEST_IN:
-        raise InputError(f"width {said}: must be from {_NARROWEST_IN:g} to {_WIDEST_IN:g} inches")
-    return wide
+            lengths = f"a length with its unit, in, cm, mm or pt ({PT_IN:g} pt are an inch): 88mm"
+            choices = f"{suggestion(str(given), names)}, or {lengths}" if names else f"is not {lengths}"
+            raise InputError(f"{what} {said}: {choices}")
+        long = float(found[1]) * _UNITS_IN[found[2]]
+    if not _NARROWEST_IN <= long <= _WIDEST_IN:
+        raise InputError(f"{what} {said}: must be from {_NARROWEST_IN:g} to {_WIDEST_IN:g} inches")
+    return long
 
 
 _POWER = re.compile(r"\^(?:\(([-\d/]+)\)|(-?\d+))")
