@@ -22,6 +22,7 @@ from click.testing import CliRunner
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.cli import main
+from uvms_mj.compiler import libm
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
@@ -607,15 +608,63 @@ def test_whole_numbers_of_64_bits_are_those_of_a_processor_that_has_them(tmp_pat
     assert said[0] == said[1]
 
 
+_TWO = ("pow", "hypot", "fmod", "atan2")
+
+
+@pytest.mark.slow
+def test_a_law_in_c_has_the_functions_of_this_project_on_each_processor(tmp_path):
+    """All of them, of numbers in and out of their domains: where one is not finite, it counts as zero. A compiler may
+    not put a root in place of a power, or a constant in place of a function."""
+    assert set(_TWO) < set(libm.FUNCTIONS)
+    calls = [f"{each}(x, 0.5 + i)" if each in _TWO else f"{each}(x)" for each in libm.FUNCTIONS]
+    calls += ["pow(fabs(x), 0.5)", "exp(1.0) * x", "pow(2.0, x)"]
+    law = MY_LAW.replace("#include", "static double or_zero(double y) { return y - y == 0.0 ? y : 0.0; }\n#include", 1)
+    sums = "\n".join(f"        sum += or_zero({each});" for each in calls)
+    body = "        double x = 1.7 * sin(3.0 * signals->t + i), sum = 0.0;\n" + sums
+    law = law.replace("    for (int i = 0; i < 6; i++) {", f"    for (int i = 0; i < 6; i++) {{\n{body}")
+    (tmp_path / "my_law.c").write_text(law.replace("tau_cmd[i] = ", "tau_cmd[i] = 1e-3 * sum + "))
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    library = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", EMULATED or ["x86_64"])
+    assert [each.equal for each in library.targets] == [library.steps] * len(library.targets)
+    assert library.steps >= 1000
+
+
+@pytest.mark.slow
+def test_two_laws_in_c_are_in_one_program(tmp_path):
+    """Each has its own exp and its own root."""
+    if shutil.which("gcc") is None or not runs_here("x86_64"):
+        pytest.skip("no gcc for x86_64 here")
+    for name, change in (("first_of", "exp"), ("second_of", "cbrt")):
+        law = MY_LAW.replace("my_law", name).replace("tau_cmd[i] =", f"tau_cmd[i] = {change}(exp(-signals->t)) *")
+        (tmp_path / f"{name}.c").write_text(law)
+        (tmp_path / f"{name}.toml").write_text(MY_TOML)
+        write_library(scenario(str(tmp_path / f"{name}.c"), SOFT), tmp_path / "out", ["x86_64"])
+    calls = "".join(f"static {each} {each}_law_of_mine;\n" for each in ("first_of", "second_of"))
+    began = " + ".join(f"{each}_init(&{each}_law_of_mine)" for each in ("first_of", "second_of"))
+    source = f'#include "first_of.h"\n#include "second_of.h"\n{calls}int main(void) {{ return {began}; }}\n'
+    (tmp_path / "out/both.c").write_text(source)
+    libraries = [f"x86_64/lib{each}.a" for each in ("first_of", "second_of")]
+    command = ["gcc", "both.c", *libraries, "-o", "both", "-std=c99", *WARNINGS]
+    subprocess.run(command, cwd=tmp_path / "out", check=True)
+    subprocess.run([tmp_path / "out/both"], check=True)
+
+
 @pytest.mark.slow
 def test_functions_of_the_targets_c_library_are_named(tmp_path):
     """Their last digits may be others there, so that the test does not run here."""
-    (tmp_path / "my_law.c").write_text(MY_LAW.replace("tau_cmd[i] =", "tau_cmd[i] = exp(-signals->t) *"))
+    (tmp_path / "my_law.c").write_text(MY_LAW.replace("tau_cmd[i] =", "tau_cmd[i] = expf(-signals->t) *"))
     (tmp_path / "my_law.toml").write_text(MY_TOML)
     library = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", ["x86_64"])
-    assert library.targets[0].foreign == ["exp"]
+    assert library.targets[0].foreign == ["expf"]
     assert library.targets[0].equal is None
-    assert "takes exp from the program's C library" in (tmp_path / "out" / "README.md").read_text()
+    assert "takes expf from the program's C library" in (tmp_path / "out" / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_a_run_with_few_steps_is_named(tmp_path):
+    library = write_library(scenario("gsta", SOFT | {"simulation.duration": 0.02}), tmp_path, ["x86_64"], test=False)
+    assert library.steps == 200
+    assert "its test has 200 recorded steps, of free motion: a longer simulation.duration gives more" in library.notes
 
 
 @pytest.mark.slow
@@ -1150,7 +1199,7 @@ def test_a_law_that_reads_another_file_leaves_with_what_the_file_has_now(tmp_pat
         law = '#include "weight.h"\n' + MY_LAW.replace("my_law", "reads").replace("100.0 *", "WEIGHT *")
     path = tmp_path / f"reads.{suffix}"
     path.write_text(law)
-    codes = []
+    codes, numbers = [], []
     for weight in ("100.0", "101.0", "100.0"):
         beside.write_text(f"WEIGHT = {weight}\n" if suffix == "py" else f"#define WEIGHT {weight}\n")
         sys.modules.pop("weight_of_law", None)
@@ -1161,7 +1210,9 @@ def test_a_law_that_reads_another_file_leaves_with_what_the_file_has_now(tmp_pat
         sys.dont_write_bytecode = before
         assert made.targets[0].equal == made.steps
         codes.append((tmp_path / "out/x86_64/libreads.a").read_bytes())
+        numbers.append(export_of(tmp_path / "out", "reads"))
     assert codes[0] == codes[2] != codes[1]
+    assert numbers[0] == numbers[2] != numbers[1]
 
 
 def test_without_ziglang_the_extra_is_named(tmp_path, monkeypatch):

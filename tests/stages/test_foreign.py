@@ -11,6 +11,7 @@ import pytest
 
 from uvms_mj import InputError, Scenario, Simulation, StageFault, Trace, simulate
 from uvms_mj.cli.new import IN_C, write_new
+from uvms_mj.compiler import libm
 from uvms_mj.engine.native.shared_library import compiler
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
@@ -174,6 +175,57 @@ def test_a_header_says_units_and_meanings_and_frames(tmp_path):
     assert "double t; /* [s] time of the instant */" in text
     assert "double p_WB[3]; /* [m] position of B's origin, in W */" in text
     assert "double M_hat[6][6]; /* [kg, kg m, kg m^2]" in text
+
+
+_TWO = ("pow", "hypot", "fmod", "atan2")
+_FUNCTIONS_OF_PYTHON = """
+import math
+from dataclasses import dataclass
+from uvms_mj import Controller
+
+@dataclass(frozen=True)
+class InPython(Controller):
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            x = 0.5 + 0.45 * math.sin(40.0 * signals.t + i)
+            total = 0.0
+LINES
+            tau_cmd[i] = 0.001 * total
+"""
+_FUNCTIONS_OF_C = """
+#include "uvms_stage.h"
+
+int in_c(const struct settings *gains, struct state *state, const struct signals *signals, struct state *state_dot,
+    double *tau_cmd)
+{
+    for (int i = 0; i < 6; i++) {
+        double x = 0.5 + 0.45 * sin(40.0 * signals->t + i), total = 0.0;
+LINES
+        tau_cmd[i] = 0.001 * total;
+    }
+    return 0;
+}
+"""
+
+
+def test_functions_of_math_h_have_the_bits_of_python(tmp_path):
+    """All functions of this project."""
+    x = {"acosh": "1.0 + x"}
+    calls = [f"{each}({x.get(each, 'x')}{', 0.5 + i' if each in _TWO else ''})" for each in libm.FUNCTIONS]
+    lines = "\n".join(f"            total += math.{each}" for each in calls)
+    in_c = "\n".join(f"total += {each};" for each in calls)
+    (tmp_path / "in_python.py").write_text(_FUNCTIONS_OF_PYTHON.replace("LINES", lines))
+    (tmp_path / "in_c.c").write_text(_FUNCTIONS_OF_C.replace("LINES", in_c))
+    (tmp_path / "in_c.toml").write_text('stage = "controller"\nuses_task = false\n')
+    found = [
+        simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}, str(tmp_path / law)), engine="free_body")
+        for law in ("in_python.py:InPython", "in_c.c")
+    ]
+    assert np.unique(found[0].tau_cmd).size > 1000
+    assert np.array_equal(found[0].tau_cmd, found[1].tau_cmd)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a library finds its own functions first")

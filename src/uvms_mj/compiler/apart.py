@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -27,6 +28,7 @@ class Apart:
     def __init__(self) -> None:
         source = str(Path(__file__).parents[2])
         path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._one = threading.Lock()
         self._said = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed with the process
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", f"from {__name__} import _serve; _serve()"],
@@ -42,9 +44,10 @@ class Apart:
         assert to is not None
         assert of is not None
         try:
-            pickle.dump((function.__name__, arguments), to)
-            to.flush()
-            return pickle.load(of)
+            with self._one:
+                pickle.dump((function.__name__, arguments), to)
+                to.flush()
+                return pickle.load(of)
         except (EOFError, OSError, pickle.UnpicklingError):
             raise Ended(self.said()) from None
 

@@ -18,6 +18,7 @@ from ...errors import Fault, InputError
 from ...files import atomic_write
 from ...scenario import Scenario
 from ..engines import refusals
+from ..native import libm_in_c
 from ..native.chain import Chain, refuse
 from ..native.compilation import short_run
 from ..native.net import FIRST
@@ -131,12 +132,17 @@ def write_library(
             own = place / target
             for file, content in parts.sources.items():
                 (own / file).write_text(content, encoding="utf-8")
-            return _compiled(MACHINES[target], parts.border.chain, own)
+            return _compiled(MACHINES[target], parts.border.chain, own, name)
 
         def make(target: str, stages: Future[list[bytes]], objects: Future[list[str]]) -> Made:
             work.begun.result()
-            (place / target / "stages.o").write_bytes(stages.result()[targets.index(target)])
-            return _made(MACHINES[target], target, objects.result(), name, place / target, new)
+            own, in_c = place / target, objects.result()
+            (own / "stages.o").write_bytes(stages.result()[targets.index(target)])
+            if functions := linking.libm_calls(((own / each).read_bytes() for each in in_c), name):
+                text = libm_in_c.text_of(functions, linking.libm_of(name))
+                (own / "libm.o").write_bytes(*linking.emitted(text, [MACHINES[target]], apart))
+                in_c = [*in_c, "libm.o"]
+            return _made(MACHINES[target], target, in_c, name, own, new)
 
         def tried(target: str) -> Made:
             program.result()
@@ -170,7 +176,7 @@ def write_library(
         notes = sim.notes
         made = [each.result() for each in trying]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
-        notes += (*texts.left_behind(border), *filter(None, ["; ".join(missing)]))
+        notes += (*texts.left_behind(border), *_few(steps), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize
         library = Library(name, record, chain.period, steps.steps, chain.left, made, notes)
         for each in made:
@@ -269,10 +275,10 @@ def name_of(scenario: Scenario) -> str:
     return next(name for name in names if texts.is_free(name))
 
 
-def _compiled(machine: Machine, chain: Chain, place: Path) -> list[str]:
+def _compiled(machine: Machine, chain: Chain, place: Path, name: str) -> list[str]:
     """Compile what is C of a library, in the folder ``place``; the names of the objects."""
     objects = [linking.own_c(machine, place / "shell.c", place)]
-    objects += [_of_c(machine, link, place) for link in chain.links if link.in_c]
+    objects += [_of_c(machine, link, place, linking.libm_of(name)) for link in chain.links if link.in_c]
     return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c") if machine.shared]
 
 
@@ -305,8 +311,8 @@ def _tried(machine: Machine, made: Made, archive: Path, place: Path) -> Made:
     return replace(made, equal=int(said[1]), stack=int(said[3]), said=first)
 
 
-def _of_c(machine: Machine, link: Any, place: Path) -> str:
-    """Compile a stage in C; the name of its object."""
+def _of_c(machine: Machine, link: Any, place: Path, libm: str) -> str:
+    """Compile a stage in C, which has the functions of libm by this prefix; the name of its object."""
     from ...stages.foreign import HEADER, Records, header
 
     stage = link.compiled.stage
@@ -315,14 +321,17 @@ def _of_c(machine: Machine, link: Any, place: Path) -> str:
     own.mkdir(exist_ok=True)
     (own / HEADER).write_text(header(type(stage), Records(*link.kinds)), encoding="utf-8")
     out = f"{link.name}.o"
-    options = ["-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-I", str(own), "-fhosted"]
+    math = own / libm_in_c.HEADER
+    math.write_text(libm_in_c.header(libm), encoding="utf-8")
+    options = ["-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-include", str(math)]
+    options += ["-I", str(own), "-fhosted"]
     options += [] if machine.shared else linking.headers(machine)  # zig cc has them of a system
     try:
         linking.compiled_c(machine, str(path.resolve()), place, options, out)
     except InputError as error:
         raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
     code = (place / out).read_bytes()
-    kept, alien = linking.kept_apart(code), linking.alien(code)
+    kept, alien = linking.kept_apart(code), [each for each in linking.alien(code) if not each.startswith(libm)]
     wrong = [
         *([f"it keeps {', '.join(kept)} beside an instance; put numbers that last into its state"] if kept else []),
         *([f"it calls {', '.join(alien)}; a library takes functions of math.h and string.h alone"] if alien else []),
@@ -350,7 +359,7 @@ def _number(border: Border, text: str) -> int:
     found = hashlib.sha256(f"{border.mark} {text}".encode())
     for link in border.chain.links:
         if link.in_c:
-            found.update(Path(link.compiled.stage.source().rpartition(":")[0]).read_bytes())
+            found.update(link.compiled.library.text)
     return int.from_bytes(found.digest()[:6], "little") | 1
 
 
@@ -392,6 +401,17 @@ def _about(scenario: Scenario, border: Border, library: Library, export: int) ->
         },
         "scenario": scenario.to_dict(),
     }
+
+
+_FEW = 1000
+"""Recorded steps below which a note says so."""
+
+
+def _few(steps: Vectors) -> list[str]:
+    if steps.steps >= _FEW:
+        return []
+    names = " and ".join(each.name for each in steps.segments)
+    return [f"its test has {steps.steps} recorded steps, of {names}: a longer simulation.duration gives more"]
 
 
 def _apart(border: Border, steps: Vectors) -> list[str]:

@@ -12,7 +12,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -290,6 +290,17 @@ def alien(code: bytes) -> list[str]:
     """The symbols that an object takes and that are neither helpers nor functions of :data:`C_LIBRARY`."""
     known = HELPERS | C_LIBRARY
     return [each for each in undefined(code) if each not in known and not each.startswith("__aeabi_")]
+
+
+def libm_of(name: str) -> str:
+    """The prefix of the functions of libm in a library: two libraries of a program have their own ones."""
+    return f"{name}_libm_"
+
+
+def libm_calls(codes: Iterable[bytes], name: str) -> list[str]:
+    """The functions of libm that objects of a library call, by their names in C."""
+    prefix = libm_of(name)
+    return sorted({each.removeprefix(prefix) for code in codes for each in undefined(code) if each.startswith(prefix)})
 
 
 def kept_apart(code: bytes) -> list[str]:

@@ -23,6 +23,7 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...stages.base import Stage
 from ...stages.foreign import C_FILE, HEADER, SHARED, Records, header
+from . import libm_in_c
 from .elf import own_copies
 from .guard import no_exit
 from .memory import settle_modes
@@ -55,30 +56,37 @@ def compiler() -> list[str]:
     raise InputError("no C compiler: install one that is called cc, or the extra c, with pip install 'uvms-mj[c]'")
 
 
-def compiled(path: Path, kind: type[Stage], records: Records) -> bytes:
-    """The library of a C file for these records, compiled unless it is kept. It is compiled from one text, what the
-    compiler makes of the file and all that it includes, and kept by this text, so that nothing else is in it. A file
-    whose assembler reads others is compiled anew. Raises InputError with the compiler's first lines."""
+def compiled(path: Path, kind: type[Stage], records: Records) -> tuple[bytes, bytes]:
+    """The library of a C file for these records, compiled unless it is kept, and the user's part of its text. It is
+    compiled from one text, what the compiler makes of the file and all that it includes, and kept by this text, so that
+    nothing else is in it. A file whose assembler reads others is compiled anew. Raises InputError with the compiler's
+    first lines."""
     text, command, above = header(kind, records), compiler(), cache_folder()
+    of_math, libm = libm_in_c.for_this_machine()
     with tempfile.TemporaryDirectory(prefix="new-", dir=above) as new:
         own, whole, part = Path(new, HEADER), Path(new, "whole.c"), Path(new, "stage.so")
         own.write_text(text, encoding="utf-8")
+        math, functions = Path(new, libm_in_c.HEADER), Path(new, "libm.o")
+        math.write_text(of_math, encoding="utf-8")
         # this header in place of an older one beside the file: both have the same guard
-        _run([*command, *_OPTIONS, "-include", str(own), "-I", new, "-E", str(path), "-o", str(whole)], path)
+        first = ["-include", str(own), "-include", str(math), "-I", new]
+        _run([*command, *_OPTIONS, *first, "-E", str(path), "-o", str(whole)], path)
         read = whole.read_bytes()
         about = [*command, _age(command[0]), platform.machine(), *_OPTIONS, *_LINK]
         lines = _MARKER.sub(b"", read)
-        name = f"c-{fingerprint([*(each.encode() for each in about), lines])}"
-        data = None if _reads_more(read) else _kept(above, name)
+        name = f"c-{fingerprint([*(each.encode() for each in about), libm, lines])}"
+        users = _users_part(read)
+        data = None if _reads_more(users) else _kept(above, name)
         if data is None:
-            _run([*command, *_OPTIONS, str(whole), "-o", str(part), *_LINK], path)
+            functions.write_bytes(libm)
+            _run([*command, *_OPTIONS, str(whole), str(functions), "-o", str(part), *_LINK], path)
             data = part.read_bytes()
             for suffix, content in ((".so", data), (".sha256", _digest(name, data))):
                 each = Path(new, f"{name}{suffix}")
                 each.write_bytes(content)
                 with contextlib.suppress(OSError):  # e.g. on a full disk: the next start compiles it again
                     os.replace(each, above / each.name)
-    return data
+    return data, users
 
 
 _MARKER = re.compile(rb'^# \d+ "[^\n]*\n', re.MULTILINE)
@@ -87,15 +95,19 @@ _SYSTEM = re.compile(rb'^# \d+ "(?:[^"\\\n]|\\.)*"([ \d]*)\n', re.MULTILINE)
 _ASSEMBLER = re.compile(rb"\b(asm|__asm|__asm__)\b")
 
 
-def _reads_more(text: bytes) -> bool:
-    """Whether the assembler may read further files: the user's part of a preprocessed text has assembler in it, and in
-    that a directive that reads one, or a letter that is written by its number."""
+def _users_part(text: bytes) -> bytes:
+    """What a preprocessed text has of no header of the system."""
     starts = [(0, 0, False), *((each.start(), each.end(), b"3" in each[1].split()) for each in _SYSTEM.finditer(text))]
     ends = [start for start, _, _ in starts[1:]] + [len(text)]
-    own = b"".join(text[begin:end] for (_, begin, system), end in zip(starts, ends, strict=True) if not system)
-    if not _ASSEMBLER.search(own):
+    return b"".join(text[begin:end] for (_, begin, system), end in zip(starts, ends, strict=True) if not system)
+
+
+def _reads_more(users: bytes) -> bool:
+    """Whether the assembler may read further files: the user's part of a preprocessed text has assembler in it, and in
+    that a directive that reads one, or a letter that is written by its number."""
+    if not _ASSEMBLER.search(users):
         return False
-    own = re.sub(rb'"\s*"', b"", own).lower()
+    own = re.sub(rb'"\s*"', b"", users).lower()
     return any(word in own for word in (b"incbin", b".include", b"macro", b"\\x", b"\\u")) or bool(
         re.search(rb"\\[0-7]", own)
     )
@@ -141,6 +153,7 @@ class Library:
 
     Attributes:
         address: of the function.
+        text: of a file in C, with the files that it includes, besides headers of the system.
         kind: the dtype of its record in a stage's own memory.
     """
 
@@ -155,7 +168,8 @@ class Library:
         self._key, self._file = f"{stage.room.table}.name", self._path.name
         in_c = self._path.suffix == C_FILE
         try:
-            self._data = compiled(self._path, kind, self._records) if in_c else self._path.read_bytes()
+            read = compiled(self._path, kind, self._records) if in_c else (self._path.read_bytes(), b"")
+            self._data, self.text = read
         except InputError as error:
             raise InputError([Fault(self._key, str(error))]) from None
         except OSError as error:
