@@ -10,6 +10,6 @@ import uvms_mj
 from uvms_mj import Gsta, Impedance, Scenario, simulate
 
 scenario = Scenario.load("push_wall_gusts")
-traces = {law.label(): simulate(scenario, controller=law()) for law in (Impedance, Gsta)}
+traces = {law.label(): simulate(scenario, controller=law(), engine="free_body") for law in (Impedance, Gsta)}
 force_figure = uvms_mj.plot(traces, "force", width=6.5)
 position_figure = uvms_mj.plot(traces, "position", width=6.5)

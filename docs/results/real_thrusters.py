@@ -15,12 +15,13 @@ from uvms_mj import Scenario, simulate
 
 HEAVY = {"vehicle.model": "bluerov2_heavy", "wall.stiffness": 2e3, "simulation.duration": 15.0}
 T200 = HEAVY | {"thrusters.name": "t200"}
-traces = {
-    "ideal": simulate(Scenario.load("push_wall", HEAVY)),
-    "14 V": simulate(Scenario.load("push_wall", T200 | {"thrusters.voltage": 14.0})),
-    "16 V": simulate(Scenario.load("push_wall", T200 | {"thrusters.voltage": 16.0})),
-    "16 V, filter": simulate(Scenario.load("push_wall", T200 | {"thrusters.voltage": 16.0, "navigation.name": "ekf"})),
+runs = {
+    "ideal": HEAVY,
+    "14 V": T200 | {"thrusters.voltage": 14.0},
+    "16 V": T200 | {"thrusters.voltage": 16.0},
+    "16 V, filter": T200 | {"thrusters.voltage": 16.0, "navigation.name": "ekf"},
 }
+traces = {name: simulate(Scenario.load("push_wall", run), engine="free_body") for name, run in runs.items()}
 for name, trace in traces.items():
     print(f"{name:13s} largest force {trace.force_peak[-1]:5.1f} N, saturated for {trace.saturation_time[-1]:.1f} s")
 force_figure = uvms_mj.plot(traces, "force", width=6.5)

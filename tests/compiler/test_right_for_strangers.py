@@ -194,4 +194,4 @@ def test_a_power_is_that_of_numpy_wherever_its_exponent_is_known(power, exponent
         twin(function)(*(as_python(each) for each in theirs))
     assert_equal(mine[1], theirs[1], exact=True)
     with np.errstate(all="ignore"):
-        compare(function, [GIVEN, OUT], exact=False, runs=3)
+        compare(function, [GIVEN, OUT], exact=False, runs=3, code=code)

@@ -93,10 +93,18 @@ def as_python(memory: np.ndarray) -> Any:
 
 
 def compare(
-    function: Callable, kinds: Sequence[Any], runs: int = 20, exact: bool = True, seed: int = 0, scale: float = 1.0
+    function: Callable,
+    kinds: Sequence[Any],
+    runs: int = 20,
+    exact: bool = True,
+    seed: int = 0,
+    scale: float = 1.0,
+    code: Compiled | None = None,
 ) -> None:
-    """Machine code and plain Python must leave equal numbers in all arguments, bit for bit or to 1e-12."""
-    code, random = Compiled(function, kinds), np.random.default_rng(seed)  # type: ignore[arg-type]
+    """Machine code, ``code`` if it is there, and plain Python must leave equal numbers in all arguments, bit for bit or
+    to 1e-12."""
+    code = code or Compiled(function, kinds)  # type: ignore[arg-type]
+    random = np.random.default_rng(seed)
     for _ in range(runs):
         mine = arguments(kinds, random, scale)
         theirs = [memory.copy() for memory in mine]

@@ -601,7 +601,7 @@ def test_floating_point_modes_that_a_stage_changes_are_its_own(tmp_path, monkeyp
     monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
     rounds = PD.replace("return 0;", "if (gains->k_d > 150.0) fesetround(FE_UPWARD);\n    return 0;")
     source = written(tmp_path, "pd", "#include <fenv.h>\n" + rounds)
-    scenario = Scenario.load("push_wall", {"simulation.duration": 0.05, "controller.name": source})
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.01, "controller.name": source})
     ours = simulate(scenario.updated({"controller.k_d": 151.0}), engine="free_body")
     without = written(tmp_path / "without", "pd") if (tmp_path / "without").mkdir() is None else ""
     theirs = simulate(scenario.updated({"controller.k_d": 151.0}, controller=without), engine="free_body")
