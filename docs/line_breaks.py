@@ -1,4 +1,5 @@
-"""No line of a page begins with the punctuation behind a formula or a name: both are in a box without a break."""
+"""Where lines of a page may break: not before the punctuation behind a formula or a name, and in a long name behind
+a dot, an underscore or a slash."""
 
 import re
 from typing import Any
@@ -7,6 +8,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 _PUNCTUATION = re.compile(r"[.,;:!?)\]]+")
+_NAMES = re.compile(r'(?<=<span class="pre">)[^<]+|(?<=<h1>)[\w.]+(?=<)')
+_JOINTS = re.compile(r"(?<=\w[._/])(?=\w{3})")
 
 
 def _tie(app: Sphinx, tree: nodes.document, docname: str) -> None:
@@ -19,6 +22,14 @@ def _tie(app: Sphinx, tree: nodes.document, docname: str) -> None:
             text.parent[place - 1 : place + 1] = [tied, nodes.Text(text[found.end() :])]
 
 
+def _name(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: nodes.document | None) -> None:
+    context["body"] = _NAMES.sub(lambda found: _JOINTS.sub("<wbr>", found.group()), context.get("body", ""))
+    for side in ("prev", "next"):
+        if (link := context.get(side)) and re.fullmatch(r"[\w.]+", link["title"]):
+            link["title"] = _JOINTS.sub("<wbr>", link["title"])
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("doctree-resolved", _tie, priority=900)
+    app.connect("html-page-context", _name)
     return {"parallel_read_safe": False, "parallel_write_safe": False}

@@ -319,7 +319,9 @@ def _cell(column: str, text: str) -> str:
 
 
 def _code(text: str) -> str:
-    """Text of the program in Markdown: its double backquotes are code, and other marks are kept as they are."""
+    """Text of the program in Markdown: its double backquotes and paths are code, and other marks are kept as they
+    are."""
+    text = re.sub(r"(?<!`)path/to/[\w.:]*\w", r"``\g<0>``", text)
     parts = re.split(r"``(.+?)``", re.sub(r":\w+:`~?\.?([^`]+)`", r"``\1``", text))
     plain = [re.sub(r"([\\*<>\[\]])", r"\\\1", part) for part in parts[::2]]
     return "".join(a + (f"`{b}`" if b else "") for a, b in zip(plain, [*parts[1::2], ""], strict=True))
