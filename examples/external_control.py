@@ -32,7 +32,7 @@ if __name__ == "__main__":
         while sim.t < 20.0:
             drive(sim, sim.t + 0.1)
             rows.append((sim.t, *sim.signals.p_WB))
-        print("position [m]:", sim.signals.p_WB, "error [m]:", sim.signals.eta_e[:3])
+        print("position [m]:", sim.signals.p_WB.round(6), "error [m]:", sim.signals.eta_e[:3].round(6))
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
     axes = figure.subplots()
     t, *position = zip(*rows, strict=True)

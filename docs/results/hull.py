@@ -4,7 +4,8 @@ A brush on a hull that heaves
 
 A BlueROV2 Heavy brushes a bilge that heaves and rolls, with friction. The reference rides on the hull, along two lanes,
 and the push stays along the local normal. With a spring of 150 N/m in the law, the brush of 2e3 N/m and the hull of
-2e4 N/m in a row, the demanded 10 N become 10/(1 + 150/1818) N = 9.2 N, and with the current 9.3 N.
+2e4 N/m in a row, the demanded 10 N become 10/(1 + 150/1818) N = 9.24 N. Friction holds the brush back along the hull,
+and the push is 9.30 N. With friction the hull pushes back with 9.7 N.
 """
 
 import matplotlib.pyplot as plt
