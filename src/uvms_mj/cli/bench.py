@@ -240,7 +240,7 @@ def bench_compare(
         tables = comparison(found) if out is not None else []
         if out is not None:
             with atomic_write(Path(out)) as part:
-                part.write_text("\n".join(table.text for table in tables), encoding="utf-8")
+                part.write_text("\n\\bigskip\n\n".join(table.text for table in tables), encoding="utf-8")
     if as_json:
         click.echo(json.dumps(found, allow_nan=False))
         return
