@@ -630,23 +630,39 @@ def test_a_law_in_c_has_the_functions_of_this_project_on_each_processor(tmp_path
 
 
 @pytest.mark.slow
-def test_two_laws_in_c_are_in_one_program(tmp_path):
-    """Each has its own exp and its own root."""
+def test_a_law_in_c_is_twice_in_one_program(tmp_path):
+    """With a function of its own that the program has by the same name, a table that others see, and exp."""
     if shutil.which("gcc") is None or not runs_here("x86_64"):
         pytest.skip("no gcc for x86_64 here")
-    for name, change in (("first_of", "exp"), ("second_of", "cbrt")):
-        law = MY_LAW.replace("my_law", name).replace("tau_cmd[i] =", f"tau_cmd[i] = {change}(exp(-signals->t)) *")
-        (tmp_path / f"{name}.c").write_text(law)
-        (tmp_path / f"{name}.toml").write_text(MY_TOML)
-        write_library(scenario(str(tmp_path / f"{name}.c"), SOFT), tmp_path / "out", ["x86_64"])
-    calls = "".join(f"static {each} {each}_law_of_mine;\n" for each in ("first_of", "second_of"))
-    began = " + ".join(f"{each}_init(&{each}_law_of_mine)" for each in ("first_of", "second_of"))
-    source = f'#include "first_of.h"\n#include "second_of.h"\n{calls}int main(void) {{ return {began}; }}\n'
-    (tmp_path / "out/both.c").write_text(source)
-    libraries = [f"x86_64/lib{each}.a" for each in ("first_of", "second_of")]
-    command = ["gcc", "both.c", *libraries, "-o", "both", "-std=c99", *WARNINGS]
-    subprocess.run(command, cwd=tmp_path / "out", check=True)
+    above = (
+        "const double table[2] = {1.0, 0.5};\ndouble clamp(double x) { return x > 9.0 ? 9.0 : exp(-x) * table[0]; }\n"
+    )
+    law = MY_LAW.replace("int my_law", f"{above}int my_law").replace("tau_cmd[i] =", "tau_cmd[i] = clamp(signals->t) *")
+    (tmp_path / "my_law.c").write_text(law)
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    names = ("left", "right")
+    for name in names:
+        made = write_library(scenario(str(tmp_path / "my_law.c"), SOFT), tmp_path / "out", ["x86_64"], f"{name}_law")
+        assert made.targets[0].equal == made.steps
+    calls = "".join(f"static {each}_law {each};\n" for each in names)
+    began = " + ".join(f"{each}_law_init(&{each})" for each in names)
+    source = "".join(f'#include "{each}_law.h"\n' for each in names) + calls
+    source += "double clamp(void);\ndouble clamp(void) { return 0.0; }\n"
+    (tmp_path / "out/both.c").write_text(f"{source}int main(void) {{ return {began} + (int)clamp(); }}\n")
+    libraries = [f"x86_64/lib{each}_law.a" for each in names]
+    subprocess.run(["gcc", "both.c", *libraries, "-o", "both", "-std=c99", *WARNINGS], cwd=tmp_path / "out", check=True)
     subprocess.run([tmp_path / "out/both"], check=True)
+
+
+@pytest.mark.slow
+def test_a_law_in_c_leaves_for_a_vehicle_with_joints(tmp_path):
+    """Its commands here are those of the chain on this processor, which calls the law's own function."""
+    (tmp_path / "my_law.c").write_text(MY_LAW)
+    (tmp_path / "my_law.toml").write_text(MY_TOML)
+    settings = SOFT | {"vehicle.model": "bluerov2_alpha5", "controller.period": 0.002}
+    library = write_library(scenario(str(tmp_path / "my_law.c"), settings), tmp_path / "out", ["x86_64"])
+    assert library.targets[0].equal in (None, library.steps)
+    assert any("with joints the library has the same bits" in note for note in library.notes)
 
 
 @pytest.mark.slow

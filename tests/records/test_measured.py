@@ -131,9 +131,30 @@ def test_the_clocks_of_two_records_are_aligned_at_any_offset_and_scale(lag):
     def signal(x):
         return np.sin(3.0 * x) * np.exp(-0.2 * x) + np.cos(7.1 * x)
 
-    offset, correlation = aligned((t - lag, 5.0 + 3.0 * signal(t)), (s, signal(s)))
+    offset, correlation, other = aligned((t - lag, 5.0 + 3.0 * signal(t)), (s, signal(s)))
     assert abs(offset - lag) < 1e-3
     assert correlation > 0.999
+    assert np.isnan(other)
+
+
+def test_an_offset_that_another_one_is_as_good_as_is_named():
+    """A signal that repeats itself is as good a period later. In noise the greatest of many correlations is large, too,
+    and it is not at the true offset."""
+    t = np.arange(0.0, 20.0, 0.02)
+    offset, correlation, other = aligned((t[:700] + 3.0, np.sin(t[:700])), (t, np.sin(t)))
+    assert correlation > 0.999
+    periods = (np.array([offset, other]) + 3.0) / (2.0 * np.pi)
+    assert np.abs(periods - periods.round()).max() < 2e-3
+    assert abs(periods[0] - periods[1]) > 0.99
+    rng = np.random.default_rng(2)
+    short, long = rng.normal(size=10), rng.normal(size=1000)
+    _, correlation, other = aligned((t[:10], short), (t, long))
+    assert correlation > 0.5
+    assert np.isfinite(other)
+    noisy = np.sign(np.sin(0.4 * t)) + t + rng.normal(0.0, 0.5, len(t))
+    offset, _, other = aligned((t[200:900] + 3.0, noisy[200:900]), (t, np.sign(np.sin(0.4 * t)) + t))
+    assert abs(offset + 3.0) < 0.05
+    assert np.isnan(other)
 
 
 def test_events_align_the_clocks_and_say_how_much_they_differ(made):

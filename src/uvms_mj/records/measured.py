@@ -276,7 +276,7 @@ class _Log(LogTable):
             raise InputError(f"{self.path}: clock.signal: the run has not recorded {name}; choose another one")
         if not len(series[name][i][0]):
             raise InputError(f"{self.path}: clock.signal: {clock['signal']} is missing in the log; choose another one")
-        offset, correlation = aligned(series[name][i], (self.run["t"], theirs[:, i]))
+        offset, correlation, other = aligned(series[name][i], (self.run["t"], theirs[:, i]))
         if math.isnan(correlation):
             raise InputError(
                 f"{self.path}: clock.signal: {clock['signal']} does not move, or too few samples of it are in a stretch"
@@ -286,6 +286,11 @@ class _Log(LogTable):
             raise InputError(
                 f"{self.path}: clock.signal: {clock['signal']} of the log and of the run do not agree, their greatest "
                 f"correlation is {correlation:.2f}; choose another signal, or give events"
+            )
+        if not math.isnan(other):
+            raise InputError(
+                f"{self.path}: clock.signal: the offsets {_seconds(offset)} and {_seconds(other)} s are as good for "
+                f"{clock['signal']}: it repeats itself, or the log is short; choose another signal, or give events"
             )
         return offset, f"offset {_seconds(offset)} s, by the correlation of {clock['signal']}, {correlation:.3f}"
 

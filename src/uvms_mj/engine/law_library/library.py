@@ -123,7 +123,8 @@ def write_library(
                 (place / file).write_text(content, encoding="utf-8")
             program = pool.submit(work.prepare, targets, place / "test.c")
             text = chain.module(f"{name}_chain", apart)
-            stages = pool.submit(linking.emitted, text, [MACHINES[target] for target in targets], apart)
+            own = linking.with_own_names(text, name, [link.symbol for link in chain.links if link.in_c])
+            stages = pool.submit(linking.emitted, own, [MACHINES[target] for target in targets], apart)
             parts = _Parts.of(border, header, text, scenario, name)
             objects = {target: pool.submit(compiled, target, parts) for target in targets}
             return parts, program, {target: pool.submit(make, target, stages, objects[target]) for target in targets}
@@ -278,7 +279,7 @@ def name_of(scenario: Scenario) -> str:
 def _compiled(machine: Machine, chain: Chain, place: Path, name: str) -> list[str]:
     """Compile what is C of a library, in the folder ``place``; the names of the objects."""
     objects = [linking.own_c(machine, place / "shell.c", place)]
-    objects += [_of_c(machine, link, place, linking.libm_of(name)) for link in chain.links if link.in_c]
+    objects += [_of_c(machine, link, place, name) for link in chain.links if link.in_c]
     return objects + [linking.own_c(machine, each, place) for each in place.glob("as_law.c") if machine.shared]
 
 
@@ -311,8 +312,8 @@ def _tried(machine: Machine, made: Made, archive: Path, place: Path) -> Made:
     return replace(made, equal=int(said[1]), stack=int(said[3]), said=first)
 
 
-def _of_c(machine: Machine, link: Any, place: Path, libm: str) -> str:
-    """Compile a stage in C, which has the functions of libm by this prefix; the name of its object."""
+def _of_c(machine: Machine, link: Any, place: Path, name: str) -> str:
+    """Compile a stage in C for the library ``name``, whose own functions of libm it calls; the name of its object."""
     from ...stages.foreign import HEADER, Records, header
 
     stage = link.compiled.stage
@@ -322,16 +323,22 @@ def _of_c(machine: Machine, link: Any, place: Path, libm: str) -> str:
     (own / HEADER).write_text(header(type(stage), Records(*link.kinds)), encoding="utf-8")
     out = f"{link.name}.o"
     math = own / libm_in_c.HEADER
-    math.write_text(libm_in_c.header(libm), encoding="utf-8")
+    math.write_text(libm_in_c.header(linking.libm_of(name)), encoding="utf-8")
     options = ["-std=gnu11", "-fno-math-errno", "-include", str(own / HEADER), "-include", str(math)]
     options += ["-I", str(own), "-fhosted"]
     options += [] if machine.shared else linking.headers(machine)  # zig cc has them of a system
-    try:
-        linking.compiled_c(machine, str(path.resolve()), place, options, out)
-    except InputError as error:
-        raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
-    code = (place / out).read_bytes()
-    kept, alien = linking.kept_apart(code), [each for each in linking.alien(code) if not each.startswith(libm)]
+    symbols, shown = {link.symbol, f"{link.symbol}_records"}, set[str]()
+    while symbols - shown:  # and then what else its file shows
+        shown |= symbols
+        renamed = [f"-D{each}={linking.own_name(name, each)}" for each in sorted(shown)]
+        try:
+            linking.compiled_c(machine, str(path.resolve()), place, [*renamed, *options], out)
+        except InputError as error:
+            raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
+        code = (place / out).read_bytes()
+        symbols = {each for each in linking.shown(code) if not each.startswith(linking.own_name(name, ""))}
+    kept = [each.removeprefix(linking.own_name(name, "")) for each in linking.kept_apart(code)]
+    alien = [each for each in linking.alien(code) if not each.startswith(linking.libm_of(name))]
     wrong = [
         *([f"it keeps {', '.join(kept)} beside an instance; put numbers that last into its state"] if kept else []),
         *([f"it calls {', '.join(alien)}; a library takes functions of math.h and string.h alone"] if alien else []),

@@ -312,6 +312,23 @@ def kept_apart(code: bytes) -> list[str]:
     return sorted({re.sub(r"\.\d+$", "", each).rpartition(".")[2] for each in found})  # function.variable.number
 
 
+def shown(code: bytes) -> list[str]:
+    """The symbols of an object that other objects see."""
+    return sorted({each.name for each in _symbols(code) if each.section and each.shown})
+
+
+def own_name(library: str, symbol: str) -> str:
+    """The name in a library of a symbol of a user's file in C: a program may have two libraries of one file."""
+    return f"{library}_own_{symbol}"
+
+
+def with_own_names(text: str, library: str, symbols: Iterable[str]) -> str:
+    """LLVM's text that calls functions by the names that they have in a library."""
+    for each in symbols:
+        text = re.sub(rf"@{each}(?![\w.$-])", f"@{own_name(library, each)}", text)
+    return text
+
+
 def sizes(code: bytes) -> tuple[int, int, int]:
     """The bytes of an object's code, of its constants and of what it could change in the memory of a program."""
     held = [(each.flags, each.size) for each in _sections(code) if each.flags & 2]
@@ -329,12 +346,14 @@ class _Section(NamedTuple):
 
 
 class _Symbol(NamedTuple):
-    """A symbol of an ELF object. Section 0 is none; ``common``: a variable that the linker places."""
+    """A symbol of an ELF object. Section 0 is none; ``common``: a variable that the linker places; ``shown``: other
+    objects see it."""
 
     section: int
     name: str
     variable: bool
     common: bool
+    shown: bool
 
 
 def _text_at(code: bytes, at: int) -> str:
@@ -368,7 +387,7 @@ def _symbols(code: bytes) -> Iterator[_Symbol]:
             (info,) = struct.unpack_from("<B", code, at + (4 if wide else 12))
             (section,) = struct.unpack_from("<H", code, at + (6 if wide else 14))
             variable = info & 15 in (1, 6)  # of each thread, too
-            yield _Symbol(section, _text_at(code, names + name), variable, section == 0xFFF2)
+            yield _Symbol(section, _text_at(code, names + name), variable, section == 0xFFF2, info >> 4 != 0)
 
 
 def prepare(machine: Machine, folder: Path, source: Path = _LIBC) -> str:

@@ -77,6 +77,11 @@ class Link:
     def in_c(self) -> bool:
         return self.compiled.stage.file_suffix() == ".c"
 
+    @property
+    def symbol(self) -> str:
+        """The name of its function in C."""
+        return type(self.compiled.stage).__name__
+
 
 class Chain:
     """The control system of a run.
@@ -382,7 +387,7 @@ class Chain:
         for symbol, link in zip(symbols, self.links, strict=True):
             kinds = tuple(whole if kind is run else kind for kind in link.kinds)
             if link.compiled.users:
-                word = type(link.compiled.stage).__name__ if link.compiled.library else ""
+                word = link.symbol if link.compiled.library else ""
                 users.append(linked_stage_module(*self._between_copies(link), symbol, word))
             else:
                 settings, state, given, out = kinds
@@ -431,6 +436,9 @@ class Here:
         module = llvm.parse_assembly(text.replace(" hidden ", " "))
         machine = target_machine()
         optimize(module, machine, machine.triple)
+        for link in chain.links:
+            if link.in_c:
+                llvm.add_symbol(link.symbol, link.compiled.library.address)
         found = linked(machine.emit_object(module), [entry], ["memset", "memmove", "memcpy"])
         assert found is not None
         kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
