@@ -1,12 +1,13 @@
 """The command `compare`."""
 
 import dataclasses
+import re
 
 import pytest
 from click.testing import CliRunner
 
 from pages import HOSTILE, complete_by_itself
-from uvms_mj import McapLog, Scenario, simulate
+from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.cli.plot import compare
 
 LAW = """
@@ -46,3 +47,17 @@ def test_compare_makes_a_page_of_any_logs(command, tmp_path):
     again = command(compare, "0.mcap", "--out", "page.html")
     assert again.exit_code == 2
     assert "exists; choose another name" in again.stderr
+
+
+def test_compare_says_which_signals_are_equal(command, tmp_path):
+    runs = {"one": {}, "again": {}, "slow": {"current.speed": 0.1}, "short": {"simulation.duration": 0.05}}
+    for name, keys in runs.items():
+        start = {"simulation.duration": 0.1}
+        simulate(Scenario.load("push_wall", start | keys), sinks=[McapLog(tmp_path / f"{name}.mcap")])
+    equal, slow, short = (
+        command(compare, "one.mcap", f"{each}.mcap", "--out", f"{each}.html") for each in ("again", "slow", "short")
+    )
+    n = len([*Trace.load(tmp_path / "one.mcap")])
+    assert equal.output.splitlines() == [f"again and one: all {n} signals equal, bit for bit", "again.html"]
+    assert re.match(rf"slow and one: \d+ of {n} signals differ: ", slow.output)
+    assert short.output.splitlines() == ["short.html"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Stop, bad_input, draw_to_files, end, exit_interrupted, progress_bar, refuse_existing
+from .common import Stop, bad_input, draw_to_files, end, exit_interrupted, printable, progress_bar, refuse_existing
 from .logs import loaded
 from .options import command, force_option, names_in, number, path_option
 
@@ -170,7 +170,8 @@ def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> 
 @path_option("-o", "--out", default="compare.html", show_default=True, metavar="FILE.html", help="File for the page.")
 @force_option
 def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
-    """Write one HTML page about one or several logs: numbers, figures, differences, versions.
+    """Write one HTML page about one or several logs: numbers, figures, differences, versions. It prints which signals
+    of logs with the same times differ from the first log.
 
     \b
     uvms-mj compare gsta/run.mcap fosm/run.mcap
@@ -186,8 +187,20 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         refuse_existing("--out", Path(out), force)
         from ..reproduce.paper.report import compare as write
 
-        write(loaded(logs), out)
-        click.echo(out)
+        traces = loaded(logs)
+        write(traces, out)
+    (first, to), *others = traces.items()
+    for label, trace in others:
+        if (apart := trace.apart(to)) is not None:
+            click.echo(printable(f"{label} and {first}: {_of_signals(apart, len({*trace} & {*to}))}"))
+    click.echo(out)
+
+
+def _of_signals(apart: "Sequence[str]", n: int) -> str:
+    """A sentence about signals that differ, of n."""
+    if not apart:
+        return f"all {n} signals equal, bit for bit"
+    return f"{len(apart)} of {n} signals differ: {', '.join(apart[:3])}{', ...' if len(apart) > 3 else ''}"
 
 
 VIDEOS = ("mp4", "gif", "png")

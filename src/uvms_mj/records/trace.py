@@ -199,6 +199,12 @@ class Trace:
             raise InputError(f"has {found}; its samples are from {first:g} to {last:g} s")
         return Trace.of(self.header, self.rows()[chosen], self.outcome)
 
+    def apart(self, other: "Trace") -> tuple[str, ...] | None:
+        """The signals of both traces that differ, in a bit or in their shape; None if the traces have other times."""
+        if not _same_bits(self.t, other.t):
+            return None
+        return tuple(name for name in self if name in other.arrays and not _same_bits(self[name], other[name]))
+
     def at_rate(self, rate: float) -> "Trace":
         """The rows at a rate [Hz] that divides the trace's own, from t = 0 on, with the bands over all steps between
         them. Raises InputError for another rate."""
@@ -320,3 +326,9 @@ class Trace:
             return self.arrays[low], self.arrays[high]
         values = self.push if name == "push" else self[name]
         return values, values
+
+
+def _same_bits(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.shape == other.shape and np.array_equal(
+        np.ascontiguousarray(one, float).view(np.uint64), np.ascontiguousarray(other, float).view(np.uint64)
+    )
