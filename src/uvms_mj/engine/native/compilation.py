@@ -298,7 +298,8 @@ class _Module:
                 addresses = load(name)
                 if addresses is None:
                     made = self._begun()  # nothing if the copy has ended early
-                    addresses = _taken(name, symbols, *(pickle.loads(made) if made else self._made()))
+                    code, externals = pickle.loads(made) if made else self._made()
+                    addresses = _taken(name, symbols, code, externals)
                 self._addresses = dict(zip(symbols, addresses, strict=True))
             return self._addresses[symbol]
 
