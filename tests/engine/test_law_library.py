@@ -26,7 +26,7 @@ from uvms_mj.compiler import libm
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import linking, texts
+from uvms_mj.engine.law_library import linking, texts, vectors
 from uvms_mj.engine.law_library.library import name_of, write_library
 from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.engine.native.chain import Chain
@@ -1339,3 +1339,28 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
     assert done.exit_code != 0
     assert "taken: is a file; name a folder" in done.output
     assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a copy of the process is not sure to work")
+@pytest.mark.parametrize(
+    ("law", "settings", "rests", "touches"),
+    [
+        ("gsta", {}, False, True),
+        ("impedance", {}, True, False),
+        ("fosm", {}, False, True),  # with longer steps it does not come to the wall, and does not come to rest
+        ("impedance", {"controller.period": 0.0123}, False, False),  # no multiple of longer steps
+        ("impedance", {"wall.position": 0.99}, False, True),
+    ],
+)
+def test_a_run_that_rests_apart_is_known_before_its_steps(law, settings, rests, touches):
+    """What longer steps say is what all steps say, or nothing; and the run does not notice."""
+    sim = Simulation(scenario(law, settings), engine="free_body", looks=False)
+    sim.run(1, np.inf)
+    before = sim.memory.image.saved()
+    assert vectors._rests_apart(sim) is rests
+    for name, now in sim.memory.image.saved().items():
+        assert now.tobytes() == before[name].tobytes()
+    row = sim.memory.run["row"]
+    while row["first_contact"][0] < 0.0 and sim.steps < sim.scenario.steps:
+        sim.run(5000, np.inf)
+    assert bool(row["first_contact"][0] >= 0.0) is touches

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from forked import done as forked
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.compiler import apart
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native import compilation, objects, run_memory
 from uvms_mj.engine.simulation import engine_of
@@ -204,10 +206,8 @@ def test_code_of_a_short_run_has_the_same_bits(tmp_path, monkeypatch, name, sett
     monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
     scenario = Scenario.load(name, SHORT | settings)
     levels, rows = set(), []
-    compiled = compilation._compiled
-    monkeypatch.setattr(
-        compilation, "_compiled", lambda *given: levels.add(given[3] if len(given) > 3 else 1) or compiled(*given)
-    )
+    made = compilation._object
+    monkeypatch.setattr(compilation, "_object", lambda text, level: levels.add(level) or made(text, level))
     for short in (False, True):
         compilation._native_functions.cache_clear()
         run_memory.entry_points.cache_clear()
@@ -222,12 +222,27 @@ def test_code_of_a_short_run_has_the_same_bits(tmp_path, monkeypatch, name, sett
     np.testing.assert_array_equal(*rows)
 
 
-def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch):
-    """Stages and the loop share what they call. Another run of the process takes the same machine code."""
+def _early(call):
+    """A copy of this process that ends without a result."""
+    return apart.forked(lambda: os._exit(1))
+
+
+def _late(call):
+    """A copy that waits for a lock for ever."""
+    return apart.forked(lambda: time.sleep(60.0) or b"", 0.1)
+
+
+@pytest.mark.parametrize("copy", [apart.forked, _early, _late])
+def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch, copy):
+    """Stages and the loop share what they call. A copy of this process makes it; if it does not, this process does.
+    Another run of the process takes the same machine code."""
     monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
-    scenario, made, compiled = Scenario.load("push_wall", SHORT), [], compilation._compiled
-    monkeypatch.setattr(compilation, "_compiled", lambda *given: made.append(given[2]) or compiled(*given))
+    scenario, made, taken = Scenario.load("push_wall", SHORT), [], compilation._taken
+    here, compiled = [], compilation._object
+    monkeypatch.setattr(compilation, "_taken", lambda *given: made.append(given[1]) or taken(*given))
+    monkeypatch.setattr(compilation, "_object", lambda *given: here.append(given[1]) or compiled(*given))
+    monkeypatch.setattr(compilation, "forked", lambda call, most_s: copy(call))
     compilation._native_functions.cache_clear()
     run_memory.entry_points.cache_clear()
     before = compilation.short_run.set(True)
@@ -238,6 +253,7 @@ def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch):
         )
     finally:
         compilation.short_run.reset(before)
+    assert here == ([] if copy is apart.forked and sys.platform == "linux" else [0])
     assert len(made) == 1
     assert len(made[0]) > len(one.stages.stages)
     assert [each.address for each in one.code.values()] == [each.address for each in other.code.values()]

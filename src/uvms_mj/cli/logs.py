@@ -1,5 +1,6 @@
 """``uvms-mj info``, ``uvms-mj export`` and ``uvms-mj replay``: inspect, convert and show logs."""
 
+import gc
 import json
 import os
 import sys
@@ -338,6 +339,8 @@ def export_law(
                 library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test, work)
             finally:
                 remove_if_empty(made)
+            gc.freeze()  # no collection looks now at all that was made meanwhile
+            gc.unfreeze()
         for note in library.notes:
             warn(note)
         for each in library.targets:

@@ -5,10 +5,13 @@ import contextlib
 import functools
 import os
 import pickle
+import select
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -128,20 +131,31 @@ def _emit(text: str, optimizer: Target, targets: Sequence[Target]) -> bytes:
 
 
 def _forked(calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
-    """The result of each call in a process of its own: nothing where it has ended early."""
-    ends = []
-    for call in calls:
-        end, into = os.pipe()
-        if os.fork() == 0:
+    """The result of each call in a copy of this process: nothing where it has ended early."""
+    return [each() for each in [forked(call) for call in calls]]
+
+
+def forked(call: Callable[[], bytes], most_s: float | None = None) -> Callable[[], bytes]:
+    """Begin a call in a copy of this process, and return a function that waits for its result, at most so long [s] if
+    that is given: nothing where the copy has ended early, or is ended then."""
+    end, into = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads, whose locks the call does not take
+        copy = os.fork()
+    if copy == 0:
+        try:
             with os.fdopen(into, "wb") as out:
                 out.write(call())
+        finally:
             os._exit(0)
-        os.close(into)
-        ends.append(end)
-    codes = []
-    for end in ends:
+    os.close(into)
+
+    def result() -> bytes:
         with os.fdopen(end, "rb") as of:
-            codes.append(of.read())
-    for _ in ends:
-        os.wait()
-    return codes
+            if not select.select([of], [], [], most_s)[0]:
+                os.kill(copy, signal.SIGKILL)
+            found = of.read()
+        os.waitpid(copy, 0)
+        return found
+
+    return result

@@ -163,7 +163,8 @@ def write_library(
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
         for target in targets:
             (place / target / _ROWS).write_bytes(texts.told(steps))
-        trying = [pool.submit(tried, target) for target in targets]
+        slowest_first = sorted(targets, key=lambda target: MACHINES[target].shared)
+        trying = {target: pool.submit(tried, target) for target in slowest_first}
         files = {
             f"{name}.h": parts.sources[f"{name}.h"],
             "vectors.h": texts.vectors_text(border, steps, name),
@@ -175,7 +176,7 @@ def write_library(
         for file, content in files.items():
             _write(new / file, content)
         notes = sim.notes
-        made = [each.result() for each in trying]
+        made = [trying[target].result() for target in targets]
         missing = [*_apart(border, steps), *([f"a run can't take the library as its law: {no_law}"] if no_law else [])]
         notes += (*texts.left_behind(border), *_few(steps), *filter(None, ["; ".join(missing)]))
         record = 8 * _HEADER_WORDS + chain.kind.itemsize

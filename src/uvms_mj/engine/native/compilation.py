@@ -10,6 +10,8 @@ import contextlib
 import ctypes
 import functools
 import os
+import pickle
+import sys
 import threading
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +24,7 @@ from typing import Any, cast
 import llvmlite.binding as llvm
 import numpy as np
 
+from ...compiler.apart import forked
 from ...compiler.refusals import Untranslatable
 from ...compiler.targets import LIBM, optimize
 from ...physics.kernels import compilers
@@ -264,12 +267,34 @@ def _native_functions(
     return tuple(NativeFunction(len(dtypes), lambda k=k: made()[k]) for k, (_, dtypes) in enumerate(parts))
 
 
+_MOST_S = 60.0
+"""A copy of this process that has made no module by then waits in vain [s]."""
+
+
 class _Module:
-    """Functions for a short run: all that wait when the first of them is needed are one module, which has once what
-    they share. ``names`` are the names of their objects."""
+    """Functions for a short run: all that wait when the first of them is needed, or at :func:`begin_module`, are one
+    module, which has once what they share. ``names`` are the names of their objects."""
 
     def __init__(self) -> None:
         self.names, self.parts, self._addresses = list[str](), dict[str, Any](), dict[str, int]()
+        self._begun: Callable[[], bytes] = bytes
+
+    def begin(self) -> None:
+        """Begin to make the object in a copy of this process, which has all that it is made of. Elsewhere than on Linux
+        a copy is not sure to work."""
+        if _next_module[0] is self:
+            _next_module[0] = _Module()
+        if self.parts and sys.platform == "linux" and read(self._name) is None:
+            self._begun = forked(lambda: pickle.dumps(self._made()), _MOST_S)
+
+    @property
+    def _name(self) -> str:
+        return object_name([b"short", *(each.encode() for each in self.names)], sources=False)
+
+    def _made(self) -> tuple[bytes, list[str]]:
+        from .intrinsics import kernel_module
+
+        return _object(str(kernel_module(self.parts)), 0)
 
     def at(self, symbol: str) -> int:
         """The address of a function."""
@@ -277,14 +302,20 @@ class _Module:
             if not self._addresses:
                 if _next_module[0] is self:
                     _next_module[0] = _Module()
-                name = object_name([b"short", *(each.encode() for each in self.names)], sources=False)
+                name, symbols = self._name, list(self.parts)
                 addresses = load(name)
                 if addresses is None:
-                    from .intrinsics import kernel_module
-
-                    addresses = _compiled(str(kernel_module(self.parts)), name, list(self.parts), 0)
-                self._addresses = dict(zip(self.parts, addresses, strict=True))
+                    made = self._begun()  # nothing if the copy has ended early
+                    code, externals = pickle.loads(made) if made else self._made()
+                    addresses = _taken(name, symbols, code, externals)
+                self._addresses = dict(zip(symbols, addresses, strict=True))
             return self._addresses[symbol]
+
+
+def begin_module() -> None:
+    """Begin to make those functions for a short run that have been asked for."""
+    with compiling():
+        _next_module[0].begin()
 
 
 _next_module = [_Module()]
@@ -338,12 +369,21 @@ def _plain_function(function: Callable, dtypes: tuple[np.dtype, ...]) -> NativeF
 
 def _compiled(text: str, name: str, entries: list[str], level: int = 1) -> tuple[int, ...]:
     """Compile a module, keep its object on disk and return the addresses of its functions."""
+    return _taken(name, entries, *_object(text, level))
+
+
+def _object(text: str, level: int) -> tuple[bytes, list[str]]:
+    """The object of a module, and the symbols that it takes from others."""
     machine = target_machine(3 if level else 0)
     module = llvm.parse_assembly(text)
     optimize(module, machine, llvm.get_process_triple(), level)
     code = machine.emit_object(module)
     symbols = (*module.functions, *module.global_variables)
-    externals = [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]
+    return code, [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]
+
+
+def _taken(name: str, entries: list[str], code: bytes, externals: list[str]) -> tuple[int, ...]:
+    """Keep an object on disk, and return the addresses of its functions."""
     keep(name, code, entries, externals)
     addresses = link(code, entries, externals)
     assert addresses is not None, f"{entries} use an unknown symbol among {externals}"

@@ -383,7 +383,8 @@ class Image:
             size += 8 * n
         if size > 8 * NUMBERS:
             raise InputError(f"a run has room for {NUMBERS} numbers; its tables and settings have more")
-        self.bytes = np.frombuffer(mmap.mmap(-1, size), np.uint8)  # pages that nobody touches take no memory
+        # pages that nobody touches take no memory, and a copy of the process has its own
+        self.bytes = np.frombuffer(mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE), np.uint8)
         self.fixed, self.numbers = self.bytes[:at], self.bytes.view(np.float64)
         self.address = int(self.bytes.ctypes.data)
 

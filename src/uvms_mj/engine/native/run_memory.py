@@ -64,7 +64,7 @@ from .bodies import (
     write_wrist,
 )
 from .callback import advance, finish
-from .compilation import made_once, native_functions, short_run
+from .compilation import begin_module, made_once, native_functions, short_run
 from .loop import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .memory import stopped
 from .pipeline import Pipeline
@@ -245,6 +245,9 @@ class RunMemory:
         for write in (write_time, write_initial, *WRITERS):
             write(self, setup)
         if meanwhile is not None:
+            if not self.shape.joints:  # LLVM, which works on fused code in threads, would be locked in a copy
+                _ = self.code
+                begin_module()
             meanwhile(self)
         for each in self.code.values():
             each.wait()  # nobody copies this process while LLVM works in it

@@ -24,6 +24,50 @@ enum { WRITE = 4, EXIT = 248, SOCKET = 281, BIND = 282, SEND_TO = 290, RECEIVE_F
 enum { READ = 3, OPEN_AT = 322, CONTROL = 54, POLL = 336 };
 #endif
 
+void *memset(void *to, int c, size_t n)
+{
+    volatile unsigned char *p = to;
+    while (n--)
+        *p++ = (unsigned char)c;
+    return to;
+}
+
+void *memmove(void *to, const void *from, size_t n)
+{
+    volatile unsigned char *p = to;
+    const unsigned char *q = from;
+    size_t i;
+    if (p < q)
+        for (i = 0; i < n; i++)
+            p[i] = q[i];
+    else
+        for (i = n; i-- > 0;)
+            p[i] = q[i];
+    return to;
+}
+
+void *memcpy(void *to, const void *from, size_t n)
+{
+    return memmove(to, from, n);
+}
+
+#if defined(__arm__)
+/* helper functions of the ABI, which every compiler's own library has */
+void __aeabi_memclr(void *to, size_t n) { memset(to, 0, n); }
+void __aeabi_memclr4(void *to, size_t n) { memset(to, 0, n); }
+void __aeabi_memclr8(void *to, size_t n) { memset(to, 0, n); }
+void __aeabi_memset(void *to, size_t n, int c) { memset(to, c, n); }
+void __aeabi_memmove(void *to, const void *from, size_t n) { memmove(to, from, n); }
+void __aeabi_memmove4(void *to, const void *from, size_t n) { memmove(to, from, n); }
+void __aeabi_memmove8(void *to, const void *from, size_t n) { memmove(to, from, n); }
+void __aeabi_memcpy(void *to, const void *from, size_t n) { memmove(to, from, n); }
+void __aeabi_memcpy4(void *to, const void *from, size_t n) { memmove(to, from, n); }
+void __aeabi_memcpy8(void *to, const void *from, size_t n) { memmove(to, from, n); }
+#endif
+
+/* The rest runs seldom, and its stack is no part of a step's. */
+#pragma clang optimize off
+
 static long call(long number, long a, long b, long c, long d, long e, long f)
 {
 #if defined(__x86_64__)
@@ -135,33 +179,6 @@ unsigned htonl(unsigned x)
     return (unsigned)htons((unsigned short)x) << 16 | htons((unsigned short)(x >> 16));
 }
 
-void *memset(void *to, int c, size_t n)
-{
-    volatile unsigned char *p = to;
-    while (n--)
-        *p++ = (unsigned char)c;
-    return to;
-}
-
-void *memmove(void *to, const void *from, size_t n)
-{
-    volatile unsigned char *p = to;
-    const unsigned char *q = from;
-    size_t i;
-    if (p < q)
-        for (i = 0; i < n; i++)
-            p[i] = q[i];
-    else
-        for (i = n; i-- > 0;)
-            p[i] = q[i];
-    return to;
-}
-
-void *memcpy(void *to, const void *from, size_t n)
-{
-    return memmove(to, from, n);
-}
-
 int memcmp(const void *one, const void *other, size_t n)
 {
     const unsigned char *p = one, *q = other;
@@ -228,20 +245,6 @@ int printf(const char *format, ...)
     va_end(given);
     return 0;
 }
-
-#if defined(__arm__)
-/* helper functions of the ABI, which every compiler's own library has */
-void __aeabi_memclr(void *to, size_t n) { memset(to, 0, n); }
-void __aeabi_memclr4(void *to, size_t n) { memset(to, 0, n); }
-void __aeabi_memclr8(void *to, size_t n) { memset(to, 0, n); }
-void __aeabi_memset(void *to, size_t n, int c) { memset(to, c, n); }
-void __aeabi_memmove(void *to, const void *from, size_t n) { memmove(to, from, n); }
-void __aeabi_memmove4(void *to, const void *from, size_t n) { memmove(to, from, n); }
-void __aeabi_memmove8(void *to, const void *from, size_t n) { memmove(to, from, n); }
-void __aeabi_memcpy(void *to, const void *from, size_t n) { memmove(to, from, n); }
-void __aeabi_memcpy4(void *to, const void *from, size_t n) { memmove(to, from, n); }
-void __aeabi_memcpy8(void *to, const void *from, size_t n) { memmove(to, from, n); }
-#endif
 
 #if defined(BARE)
 __attribute__((noreturn)) void _start(void)
