@@ -9,7 +9,7 @@ from sphinx.application import Sphinx
 
 _PUNCTUATION = re.compile(r"[.,;:!?)\]]+")
 _NAMES = re.compile(r'(?<=<span class="pre">)[^<]+|(?<=<h1>)[\w.]+(?=<)')
-_JOINTS = re.compile(r"(?<=\w[._/])(?=\w{3})")
+_JOINTS = re.compile(r"(?<=[A-Za-z\]][._/])(?=[A-Za-z_]\w\w)")
 
 
 def _tie(app: Sphinx, tree: nodes.document, docname: str) -> None:

@@ -82,7 +82,9 @@ def _signals() -> str:
         parts += [f"## {name}", GROUPS[name], _table(given.columns, [row for row in given.rows if row[0] not in known])]
     parts += ["## TRUTH", GROUPS["TRUTH"], _listed(signal_list("TRUTH", signals.TRUTH))]
     for listed, heading in zip(recorded_signals(), ("Recorded signals", "Bands"), strict=True):
-        parts += [f"## {heading}", _code(listed.title.partition(": ")[2].capitalize()) + ".", _listed(listed)]
+        text = re.sub(r"trace\.(band\()?<name>\)?", r"``\g<0>``", listed.title.partition(": ")[2])
+        said = f"Read by {text}" if text.startswith("``") else text[0].upper() + text[1:]
+        parts += [f"## {heading}", f"{_code(said)}.", _listed(listed)]
     return _page(parts)
 
 
