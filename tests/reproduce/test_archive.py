@@ -351,7 +351,7 @@ def test_a_result_of_another_python_is_equal_if_its_numbers_are(tmp_path):
     there.write_text(json.dumps(found))
     for code, changed, said in (
         ({"python": "3.99.0"}, 0.0, []),
-        ({"python": "3.99.0"}, 1e-12, ["gsta, waves"]),
+        ({"python": "3.99.0"}, 1e-12, ["gsta on waves: the same level, other numbers in 1 of {} draws"]),
         ({}, 0.0, ["its bytes, though no number"]),
     ):
         other = copy.deepcopy(found)
@@ -360,7 +360,12 @@ def test_a_result_of_another_python_is_equal_if_its_numbers_are(tmp_path):
         row["hold.error_N"] += changed
         other["digest"] = results.digest(other)
         here.write_text(json.dumps(other, indent=2))
-        assert differences("bench", tmp_path) == said
+        ladder = next(law for law in found["laws"] if law["label"] == "gsta")["tasks"]["waves"]
+        draws = sum(len(level["rows"]) for level in ladder["levels"].values())
+        assert differences("bench", tmp_path) == [each.format(draws) for each in said]
+    next(law for law in other["laws"] if law["label"] == "gsta")["tasks"]["waves"]["level"] = 0
+    here.write_text(json.dumps(other | {"digest": results.digest(other)}))
+    assert differences("bench", tmp_path) == [f"gsta on waves: level {ladder['level']} then, 0 now"]
 
 
 # wrong zips

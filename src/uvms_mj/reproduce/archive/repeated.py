@@ -103,9 +103,21 @@ def _of_bench(then: bytes, now: bytes) -> list[str]:
     theirs: Mapping[str, Any] = {law["label"]: law for law in b["laws"]}
     for law in a["laws"]:
         other = theirs.get(law["label"], {})
+        tasks = other.get("tasks", {})
         found += [
-            f"{law['label']}, {task}" for task, each in law["tasks"].items() if other.get("tasks", {}).get(task) != each
+            f"{law['label']} on {task}: {_of_task(each, tasks.get(task, {}))}"
+            for task, each in law["tasks"].items()
+            if tasks.get(task) != each
         ]
         if {**law, "tasks": None} != {**other, "tasks": None}:
             found.append(f"{law['label']}: its settings or files")
     return found or (["its bytes, though no number"] if a["code"] == b["code"] else [])
+
+
+def _of_task(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """What differs between two ladders of a law on a task: the level, or the numbers of draws alone."""
+    if then.get("level") != now.get("level"):
+        return f"level {then.get('level', '-')} then, {now.get('level', '-')} now"
+    draws, others = ({} if not each.get("runs") else results.rows_of(each) for each in (then, now))
+    other = sum(others.get(key) != row for key, row in draws.items())
+    return f"the same level, other numbers in {other} of {len(draws)} draws"

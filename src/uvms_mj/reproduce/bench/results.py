@@ -386,11 +386,12 @@ def may_compare(also: Mapping[str, Any]) -> str:
 
 def _same_draws(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """The rows of the draws that both laws have on a task, at all levels."""
-    x, y = (_rows_of(each) for each in (mine, theirs))
+    x, y = (rows_of(each) for each in (mine, theirs))
     return [(row, y[key]) for key, row in x.items() if key in y and row["seed"] == y[key]["seed"]]
 
 
-def _rows_of(task: Mapping[str, Any]) -> dict[tuple[str, int], dict[str, Any]]:
+def rows_of(task: Mapping[str, Any]) -> dict[tuple[str, int], dict[str, Any]]:
+    """The rows of a law on a task by level and draw."""
     return {(level, row["draw"]): row for level, each in levels_of(task).items() for row in each["rows"]}
 
 
