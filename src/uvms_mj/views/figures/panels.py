@@ -70,13 +70,17 @@ class Panel:
 
     @property
     def scale(self) -> tuple[float, str]:
-        """Power of ten of the numbers of y, and SI prefix of its unit; 1 without one if the unit can't have a prefix:
-        no unit, 1, 1/s, m², kg."""
-        return prefix_of(self.largest) if _PREFIXED.match(self.unit) else (1.0, "")
+        """Power of ten of the numbers of y, and the text before its unit: an SI prefix, or the power if the unit can't
+        have a prefix: none, 1, 1/s, m², kg."""
+        power, prefix = prefix_of(self.largest)
+        if power == 1.0 or _PREFIXED.match(self.unit):
+            return power, prefix
+        return (1.0, "") if self.within else (power, f"10$^{{{round(math.log10(power))}}}$ ")
 
     def label(self, prefix: str) -> str:
-        """Label of y: quantity and unit with an SI prefix."""
-        return f"{self.quantity} [{prefix}{self.unit}]" if self.unit else self.quantity
+        """Label of y: quantity and unit with what stands before it."""
+        unit = f"{prefix}{'' if prefix and self.unit == '1' else self.unit}".strip()
+        return f"{self.quantity} [{unit}]" if unit else self.quantity
 
 
 # Position
