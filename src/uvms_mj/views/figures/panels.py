@@ -70,17 +70,17 @@ class Panel:
 
     @property
     def scale(self) -> tuple[float, str]:
-        """Power of ten of the numbers of y, and the prefix of its unit: an SI prefix, or the power itself if the unit
-        has none: no unit, 1, 1/s, m², kg."""
+        """Power of ten of the numbers of y, and the text before its unit: an SI prefix, or the power if the unit can't
+        have a prefix: none, 1, 1/s, m², kg."""
         power, prefix = prefix_of(self.largest)
         if power == 1.0 or _PREFIXED.match(self.unit):
             return power, prefix
-        return power, f"$10^{{{round(math.log10(power))}}}$" + (" " if self.unit[:1].isalpha() else "")
+        return (1.0, "") if self.within else (power, f"10$^{{{round(math.log10(power))}}}$ ")
 
     def label(self, prefix: str) -> str:
-        """Label of y: quantity, prefix and unit."""
-        unit = self.unit.removeprefix("1") if prefix.startswith("$") else self.unit
-        return f"{self.quantity} [{prefix}{unit}]" if prefix or unit else self.quantity
+        """Label of y: quantity and unit with what stands before it."""
+        unit = f"{prefix}{'' if prefix and self.unit == '1' else self.unit}".strip()
+        return f"{self.quantity} [{unit}]" if unit else self.quantity
 
 
 # Position

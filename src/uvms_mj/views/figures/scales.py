@@ -86,8 +86,7 @@ def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -
     ax.yaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(lambda y, _: f"{y / power:g}".replace("-", "\N{MINUS SIGN}"))
     ax.axhspan(max(bottom, -within), min(top, within), color="#f3f3f3", linewidth=0.0, zorder=0.0)
-    size = f"{within:g} {unit}" if prefix.startswith("$") else f"{within / power:g} {prefix}{unit}"
-    limit = f"{'±' if low < 0.0 else ''}{size.strip()}"
+    limit = f"{'±' if low < 0.0 else ''}{within / power:g} {prefix}{unit}"
     ax.set_title(f"log beyond {limit}", loc="right", fontsize=SMALL, color="#555555")
 
 
