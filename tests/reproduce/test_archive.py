@@ -429,6 +429,19 @@ def kind_of(kind):
     return with_text("archive.json", change)
 
 
+def law_outside(members):
+    """A sealed zip whose scenario names a law that is not in it."""
+    import hashlib
+
+    found = {info.filename: data for info, data in members}
+    text = found["scenario.toml"].replace(b"files/stages-0/law.py:Mine", b"/tmp/law.py:Mine")
+    assert text != found["scenario.toml"]
+    tables = json.loads(found["archive.json"])
+    tables["members"]["scenario.toml"] = {"sha256": hashlib.sha256(text).hexdigest(), "size": len(text)}
+    found |= {"scenario.toml": text, "archive.json": json.dumps(tables).encode()}
+    return [(info, found[info.filename]) for info, _ in members]
+
+
 DEEP = 900 * b"[" + 900 * b"]"
 WRONG = {
     "absolute": (listed("/tmp/evil.py"), "absolute path"),
@@ -459,6 +472,7 @@ WRONG = {
     "of a paper": (kind_of("paper"), "is the archive of a paper"),
     "command": (with_text("archive.json", lambda data: data.replace(b"--out repeated", b"; rm x")), "the command"),
     "escape": (with_text("archive.json", lambda data: data.replace(b'"push_wall"', b'"\\u001b[2J"')), "the name or"),
+    "scenario outside": (law_outside, "is no file in it"),
     "no names": (with_text("archive.json", lambda data: data.replace(b'"names"', b'"name"')), "about"),
     "name outside": (
         with_text("archive.json", lambda data: data.replace(b'"files/stages-0/law.py:Mine"', b'"/tmp/law.py:Mine"')),
@@ -478,7 +492,7 @@ def test_a_wrong_zip_is_refused_by_name_before_anything_is_written_or_run(here, 
     assert not executed()
     assert not Path("again").exists()
     assert not Path("/tmp/evil.py").exists()
-    if case not in ("of a paper", "no names", "name outside"):
+    if case not in ("of a paper", "no names", "name outside", "scenario outside"):
         assert here("info", str(wrong)).exit_code == 2
 
 

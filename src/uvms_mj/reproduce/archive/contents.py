@@ -128,7 +128,8 @@ def refuse_unfit(path: Path, manifest: Manifest) -> None:
         known = key in PATHS or key.endswith("].name")
         if not known or (parted(name)[0] or name) not in manifest.members:
             raise InputError(f"{path}: is refused: {MANIFEST}: about: {key} = {shortened(name)} is no file in it")
-    for table in (name for name in needed if name.endswith(".toml")):
+    named = dict.fromkeys((*needed, SCENARIO))  # a run is repeated by its log, and unpacked by its scenario
+    for table in (name for name in named if name.endswith(".toml") and name in manifest.members):
         try:
             tables = parsed_toml(contents(path, manifest, table).decode())
         except ValueError as error:
