@@ -360,7 +360,7 @@ def fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
         if panel.within is None:
             number(ax.yaxis, power)
         else:
-            logarithmic(ax, panel.within, panel.unit, power, prefix)
+            logarithmic(ax, panel.within, panel.scaled(prefix), power, "· " if prefix.startswith("10") else "")
         ax.set_ylabel(panel.label(prefix))
     power, prefix = prefix_of(end)
     for ax, _ in cells:

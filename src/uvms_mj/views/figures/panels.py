@@ -75,11 +75,15 @@ class Panel:
         power, prefix = prefix_of(self.largest)
         if power == 1.0 or _PREFIXED.match(self.unit):
             return power, prefix
-        return (1.0, "") if self.within else (power, f"10$^{{{round(math.log10(power))}}}$ ")
+        return power, f"10$^{{{round(math.log10(power))}}}$ "
+
+    def scaled(self, prefix: str) -> str:
+        """The unit with its prefix or its power."""
+        return f"{prefix}{'' if prefix and self.unit == '1' else self.unit}".strip()
 
     def label(self, prefix: str) -> str:
-        """Label of y: quantity and unit with what stands before it."""
-        unit = f"{prefix}{'' if prefix and self.unit == '1' else self.unit}".strip()
+        """Label of y: quantity and unit."""
+        unit = self.scaled(prefix)
         return f"{self.quantity} [{unit}]" if unit else self.quantity
 
 
