@@ -487,13 +487,13 @@ def test_the_window_of_the_impacts_comes_from_the_trace():
 @pytest.mark.parametrize(
     ("unit", "size", "scale"),
     [("m", 2e-3, (1e-3, "m")), ("m/s²", 2e-3, (1e-3, "m")), ("N m", 2e-6, (1e-6, "µ"))]
-    + [(unit, 2e-3, (1e-3, "10$^{-3}$ ")) for unit in ("", "1", "1/s", "m²", "m$^{1/2}$/s", "kg")],
+    + [(unit, 2e-3, (1e-3, "10⁻³ ")) for unit in ("", "1", "1/s", "m²", "m$^{1/2}$/s", "kg")],
 )
 def test_an_axis_has_a_prefix_if_its_unit_can_have_one(unit, size, scale):
     assert Panel("q", unit, lambda ax: None, size).scale == scale
     bare = unit in ("", "1")
     label = Panel("q", unit, lambda ax: None, size).label(scale[1])
-    assert label == ("q [10$^{-3}$]" if bare else f"q [{scale[1]}{unit}]")
+    assert label == ("q [10⁻³]" if bare else f"q [{scale[1]}{unit}]")
 
 
 @pytest.mark.parametrize(("law", "shown"), [("none", False), ("gsta", True)])

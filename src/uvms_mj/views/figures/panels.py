@@ -75,7 +75,7 @@ class Panel:
         power, prefix = prefix_of(self.largest)
         if power == 1.0 or _PREFIXED.match(self.unit):
             return power, prefix
-        return power, f"10$^{{{round(math.log10(power))}}}$ "
+        return power, {1e-3: "10⁻³ ", 1e-6: "10⁻⁶ ", 1e-9: "10⁻⁹ "}[power]
 
     def scaled(self, prefix: str) -> str:
         """The unit with its prefix or its power."""
