@@ -4,6 +4,7 @@ import io
 import re
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,8 +15,10 @@ from uvms_mj import InputError, Study
 from uvms_mj.analysis.hold import HOLD_S
 from uvms_mj.analysis.summary import NUMBERS
 from uvms_mj.studies.report.data import StudyRows
+from uvms_mj.studies.report.figures import distribution
 from uvms_mj.studies.report.latex import Column, LatexTable, Stacked, latex, ranged
 from uvms_mj.studies.report.tables import comparison, printed, statistics, to_csv
+from uvms_mj.views.figures.style import panels
 
 METRICS = ("contact.peak_N", "effort_N2s", "final.position_m.x")
 
@@ -279,3 +282,14 @@ def test_words_of_a_paper_stand_in_place_of_names(study, tmp_path, here):
         assert why in here("study", "table", str(study.folder), "--label", wrong).stderr
     with pytest.raises(InputError, match="would stand for two laws"):
         study.plot(labels={"impedance": "gsta_2 & 50 % #1"})
+
+
+def test_the_end_of_a_curve_beyond_the_limits_stands_not_outside_the_axes():
+    values = np.r_[np.linspace(0.0, 1.0, 100), np.linspace(0.0, 1.0, 99), 50.0]
+    rows = {"near": np.arange(200) < 100, "far": np.arange(200) >= 100}
+    data = SimpleNamespace(values=lambda metric: values, laws=[*rows], rows=rows, colours=dict.fromkeys(rows, "black"))
+    _, (ax,) = panels(1, 1, 0.5, 2.0)
+    distribution(ax, data, SimpleNamespace(axis="q"), first=True)
+    ends = [line for line in ax.lines if line.get_marker() == "o"]
+    assert [each.get_visible() for each in ends] == [True, False]
+    assert ax.get_xlim()[1] < 50.0

@@ -91,7 +91,7 @@ def _leftmost(ax: Axes) -> bool:
 def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None:
     """Cumulative distribution of a metric for each law, as shares of all its runs. A curve ends at a dot, or below 1 at
     an open circle if it lacks the runs without a value."""
-    values = data.values(metric)
+    values, ends = data.values(metric), list[Line2D]()
     for i, law in enumerate(data.laws):
         rows = data.rows[law]
         found = np.sort(values[rows][np.isfinite(values[rows])])
@@ -103,8 +103,11 @@ def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None
         # marked, since the end of a curve may be in a gap of its dashes
         face = "white" if top < 1.0 else data.colours[law]
         end: dict[str, Any] = {"markerfacecolor": face, "markersize": 3.5, "zorder": 4.0, "clip_on": False}
-        ax.plot(x[-1], top, "o", color=data.colours[law], **end)
+        ends += ax.plot([x[-1]], [top], "o", color=data.colours[law], **end)
     scale(ax, values)
+    low, high = ax.get_xlim()
+    for each in ends:  # an end beyond the limits would stand outside the axes, and take room in the layout
+        each.set_visible(low <= each.get_xdata()[0] <= high)
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(metric.axis)
     if first:
@@ -155,7 +158,7 @@ def rounded(value: float) -> str:
     """A round number of an axis: with a power of ten where it is large or small. A prefix such as the m of milli would
     read as a unit."""
     mantissa, e, exponent = f"{value:g}".partition("e")
-    if not e and value < 1e4:
+    if not e and 1e-3 <= value < 1e4:
         return mantissa
     if not e:
         exponent = str(int(np.floor(np.log10(value))))
