@@ -70,7 +70,7 @@ class Factor:
     @property
     def axis(self) -> str:
         """The label of its axis in a figure."""
-        return titled(self.key, self.unit)
+        return titled(self.key, self.unit, self.words)
 
     @property
     def limits(self) -> tuple[float, float] | None:
@@ -117,7 +117,7 @@ class Metric:
     @property
     def axis(self) -> str:
         """The label of its axis in a figure."""
-        return titled(self.short, self.unit)
+        return titled(self.short, self.unit, self.words)
 
     @property
     def meaning(self) -> str:

@@ -355,16 +355,16 @@ def symbol(name: str, component: str = "") -> str:
     return f"${letter}_{{\\mathrm{{{','.join(below)}}}}}$" if below else f"${letter}$"
 
 
-def titled(place: str, unit: str = "") -> str:
+def titled(place: str, unit: str = "", text: str = "") -> str:
     """The label of an axis for a key or a metric by its place, in words, ``wall stiffness [N/m]``, whose last one is
-    typeset if it is a symbol: ``controller.k_1`` ends with k₁."""
+    typeset if it is a symbol: ``controller.k_1`` ends with k₁. A text of a user's own stands as it is."""
     words, component = place.split("."), []
     while len(words) > 1 and (words[-1] in AXES or words[-1].isdigit()):
         component.insert(0, words.pop())
     last = symbol(words[-1], "".join(component))
     if last.startswith("$"):
         words, component = [*words[:-1], last], []
-    text = " ".join([each if each.startswith("$") else each.replace("_", " ") for each in words] + component)
+    text = text or " ".join([each if each.startswith("$") else each.replace("_", " ") for each in words] + component)
     return f"{text} [{unit_text(unit)}]" if unit else text
 
 
