@@ -590,7 +590,7 @@ def test_thinning_keeps_the_extremes_of_every_column(n, columns, seed):
 def test_a_users_states_are_drawn_whatever_their_sizes(drawn):
     trace = odd_run()
     figure = drawn["states of a user's law"]
-    assert [ax.get_ylabel().partition(" [10$")[0] for ax in figure.axes] == [
+    assert [ax.get_ylabel().partition(" [10")[0] for ax in figure.axes] == [
         *("state $\\xi$", "state $\\xi$", "state w_", "state four", "state many")
     ]
     linear, angular, w, four, many = ([line for _, line in lines_of(figure, ax)] for ax in figure.axes)
