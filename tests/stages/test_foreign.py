@@ -1,6 +1,7 @@
 """Stages in C and in libraries: they give the numbers of the same stage in Python, bit for bit."""
 
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +13,7 @@ import pytest
 from uvms_mj import InputError, Scenario, Simulation, StageFault, Trace, simulate
 from uvms_mj.cli.new import IN_C, write_new
 from uvms_mj.compiler import libm
-from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.engine.native.shared_library import compiler, tool
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.foreign import Records, header
@@ -650,3 +651,13 @@ def test_a_law_in_c_that_ends_or_copies_the_process_at_any_instant_is_named(tmp_
     )
     assert ended.exit_code == status
     assert ended.stderr.count(said) == 1
+
+
+def test_a_tool_that_a_signal_ends_is_called_once_more(tmp_path):
+    once = "test -e begun && echo made && exit 0; touch begun; kill -SEGV $$"
+    assert tool(["sh", "-c", once], tmp_path).stdout == "made\n"
+    always = tool(["sh", "-c", "echo x >> starts; kill -SEGV $$"], tmp_path)
+    assert always.returncode == -signal.SIGSEGV
+    assert (tmp_path / "starts").read_text() == "x\n" * 2
+    assert tool(["sh", "-c", "echo x >> wrong; exit 1"], tmp_path).returncode == 1
+    assert (tmp_path / "wrong").read_text() == "x\n"

@@ -6,7 +6,6 @@ number must be a factor of the key's value plus an offset, exactly; a key that d
 
 import dataclasses
 import os
-import subprocess
 import tempfile
 import uuid
 import zipfile
@@ -31,7 +30,7 @@ from .native.callback import advance
 from .native.net import FIRST
 from .native.other_targets import loop_for
 from .native.record import STOP_COMMAND, STOP_STATE, STOP_THRUST
-from .native.shared_library import compiler
+from .native.shared_library import compiler, tool
 from .simulation import Simulation
 
 ADVANCE = "uvms_mj_advance"
@@ -119,7 +118,7 @@ def _linked(loop: bytes, header: str, image: bytes) -> bytes:
         options = ["-O2", "-fPIC", "-shared", "-w", "-ffp-contract=off", "-I", folder, *names, "-o", "plant.so", "-lm"]
         command = compiler()
         try:
-            done = subprocess.run([*command, *options], cwd=folder, capture_output=True, text=True, errors="replace")
+            done = tool([*command, *options], folder)
         except OSError as error:
             raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
         if done.returncode or not (place / "plant.so").is_file():

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import subprocess
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from ..plant.vehicle import Vehicle
 from .native.attachment import SITUATION, STILL, immerse
 from .native.other_targets import water_for
 from .native.record import Field, alone_dtype, integers_of
-from .native.shared_library import compiler
+from .native.shared_library import compiler, tool
 
 CODE = "uvms_mj_water"
 _MEAN = Field.of(CURRENT, "mean").offset
@@ -166,7 +165,7 @@ def _linked(vehicle: Vehicle) -> bytes:
         options = ["-O2", "-fPIC", "-shared", "-w", "-I", folder, "-I", os.fspath(home / "include")]
         command = [*compiler(), *options, *names, os.fspath(binary), "-o", "water.so", "-lm"]
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+            done = tool(command, folder)
         except OSError as error:
             raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
         if done.returncode or not Path(folder, "water.so").is_file():

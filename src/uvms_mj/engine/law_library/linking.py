@@ -9,7 +9,6 @@ import platform
 import re
 import shutil
 import struct
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,6 +22,7 @@ from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
 from ..native.objects import object_name, recall, remember, uncollected
+from ..native.shared_library import tool
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def headers(machine: Machine) -> list[str]:
 
 def run(command: Sequence[str], folder: Path) -> None:
     """Run a tool in a folder. Raises InputError with its last line."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+    done = tool(command, folder)
     if done.returncode:
         said = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[:6]
         raise InputError("\n".join([f"{' '.join(command[:4])}:", *said]))

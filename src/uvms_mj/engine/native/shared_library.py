@@ -132,10 +132,20 @@ def _age(program: str) -> str:
     return str(whose.stat().st_mtime_ns) if whose.is_file() else ""
 
 
+def tool(command: Sequence[str], folder: str | os.PathLike) -> subprocess.CompletedProcess[str]:
+    """Call a compiler or a linker in a folder. It is called once more where a signal ended it: zig reads beyond its
+    stack, at whose end its arguments lie, in one of some thousand starts, by the place that the system gave it."""
+    for _ in range(2):
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+        if done.returncode >= 0:
+            break
+    return done
+
+
 def _run(command: Sequence[str], path: Path) -> None:
     """Run the compiler in the folder of a file. Raises InputError with its first lines."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=path.parent)
+        done = tool(command, path.parent)
     except OSError as error:
         raise InputError(f"the C compiler {command[0]}: {error.strerror}") from None
     if done.returncode or not Path(command[command.index("-o") + 1]).is_file():

@@ -91,7 +91,7 @@ def _leftmost(ax: Axes) -> bool:
 def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None:
     """Cumulative distribution of a metric for each law, as shares of all its runs. A curve ends at a dot, or below 1 at
     an open circle if it lacks the runs without a value."""
-    values, ends = data.values(metric), list[Line2D]()
+    values, ends = data.values(metric), list[tuple[float, Line2D]]()
     for i, law in enumerate(data.laws):
         rows = data.rows[law]
         found = np.sort(values[rows][np.isfinite(values[rows])])
@@ -103,11 +103,11 @@ def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None
         # marked, since the end of a curve may be in a gap of its dashes
         face = "white" if top < 1.0 else data.colours[law]
         end: dict[str, Any] = {"markerfacecolor": face, "markersize": 3.5, "zorder": 4.0, "clip_on": False}
-        ends += ax.plot([x[-1]], [top], "o", color=data.colours[law], **end)
+        ends += [(float(x[-1]), *ax.plot([x[-1]], [top], "o", color=data.colours[law], **end))]
     scale(ax, values)
     low, high = ax.get_xlim()
-    for each in ends:  # an end beyond the limits would stand outside the axes, and take room in the layout
-        each.set_visible(low <= each.get_xdata()[0] <= high)
+    for at, each in ends:  # an end beyond the limits would stand outside the axes, and take room in the layout
+        each.set_visible(low <= at <= high)
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(metric.axis)
     if first:
