@@ -632,13 +632,17 @@ DURING = {
 @pytest.mark.slow
 @pytest.mark.parametrize(("event", "said"), DURING.values(), ids=DURING)
 def test_the_sender_ends_and_says_why(exported, port, capsys, event, said):
-    flying = Flying(exported[1]["library"]["export"], event)
-    flying.start()
-    assert sender.main(arguments(flying, exported, port, "--seconds", "20")) == 3
-    flying.after(0.5 + 1e-6 * flying.delay_us)
+    wanted = [said] if isinstance(said, str) else said
+    for _ in range(3):  # a machine that is busy for .3 s has the gate closed before the event does it
+        flying = Flying(exported[1]["library"]["export"], event)
+        flying.start()
+        assert sender.main(arguments(flying, exported, port, "--seconds", "20")) == 3
+        flying.after(0.5 + 1e-6 * flying.delay_us)
+        out = capsys.readouterr().out
+        if any(each in out for each in wanted) or "ends: the gate is closed" not in out:
+            break
     assert flying.frames > 10
-    out = capsys.readouterr().out
-    assert any(each in out for each in ([said] if isinstance(said, str) else said)), out
+    assert any(each in out for each in wanted), out
     late = [pulses for us, pulses in flying.rows if us > max(flying.happened_us + 1_400_000, flying.last_frame_us)]
     if "refused" in said:  # neutral pulses of the law, through an open gate
         assert {tuple(pulses) for pulses in late} <= {tuple(NEUTRAL), tuple(MIXER)}
