@@ -656,7 +656,7 @@ def test_a_law_in_c_is_twice_in_one_program(tmp_path):
 
 @pytest.mark.slow
 def test_a_law_in_c_leaves_for_a_vehicle_with_joints(tmp_path):
-    """Its commands here are those of the chain on this processor, which calls the law's own function."""
+    """The chain on this processor, which calls the law's own function, gives its commands here."""
     (tmp_path / "my_law.c").write_text(MY_LAW)
     (tmp_path / "my_law.toml").write_text(MY_TOML)
     settings = SOFT | {"vehicle.model": "bluerov2_alpha5", "controller.period": 0.002}

@@ -4,8 +4,10 @@ import ast
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -281,3 +283,16 @@ def test_a_folder_that_is_made_is_the_users_alone(tmp_path, monkeypatch):
         assert objects.cache_folder.__wrapped__().stat().st_mode & 0o777 == 0o700
     finally:
         os.umask(before)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a copy of a process is made on Linux alone")
+def test_a_part_of_a_result_of_a_copy_is_none():
+    def dies():  # while the pipe, which holds less, is full
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGKILL)).start()
+        return bytes(1 << 20)
+
+    assert apart.forked(lambda: b"whole")() == b"whole"
+    assert apart.forked(lambda: 1 / 0)() == b""
+    result = apart.forked(dies)
+    time.sleep(1.0)
+    assert result() == b""

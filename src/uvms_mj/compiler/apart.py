@@ -146,8 +146,9 @@ def forked(call: Callable[[], bytes], most_s: float | None = None) -> Callable[[
         try:
             with os.fdopen(into, "wb") as out:
                 out.write(call())
-        finally:
             os._exit(0)
+        finally:
+            os._exit(1)
     os.close(into)
 
     def result() -> bytes:
@@ -155,7 +156,6 @@ def forked(call: Callable[[], bytes], most_s: float | None = None) -> Callable[[
             if not select.select([of], [], [], most_s)[0]:
                 os.kill(copy, signal.SIGKILL)
             found = of.read()
-        os.waitpid(copy, 0)
-        return found
+        return found if os.waitpid(copy, 0)[1] == 0 else b""  # a part of a result is none
 
     return result

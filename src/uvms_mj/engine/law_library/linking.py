@@ -113,7 +113,7 @@ _OF_MATH = (
     "lrint llrint round lround llround trunc fmod remainder remquo copysign nan nextafter nexttoward fdim fmax fmin fma"
 )
 C_LIBRARY = {f"{each}{kind}" for each in _OF_MATH.split() for kind in ("", "f", "l")} | {"memcmp"}
-"""Functions of a C library that keep nothing and have no effect: those of math.h in C99, and a comparison."""
+"""Functions of a C library that keep nothing and have no effect: math.h of C99, and a comparison."""
 _BOARD = ("-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none")
 _BOARD += ("-chardev", "file,id=said,path=/dev/stdout", "-semihosting-config", "enable=on,chardev=said", "-kernel")
 _C = ("-std=c99", "-Os", "-ffp-contract=off", "-ffreestanding", "-fno-stack-protector")

@@ -305,7 +305,7 @@ class _Module:
                 name, symbols = self._name, list(self.parts)
                 addresses = load(name)
                 if addresses is None:
-                    made = self._begun()  # nothing if the copy has ended early
+                    made, self._begun = self._begun(), bytes  # nothing if the copy has ended early
                     code, externals = pickle.loads(made) if made else self._made()
                     addresses = _taken(name, symbols, code, externals)
                 self._addresses = dict(zip(symbols, addresses, strict=True))
