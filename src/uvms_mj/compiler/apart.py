@@ -110,23 +110,28 @@ def joined(libm: str, entry: str) -> str:
 
 
 def emit(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
-    """The code of LLVM's text for each target: none where LLVM has ended its process. Targets with one ``optimizer``
-    share what they are emitted from."""
+    """The code of LLVM's text for each target: none where LLVM has ended its process. A text is optimized once for all
+    its targets."""
     os.nice(10)  # what calls goes on with work that is waited for longer
-    groups: dict[tuple[str, Target], list[Target]] = {}
+    texts: dict[str, list[Target]] = {}
     for text, target in jobs:
-        groups.setdefault((text, target.optimizer or target), []).append(target)
-    shared = _forked([functools.partial(_emit, *group, targets) for group, targets in groups.items()])
+        texts.setdefault(text, []).append(target)
+    shared = _forked([functools.partial(_emit, text, targets) for text, targets in texts.items()])
     codes = {
-        (group[0], target): code
-        for (group, targets), found in zip(groups.items(), shared, strict=True)
+        (text, target): code
+        for (text, targets), found in zip(texts.items(), shared, strict=True)
         for target, code in zip(targets, pickle.loads(found) if found else [b""] * len(targets), strict=True)
     }
     return [codes[job] for job in jobs]
 
 
-def _emit(text: str, optimizer: Target, targets: Sequence[Target]) -> bytes:
-    module = optimizer.optimized(llvm.parse_assembly(text))
+_WIDEST = Target("x86_64-unknown-linux-gnu", "x86-64-v2", compact=True)
+"""The target for which a text for several ones is optimized. The text has numbers of the same sizes and alignments on
+all of them, and no pointer in memory; an address of 64 bits is cut where pointers have 32, and none is lost."""
+
+
+def _emit(text: str, targets: Sequence[Target]) -> bytes:
+    module = _WIDEST.optimized(llvm.parse_assembly(text))
     return pickle.dumps(_forked([functools.partial(target.emitted, module) for target in targets]))
 
 

@@ -18,8 +18,6 @@ class Target:
         reloc: how addresses are found: "pic" for a shared library.
         compact: whether small code counts more than its speed.
         codemodel: how far apart code and data may be: "small" for an object that a linker takes.
-        optimizer: the target for which a module is optimized, if not this one: a module is optimized once for several
-            targets. Its pointers and numbers have the same sizes and alignments in memory.
     """
 
     triple: str
@@ -29,13 +27,13 @@ class Target:
     reloc: str = "default"
     codemodel: str = "jitdefault"
     compact: bool = False
-    optimizer: "Target | None" = None
 
     def machine(self) -> llvm.TargetMachine:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
         target = llvm.Target.from_triple(self.triple)
-        return target.create_target_machine(self.processor, self.features, 3, self.reloc, self.codemodel)
+        level = 2 if self.compact else 3
+        return target.create_target_machine(self.processor, self.features, level, self.reloc, self.codemodel)
 
     def code(self, module: llvm.ModuleRef, level: int = 1) -> bytes:
         """The code of a module, which it optimizes."""
@@ -120,8 +118,8 @@ def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, 
     # higher levels take twice as long and make no step faster
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
     tuning.inlining_threshold = 50
-    if compact:
-        tuning.size_level, tuning.loop_unrolling = 1, False
+    if compact:  # vectors of three to six numbers: a loop over parts of them is longer, and no faster
+        tuning.size_level, tuning.loop_unrolling, tuning.loop_vectorization = 1, False, False
     passes = llvm.create_pass_builder(machine, tuning)
     first.run(module, passes)
     passes.getModulePassManager().run(module, passes)

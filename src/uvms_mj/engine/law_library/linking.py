@@ -55,19 +55,15 @@ class Machine:
         return " ".join(["python -m ziglang cc", *(each for each in options if each != "-fPIC"), "-static"])
 
 
-def _small(
-    triple: str, processor: str, features: str = "", reloc: str = "pic", optimizer: Target | None = None
-) -> Target:
-    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True, optimizer=optimizer)
+def _small(triple: str, processor: str, features: str = "", reloc: str = "pic") -> Target:
+    return Target(triple, processor, features, reloc=reloc, codemodel="small", compact=True)
 
 
-_64_BITS = _small("x86_64-unknown-linux-gnu", "x86-64-v2")
-_32_BITS = _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static")
 _ARM = ("-target", "arm-linux-musleabihf")
 _PIC = "-fPIC"
 MACHINES = {
     "x86_64": Machine(
-        _64_BITS,
+        _small("x86_64-unknown-linux-gnu", "x86-64-v2"),
         ("-target", "x86_64-linux-musl", "-fPIC"),
         (_PIC,),
         True,
@@ -75,7 +71,7 @@ MACHINES = {
         "x86_64",
     ),
     "aarch64": Machine(
-        _small("aarch64-unknown-linux-gnu", "cortex-a53", optimizer=_64_BITS),
+        _small("aarch64-unknown-linux-gnu", "cortex-a53"),
         ("-target", "aarch64-linux-musl", "-fPIC"),
         (_PIC,),
         True,
@@ -83,7 +79,7 @@ MACHINES = {
         "aarch64",
     ),
     "armv7": Machine(
-        _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon", optimizer=_32_BITS),
+        _small("armv7-unknown-linux-gnueabihf", "cortex-a7", "+vfp4,+neon"),
         (*_ARM, "-mcpu=cortex_a7", "-fPIC"),
         ("-mcpu=cortex-a7", _PIC),
         True,
@@ -92,7 +88,7 @@ MACHINES = {
         rounds=False,
     ),
     "thumbv7em": Machine(
-        _32_BITS,
+        _small("thumbv7em-unknown-none-eabihf", "cortex-m7", "+fp-armv8d16", reloc="static"),
         ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16"),
         ("-mcpu=cortex-m7",),
         False,

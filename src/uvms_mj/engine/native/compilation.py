@@ -169,14 +169,18 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
         module, files = _translated(function, records)
         # its text has all of its code, but for the functions of libm, which are added behind it
         name = object_name([b"stage", module.encode()], sources=LIBM in module)
-        if name not in _stages and (addresses := load(name) or _built(module, name)):
-            _stages[name] = addresses
+        found = _stage(name, files)
+        if found is None:
+            make = functools.partial(_object, module, 1)
+            found = _begun_stage(name, _made_in_a_copy(make) if short_run.get() else make, files)
+            if not short_run.get():
+                found.wait()
         if known:
             remember(known, b"", {"object": name, "files": files})
-        return _loaded(_stages[name][0], 5, tuple(files), name)
+        return found
 
 
-_stages: dict[str, tuple[int, ...]] = {}
+_stages: dict[str, Callable[[], int]] = {}
 """The addresses of users' stages by the names of their objects. Each is loaded once: it takes two mappings of memory,
 of which a process has 65530."""
 
@@ -184,19 +188,23 @@ of which a process has 65530."""
 def _stage(name: str, files: Sequence[str]) -> NativeFunction | None:
     """The machine code of a user's stage, loaded or from disk; None if it is not kept."""
     if name not in _stages and (addresses := load(name)) is not None:
-        _stages[name] = addresses
-    return _loaded(_stages[name][0], 5, tuple(files), name) if name in _stages else None
+        _stages[name] = lambda: addresses[0]
+    return NativeFunction(5, _stages[name], tuple(files), name) if name in _stages else None
 
 
-def _loaded(address: int, arguments: int, files: tuple[str, ...] = (), name: str = "") -> NativeFunction:
-    return NativeFunction(arguments, lambda: address, files, name)
+def _begun_stage(name: str, make: Callable[[], tuple[bytes, list[str]]], files: Sequence[str]) -> NativeFunction:
+    """The machine code of a user's stage, which is linked when it is asked for."""
 
+    @functools.cache
+    def address() -> int:
+        try:
+            (found,) = _taken(name, [_STAGE], *make())
+        except Exception as error:
+            raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
+        _stages[name] = lambda: found
+        return found
 
-def _built(module: str, name: str) -> tuple[int, ...]:
-    try:
-        return _compiled(module, name, [_STAGE])
-    except Exception as error:
-        raise NotCompiled(f"the compiler failed: {type(error).__name__}: {str(error)[:200]}") from error
+    return NativeFunction(5, address, tuple(files), name)
 
 
 def _translated(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> tuple[str, list[str]]:
@@ -254,7 +262,7 @@ def _native_functions(
     name = object_name(made_of)
     addresses = load(name)
     if addresses is not None:
-        return tuple(_loaded(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
+        return tuple(NativeFunction(len(of[1]), lambda at=at: at) for at, of in zip(addresses, parts, strict=True))
     symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
     if short:
         module = _next_module[0]
@@ -271,21 +279,38 @@ _MOST_S = 60.0
 """A copy of this process that has made no module by then waits in vain [s]."""
 
 
+def _made_in_a_copy(make: Callable[[], tuple[bytes, list[str]]]) -> Callable[[], tuple[bytes, list[str]]]:
+    """Begin to make an object in a copy of this process, and return a function that waits for it once. This process
+    makes it where the copy has ended early, or is not sure to work: elsewhere than on Linux, or while LLVM, which lets
+    in one thread, works in another one."""
+    busy = any(each.name == _OF_LLVM for each in threading.enumerate())
+    begun = forked(lambda: pickle.dumps(make()), _MOST_S) if sys.platform == "linux" and not busy else bytes
+
+    def made() -> tuple[bytes, list[str]]:
+        found = begun()
+        return pickle.loads(found) if found else make()
+
+    return made
+
+
+_OF_LLVM = "uvms-mj LLVM"
+"""Name of the threads in which LLVM works."""
+
+
 class _Module:
     """Functions for a short run: all that wait when the first of them is needed, or at :func:`begin_module`, are one
     module, which has once what they share. ``names`` are the names of their objects."""
 
     def __init__(self) -> None:
         self.names, self.parts, self._addresses = list[str](), dict[str, Any](), dict[str, int]()
-        self._begun: Callable[[], bytes] = bytes
+        self._object: Callable[[], tuple[bytes, list[str]]] = self._made
 
     def begin(self) -> None:
-        """Begin to make the object in a copy of this process, which has all that it is made of. Elsewhere than on Linux
-        a copy is not sure to work."""
+        """Begin to make the object."""
         if _next_module[0] is self:
             _next_module[0] = _Module()
-        if self.parts and sys.platform == "linux" and read(self._name) is None:
-            self._begun = forked(lambda: pickle.dumps(self._made()), _MOST_S)
+        if self.parts and read(self._name) is None:
+            self._object = _made_in_a_copy(self._made)
 
     @property
     def _name(self) -> str:
@@ -305,9 +330,8 @@ class _Module:
                 name, symbols = self._name, list(self.parts)
                 addresses = load(name)
                 if addresses is None:
-                    made, self._begun = self._begun(), bytes  # nothing if the copy has ended early
-                    code, externals = pickle.loads(made) if made else self._made()
-                    addresses = _taken(name, symbols, code, externals)
+                    made, self._object = self._object, self._made
+                    addresses = _taken(name, symbols, *made())
                 self._addresses = dict(zip(symbols, addresses, strict=True))
             return self._addresses[symbol]
 
@@ -333,7 +357,7 @@ def _begun(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
         except BaseException as error:
             made.set_exception(error)
 
-    threading.Thread(target=call, name="uvms-mj LLVM").start()
+    threading.Thread(target=call, name=_OF_LLVM).start()
     return made.result
 
 
