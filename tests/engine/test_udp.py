@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.cli.new import write_new
-from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.engine.native.tools import compiler
 from uvms_mj.engine.udp import MAGIC, SIGNALS, UdpLaw, serve
 from uvms_mj.errors import HostWarning
 

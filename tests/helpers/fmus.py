@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.engine.native.tools import compiler
 
 _SOURCE = """
 #include <math.h>

@@ -20,7 +20,7 @@ import tomli_w
 
 from fmus import build
 from uvms_mj import Trace
-from uvms_mj.engine.native.shared_library import compiler
+from uvms_mj.engine.native.tools import compiler
 from uvms_mj.reproduce.archive import repeated
 from uvms_mj.reproduce.archive.contents import RESULTS
 from uvms_mj.reproduce.archive.repeated import UNPACKED, differences

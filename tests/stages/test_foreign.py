@@ -13,7 +13,7 @@ import pytest
 from uvms_mj import InputError, Scenario, Simulation, StageFault, Trace, simulate
 from uvms_mj.cli.new import IN_C, write_new
 from uvms_mj.compiler import libm
-from uvms_mj.engine.native.shared_library import compiler, tool
+from uvms_mj.engine.native.tools import compiler, tool
 from uvms_mj.records.mcap import McapLog
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.foreign import Records, header

@@ -30,7 +30,7 @@ from .native.callback import advance
 from .native.net import FIRST
 from .native.other_targets import loop_for
 from .native.record import STOP_COMMAND, STOP_STATE, STOP_THRUST
-from .native.shared_library import compiler, tool
+from .native.tools import compiler, tool
 from .simulation import Simulation
 
 ADVANCE = "uvms_mj_advance"

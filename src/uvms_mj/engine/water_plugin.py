@@ -20,7 +20,7 @@ from ..plant.vehicle import Vehicle
 from .native.attachment import SITUATION, STILL, immerse
 from .native.other_targets import water_for
 from .native.record import Field, alone_dtype, integers_of
-from .native.shared_library import compiler, tool
+from .native.tools import compiler, tool
 
 CODE = "uvms_mj_water"
 _MEAN = Field.of(CURRENT, "mean").offset

@@ -22,7 +22,7 @@ from ...compiler.apart import Apart, Ended, emit
 from ...compiler.targets import Target
 from ...errors import InputError
 from ..native.objects import object_name, recall, remember, uncollected
-from ..native.shared_library import tool
+from ..native.tools import tool
 
 
 @dataclass(frozen=True)

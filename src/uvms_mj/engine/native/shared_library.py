@@ -2,15 +2,11 @@
 
 import contextlib
 import ctypes
-import importlib.machinery
-import importlib.util
 import os
 import platform
 import re
 import secrets
-import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
 import weakref
@@ -28,6 +24,7 @@ from .elf import own_copies
 from .guard import no_exit
 from .memory import settle_modes
 from .objects import cache_folder, fingerprint
+from .tools import compiler, tool
 
 _OPTIONS = (
     *("-std=gnu11", "-O3", "-fPIC", "-shared"),
@@ -38,22 +35,6 @@ _OPTIONS = (
 _LINK = (*(("-Wl,-Bsymbolic",) if sys.platform == "linux" else ()), "-lm")
 """Its functions are its own, also where this process or the C library has others of their names, as gamma."""
 _MOST_LINES = 6
-
-
-def compiler() -> list[str]:
-    """The command of the C compiler: $CC, cc, gcc, clang, or the package ziglang's. Raises InputError if there is
-    none."""
-    try:
-        if given := shlex.split(os.environ.get("CC", "")):
-            return given
-    except ValueError as error:
-        raise InputError(f"$CC {os.environ['CC']!r}: {error}") from None
-    for name in ("cc", "gcc", "clang"):
-        if found := shutil.which(name):
-            return [found]
-    if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-P", "-m", "ziglang", "cc"]
-    raise InputError("no C compiler: install one that is called cc, or the extra c, with pip install 'uvms-mj[c]'")
 
 
 def compiled(path: Path, kind: type[Stage], records: Records) -> tuple[bytes, bytes]:
@@ -130,16 +111,6 @@ def _age(program: str) -> str:
     """When a program was installed."""
     whose = Path(shutil.which(program) or program).resolve()
     return str(whose.stat().st_mtime_ns) if whose.is_file() else ""
-
-
-def tool(command: Sequence[str], folder: str | os.PathLike) -> subprocess.CompletedProcess[str]:
-    """Call a compiler or a linker in a folder. It is called once more where a signal ended it: zig reads beyond its
-    stack, at whose end its arguments lie, in one of some thousand starts, by the place that the system gave it."""
-    for _ in range(2):
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
-        if done.returncode >= 0:
-            break
-    return done
 
 
 def _run(command: Sequence[str], path: Path) -> None:
