@@ -321,7 +321,8 @@ class Scenario:
                 faults += error.faults
         if faults:
             raise InputError(faults, "scenario")
-        return dataclasses.replace(self, **fresh) if fresh else self
+        same = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return _VALIDATOR.validate_python(same | fresh) if fresh else self
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
