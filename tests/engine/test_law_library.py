@@ -16,13 +16,14 @@ import time
 import tomllib
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.cli import main
-from uvms_mj.compiler import libm
+from uvms_mj.compiler import apart, libm
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
@@ -133,6 +134,17 @@ def test_a_library_takes_nothing_but_functions_that_move_memory(gsta, target):
     assert set(made.undefined) <= moves
     assert made.code < 16_000
     assert library.record < 12_000
+
+
+@pytest.mark.parametrize("kind", ["constrained", "small MPC", "a policy of 64 x 64"])
+def test_what_is_optimized_for_all_processors_has_no_pointer_in_memory(tmp_path, monkeypatch, kind):
+    """It is optimized where pointers have 64 bits, and taken where they have 32: numbers alone have equal sizes."""
+    made, taken = linking.emitted, []
+    monkeypatch.setattr(linking, "emitted", lambda text, *given: taken.append(text) or made(text, *given))
+    write_library(scenario(*KINDS[kind]), tmp_path, ["x86_64"], test=False)
+    module = str(apart._WIDEST.optimized(llvm.parse_assembly(taken[0])))
+    assert module.count(" load double") > 100
+    assert re.findall(r"^.*(?:alloca|load|store) (?:ptr|\[\d+ x ptr\]|\{[^}]*ptr).*$", module, re.MULTILINE) == []
 
 
 def test_the_recorded_steps_are_of_a_run_from_its_beginning(tmp_path, monkeypatch):

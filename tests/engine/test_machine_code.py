@@ -24,6 +24,8 @@ from uvms_mj.engine.simulation import engine_of
 from uvms_mj.physics.kernels import kernels
 from uvms_mj.setup.base import set_up
 
+LAWS = Path(__file__).parents[1] / "data" / "users_laws.py"
+
 
 def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
@@ -259,6 +261,42 @@ def test_the_functions_of_a_short_run_are_one_module(tmp_path, monkeypatch, copy
     assert len(made) == 1
     assert len(made[0]) > len(one.stages.stages)
     assert [each.address for each in one.code.values()] == [each.address for each in other.code.values()]
+
+
+@pytest.mark.parametrize("copy", [apart.forked, _early, _late])
+def test_a_users_stage_of_a_short_run_is_made_beside_the_set_up(tmp_path, monkeypatch, copy):
+    """A copy of this process makes it, as long as LLVM does not work in another thread here; otherwise this process
+    does, when the run needs it."""
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
+    monkeypatch.setattr(compilation, "_stages", {})
+    monkeypatch.setattr(compilation, "forked", lambda call, most_s: copies.append(call) or copy(call))
+    here, copies, compiled = [], [], compilation._object
+    monkeypatch.setattr(compilation, "_object", lambda *given: here.append(given[1]) or compiled(*given))
+    scenario = Scenario.load("push_wall", SHORT, f"{LAWS}:Backstepping")
+    rows = [simulate(scenario).rows()]
+    assert here.count(1) > 0
+    for busy in (False, True):
+        monkeypatch.setattr(compilation, "_stages", {})
+        for file in tmp_path.iterdir():
+            file.unlink()
+        here.clear()
+        copies.clear()
+        wait = threading.Event()
+        other = threading.Thread(target=wait.wait, name=compilation._OF_LLVM if busy else "of a user")
+        other.start()
+        before = compilation.short_run.set(True)
+        try:
+            rows.append(simulate(scenario).rows())
+        finally:
+            compilation.short_run.reset(before)
+            wait.set()
+            other.join()
+        made_here = busy or copy is not apart.forked or sys.platform != "linux"
+        assert (here.count(1) > 0) is made_here
+        assert bool(copies) is not busy
+    np.testing.assert_array_equal(rows[0], rows[1])
+    np.testing.assert_array_equal(rows[0], rows[2])
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
