@@ -27,7 +27,7 @@ from uvms_mj.compiler import apart, libm
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import PORT
 from uvms_mj.engine import law_library
-from uvms_mj.engine.law_library import linking, texts, vectors
+from uvms_mj.engine.law_library import elf_object, linking, texts, vectors
 from uvms_mj.engine.law_library.library import name_of, write_library
 from uvms_mj.engine.law_library.linking import MACHINES
 from uvms_mj.engine.native.chain import Chain
@@ -189,12 +189,12 @@ def test_a_program_does_not_carry_the_law_of_a_run(gsta, tmp_path):
     linking.run([*linking.zig(), "ar", "x", str(archive)], tmp_path)
     objects = {each.stem: each.read_bytes() for each in tmp_path.glob("*.o")}
     adapter = objects.pop("as_law")
-    assert "gsta_law" in linking.defined(adapter)
-    assert sum(linking.sizes(code)[0] for code in objects.values()) == made.code
-    assert sum(linking.sizes(adapter)) == made.adapter
+    assert "gsta_law" in elf_object.defined(adapter)
+    assert sum(elf_object.sizes(code)[0] for code in objects.values()) == made.code
+    assert sum(elf_object.sizes(adapter)) == made.adapter
     program = linking.program(MACHINES["x86_64"], archive, folder / "test.c", tmp_path).read_bytes()
-    assert "gsta_step_of" in linking.defined(program)
-    assert "gsta_law" not in linking.defined(program)
+    assert "gsta_step_of" in elf_object.defined(program)
+    assert "gsta_law" not in elf_object.defined(program)
 
 
 def test_the_readme_has_the_line_of_a_compiler_for_each_target(gsta, tmp_path):
@@ -1182,8 +1182,8 @@ def test_constant_tables_of_a_law_in_c_are_nothing_that_it_keeps(tmp_path, targe
         "double law(int i, double x) { return table[i & 1](x) * weights[i & 1]; }\n"
     )
     code = (tmp_path / linking.compiled_c(MACHINES[target], "table.c", tmp_path)).read_bytes()
-    assert linking.kept_apart(code) == []
-    assert linking.sizes(code)[1] + linking.sizes(code)[2] >= 16
+    assert elf_object.kept_apart(code) == []
+    assert elf_object.sizes(code)[1] + elf_object.sizes(code)[2] >= 16
 
 
 def test_a_law_that_runs_as_plain_python_is_refused_with_the_reason(tmp_path):

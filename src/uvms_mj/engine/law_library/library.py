@@ -24,7 +24,7 @@ from ..native.compilation import short_run
 from ..native.net import FIRST
 from ..native.run_memory import RunMemory
 from ..simulation import Simulation
-from . import as_law, linking, texts
+from . import as_law, elf_object, linking, texts
 from .as_law import AsLaw
 from .border import Border
 from .linking import MACHINES, Machine, Work
@@ -291,10 +291,10 @@ def _made(machine: Machine, target: str, in_c: Sequence[str], name: str, place: 
     libraries = linking.linked(machine, name, [*objects, *adapter], place, folder / target)
     files = {each.relative_to(folder).as_posix(): _digest(each.read_bytes()) for each in libraries}
     codes = [(place / each).read_bytes() for each in objects]
-    defined = {each for code in codes for each in linking.defined(code)}
-    undefined = sorted({each for code in codes for each in linking.undefined(code)} - defined)
-    code, constants, _ = (sum(each) for each in zip(*map(linking.sizes, codes), strict=True))
-    more = sum(sum(linking.sizes((place / each).read_bytes())) for each in adapter)
+    defined = {each for code in codes for each in elf_object.defined(code)}
+    undefined = sorted({each for code in codes for each in elf_object.undefined(code)} - defined)
+    code, constants, _ = (sum(each) for each in zip(*map(elf_object.sizes, codes), strict=True))
+    more = sum(sum(elf_object.sizes((place / each).read_bytes())) for each in adapter)
     return Made(target, files, code, constants, tuple(undefined), more)
 
 
@@ -337,8 +337,8 @@ def _of_c(machine: Machine, link: Any, place: Path, name: str) -> str:
         except InputError as error:
             raise InputError([Fault(f"{stage.room.table}.name", str(error))], "export law") from None
         code = (place / out).read_bytes()
-        symbols = {each for each in linking.shown(code) if not each.startswith(linking.own_name(name, ""))}
-    kept = [each.removeprefix(linking.own_name(name, "")) for each in linking.kept_apart(code)]
+        symbols = {each for each in elf_object.shown(code) if not each.startswith(linking.own_name(name, ""))}
+    kept = [each.removeprefix(linking.own_name(name, "")) for each in elf_object.kept_apart(code)]
     alien = [each for each in linking.alien(code) if not each.startswith(linking.libm_of(name))]
     wrong = [
         *([f"it keeps {', '.join(kept)} beside an instance; put numbers that last into its state"] if kept else []),
