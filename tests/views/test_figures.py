@@ -28,7 +28,7 @@ from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES, BAND, RECORDED
 from uvms_mj.views import colours, figures
-from uvms_mj.views.figures import style
+from uvms_mj.views.figures import panels, style
 from uvms_mj.views.figures.panels import JOINTS, Panel
 from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
@@ -503,6 +503,15 @@ def test_a_vehicle_without_a_law_has_no_reference(law, shown):
         for what in ("position", "attitude"):
             lines = [line for ax in figures.plot(runs, what).axes for line in ax.lines]
             assert any(line.get_label() == "reference" for line in lines) == shown
+
+
+def test_a_push_of_several_contacts_is_not_called_the_contact_force():
+    """The sum of oblique normal forces is larger than the size of their sum, which the arrow of a video has."""
+    pile, wall = (simulate(Scenario.load(each, {"simulation.duration": 4.0})) for each in ("press_pile", "push_wall"))
+    net = np.linalg.norm(pile.f_contact_W[-1])
+    assert pile.push[-1] > 1.1 * net > 0.0
+    assert wall.push[-1] == np.linalg.norm(wall.f_contact_W[-1]) > 0.0
+    assert [panels.force(each).quantity for each in (pile, wall)] == ["pushing force", "contact force"]
 
 
 def test_two_vectors_of_three_have_a_panel_each():

@@ -6,7 +6,7 @@ Linear and angular components have separate panels, because their units differ.
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -362,7 +362,14 @@ _MOST_OF_A_RUN = 0.4
 
 def force(trace: Trace) -> Panel:
     """Panel of the force with which the vehicle of one run pushes on the wall."""
-    return forces({"": trace}, {"": {"label": "contact force", "color": COLOURS["force"], "linewidth": LINE}})
+    look = {"label": _of_push([trace]), "color": COLOURS["force"], "linewidth": LINE}
+    return forces({"": trace}, {"": look})
+
+
+def _of_push(traces: Iterable[Trace]) -> str:
+    """The name of the push: of several contacts, or one with friction, the sum of their normal forces, which is not the
+    size of the contact force."""
+    return "pushing force" if any("f_normal" in each.arrays for each in traces) else "contact force"
 
 
 def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> Panel:
@@ -382,7 +389,7 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
     sizes = [_peak(trace) for trace in traces.values()]
     insets = (*_impacts(traces, looks), *_at_rest(traces, looks, levels))
     height = 1.0 + _TALLER * len(insets)
-    return Panel("contact force", "N", draw, 1.0, insets, height, linear_within(sizes, sizes))
+    return Panel(_of_push(traces.values()), "N", draw, 1.0, insets, height, linear_within(sizes, sizes))
 
 
 def _peak(trace: Trace) -> float:
