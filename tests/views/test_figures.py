@@ -507,7 +507,7 @@ def test_a_vehicle_without_a_law_has_no_reference(law, shown):
 
 def test_a_push_of_several_contacts_is_not_called_the_contact_force():
     """The sum of oblique normal forces is larger than the size of their sum, which the arrow of a video has."""
-    pile, wall = (simulate(Scenario.load(each, {"simulation.duration": 4.0})) for each in ("press_pile", "push_wall"))
+    pile, wall = (simulate(Scenario.load(each, {"simulation.duration": 6.0})) for each in ("press_pile", "push_wall"))
     net = np.linalg.norm(pile.f_contact_W[-1])
     assert pile.push[-1] > 1.1 * net > 0.0
     assert wall.push[-1] == np.linalg.norm(wall.f_contact_W[-1]) > 0.0
