@@ -36,6 +36,20 @@ def shipped(kind: str) -> dict[str, Path]:
     return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 
 
+_found: dict[tuple[str, str], Path] = {}
+
+
+def shipped_file(kind: str, name: str) -> Path | None:
+    """A shipped file of a kind by its name; None if there is none. The folders are read anew for a name that is not
+    known or has gone."""
+    path = _found.get((kind, name))
+    if path is None or not is_file(path):
+        path = shipped(kind).get(name)
+        if path is not None:
+            _found[kind, name] = path
+    return path
+
+
 def is_file(path: str | os.PathLike) -> bool:
     """Whether a file is there; false for a name that the system does not take, for example a text of 256 characters."""
     try:
@@ -62,9 +76,9 @@ def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
         return path
     if is_folder(path):
         raise InputError(f"{noun} {str(given)!r}: is a folder; name a TOML file in it")
+    if (found := shipped_file(kind, str(given))) is not None:
+        return found
     known = shipped(kind)
-    if str(given) in known:
-        return known[str(given)]
     if path.suffix == ".toml" or len(path.parts) > 1:
         raise InputError(f"{noun} {str(given)!r}: no such file; built-in {kind}: {', '.join(sorted(known))}")
     raise InputError(f"{noun} {str(given)!r}: neither a file nor built in; {suggestion(str(given), known)}")

@@ -85,6 +85,10 @@ def test_a_sound_push_and_one_that_is_wrong_by_a_known_amount():
     assert since == pytest.approx(before + 2e-3 - trace.first_contact[-1], abs=1e-3)
     aside = trace.p_WB + np.array([0.5, 0.03, -0.04])
     assert hold.path_error(changed(trace, p_WB=aside)) == pytest.approx(0.05, abs=1e-4), "along the push does not count"
+    yawed = np.tile([np.cos(np.pi / 8.0), 0.0, 0.0, np.sin(np.pi / 8.0)], (len(trace), 1))  # by 45 degrees
+    across = np.hypot((0.5 - 0.03) / np.sqrt(2.0), 0.04)
+    beside = changed(trace, p_WB=trace.p_d + np.array([0.5, 0.03, -0.04]), quat_WB=yawed)
+    assert hold.path_error(beside) == pytest.approx(across, abs=1e-12), "the push turns with the vehicle"
     half = np.radians(3.0) / 2.0
     turned = np.tile([np.cos(half), 0.0, 0.0, np.sin(half)], (len(trace), 1))
     assert hold.turn_error(changed(trace, quat_WB=turned)) == pytest.approx(3.0)

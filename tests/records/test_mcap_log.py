@@ -237,7 +237,7 @@ def test_a_wall_of_each_shape_is_in_the_log(tmp_path, name):
     bodies = [{"position": [0.1, 0.0, 0.0], "radius": 0.05}]
     own = {"wall.present": False, "walls": [wall], "vehicle.contact_bodies": bodies, "simulation.duration": 0.01}
     simulate(Scenario.load("push_wall", own)).save(tmp_path / "run.mcap")
-    ((_, message),) = decoded(tmp_path / "run.mcap")["/markers/surroundings"]
+    ((_, message),) = decoded(tmp_path / "run.mcap", "/markers/surroundings")["/markers/surroundings"]
     walls = [marker for marker in message.markers if marker.ns == "wall"]
     assert len({marker.id for marker in walls}) == len(walls) == (3 if name == "capsule" else 1)
     middle = np.mean([xyz(marker.pose.position) for marker in walls], axis=0)

@@ -310,6 +310,7 @@ def test_messages_in_another_encoding_are_refused(made):
         Trace.load(made.folder / "cdr.toml")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_commands_take_the_log_beside_the_run(made):
     """A log of the push alone: what it lacks is left out, and named where it is asked for."""
     table = str(written(made, "csv", TABLE.split("[signals.p_WB]")[0], "alone"))

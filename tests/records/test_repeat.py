@@ -67,7 +67,7 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(here, tmp_path):
     assert trace.header.law.code == path.read_text()
     with pytest.raises(InputError, match="never run"):
         simulate(trace.scenario, mjcf=trace.header.mjcf)
-    assert decoded(log)["/law/xi"]
+    assert decoded(log, "/law/xi")["/law/xi"]
     refused = here("run", "--from", log, "-q", "-o", "b")
     assert refused.exit_code == 2
     assert "--controller" in refused.stderr

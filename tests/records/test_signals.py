@@ -59,7 +59,7 @@ def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
     less = without(trace, *TASK, "f_contact_m_W", "stretch_W", "tau_dist")
     less.save(tmp_path / "run.mcap")
     same(less, Trace.load(tmp_path / "run.mcap"))
-    assert not {"/s", "/zeta", "/tau_nom", "/running/boundary_layer_time"} & set(decoded(tmp_path / "run.mcap"))
+    assert not decoded(tmp_path / "run.mcap", "/s", "/zeta", "/tau_nom", "/running/boundary_layer_time")
     without(less, "touches").save(tmp_path / "bad.mcap")
     with pytest.raises(InputError, match="signals differ"):
         Trace.load(tmp_path / "bad.mcap")

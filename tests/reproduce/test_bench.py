@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 import hashlib
 import json
 import re
@@ -197,35 +198,13 @@ def ran(tmp_path_factory, wrong):
     return folder, found
 
 
-def test_the_bytes_are_the_same_for_other_workers_and_another_folder(ran, wrong, tmp_path):
+@pytest.mark.usefixtures("undrawn")
+def test_a_killed_benchmark_in_another_folder_goes_on_with_other_workers_to_the_same_bytes(ran, wrong, tmp_path):
     folder, found = ran
-    moved = tmp_path / "elsewhere.py"
+    moved = tmp_path / "wrong.py"
     moved.write_text(Path(wrong.partition(":")[0]).read_text())
-    moved = moved.rename(tmp_path / "wrong.py")
-    bench(["impedance", f"{moved}:Wrong"], tmp_path / "out", only=CHEAP, at_most=2, workers=2)
-    data = (tmp_path / "out" / RESULT).read_bytes()
-    assert data == (folder / RESULT).read_bytes()
-    assert str(tmp_path).encode() not in data
-    assert json.loads(data, parse_constant=no_constants) == json.loads(json.dumps(found))
-
-
-def test_a_killed_benchmark_goes_on_to_the_same_bytes(ran, wrong, tmp_path):
-    folder, _ = ran
-    arguments = (
-        "bench",
-        "impedance",
-        wrong,
-        "-o",
-        "out",
-        "--tasks",
-        ",".join(CHEAP),
-        "--at-most",
-        "2",
-        "-j",
-        "1",
-        "-q",
-    )
-    process = started(*arguments, cwd=tmp_path)
+    laws, how = ("impedance", f"{moved}:Wrong"), ("--tasks", ",".join(CHEAP), "--at-most", "2")
+    process = started("bench", *laws, "-o", "out", *how, "-j", "1", "-q", cwd=tmp_path)
     end = time.monotonic() + 60.0
     while not list(tmp_path.glob("out/*/*/*/rows/part-*")) and time.monotonic() < end:
         time.sleep(0.01)
@@ -233,17 +212,25 @@ def test_a_killed_benchmark_goes_on_to_the_same_bytes(ran, wrong, tmp_path):
     process.join()
     assert list(tmp_path.glob("out/*/*/*/rows/part-*"))
     assert not (tmp_path / "out" / RESULT).exists()
-    bench(["impedance", wrong], tmp_path / "out", only=CHEAP, at_most=2, executor=HERE)
-    assert (tmp_path / "out" / RESULT).read_bytes() == (folder / RESULT).read_bytes()
+    bench(laws, tmp_path / "out", only=CHEAP, at_most=2, workers=2)
+    data = (tmp_path / "out" / RESULT).read_bytes()
+    assert data == (folder / RESULT).read_bytes()
+    assert str(tmp_path).encode() not in data
+    assert json.loads(data, parse_constant=no_constants) == json.loads(json.dumps(found))
 
 
 def test_another_content_of_the_law_is_another_digest(ran, wrong, tmp_path):
     _, found = ran
     (tmp_path / "wrong.py").write_text(WRONG.replace("20.0 *", "21.0 *"))
-    other = bench([f"{tmp_path / 'wrong.py'}:Wrong"], tmp_path / "out", only=["two_bumpers"], at_most=1, executor=HERE)
-    gains = bench([wrong, "controller.value=1"], tmp_path / "gains", only=["two_bumpers"], at_most=1, executor=HERE)
-    digests = {law["digest"] for each in (found, other, gains) for law in each["laws"] if law["name"] != "impedance"}
-    assert len(digests) == 3
+
+    def digest_of(law, gains):
+        entry = Entry("Wrong", law, gains)
+        return law_of(entry, entry.plan(TASKS["two_bumpers"], 1, most=1))["digest"]
+
+    (recorded,) = (law["digest"] for law in found["laws"] if law["name"] != "impedance")
+    assert digest_of(wrong, {}) == recorded
+    others = digest_of(f"{tmp_path / 'wrong.py'}:Wrong", {}), digest_of(wrong, {"controller.value": 1.0})
+    assert len({recorded, *others}) == 3
 
 
 def test_the_page_is_complete_and_repeats_a_failed_draw(ran):
@@ -271,13 +258,18 @@ def test_the_latex_has_a_row_for_each_law_and_names_the_versions(ran):
     assert all(f"{name}, version {TASKS[name].version}" in table for name in CHEAP)
 
 
+@functools.cache
+def roman() -> FT2Font:
+    return FT2Font(str(Path(mpl.get_data_path(), "fonts", "ttf", "cmr10.ttf")))
+
+
 def width_pt(text: str) -> float:
     """The width of a cell of the LaTeX table in Computer Modern, of which Matplotlib has the roman at 10 pt."""
     if box := re.match(r"\\parbox\[t\]\{(\d+)pt\}", text):
         return float(box[1])
     small = text.startswith("{\\scriptsize ")
     plain = text.removeprefix("{\\scriptsize ").removesuffix("}").replace("--", "–").replace("\\", "")
-    font = FT2Font(str(Path(mpl.get_data_path(), "fonts", "ttf", "cmr10.ttf")))
+    font = roman()
     font.set_size(7.0 if small else 10.0, 72.27)
     font.set_text(plain.replace("–", "0").replace("_", "0"))  # an en dash and a rule are as wide as a digit
     return font.get_width_height()[0] / 64.0
@@ -286,13 +278,8 @@ def width_pt(text: str) -> float:
 @pytest.mark.parametrize("label", ["gsta", "W" * 60, "w" * 14, "a_label-of.words, " * 3 + "end", "W" * 14, "l" * 26])
 def test_the_latex_fits_the_width_of_a_page_of_two_columns(label):
     """Of all tasks, with each number as wide as it can be."""
-    found = copy.deepcopy(SHIPPED)
-    for law in found["laws"]:
-        law["label"] = label
-        law["tasks"] = {
-            name: {"runs": True, "level": 4, "levels": {"5": {"passed": 49, "draws": 60}}} for name in TASKS
-        }
-    said = latex_table(found)
+    widest = {name: {"runs": True, "level": 4, "levels": {"5": {"passed": 49, "draws": 60}}} for name in TASKS}
+    said = latex_table(SHIPPED | {"laws": [law | {"label": label, "tasks": widest} for law in SHIPPED["laws"]]})
     table = said.text
     (columns,) = re.findall(r"begin\{tabular\}\{(.*)\}\n", table)
     number, space = re.fullmatch(r"@\{\}l\*\{(\d+)\}\{@\{\\hspace\{(\d+)pt\}\}r\}@\{\}", columns).groups()
@@ -466,9 +453,9 @@ def test_a_comparison_says_whether_it_is_valid(ran, tmp_path):
 
 @pytest.mark.parametrize("label", ["@0@", '"@1@"', "@12@ @0@", "\\", '"', "{", "é"])
 def test_no_label_changes_the_bytes_of_a_result(label):
-    found = copy.deepcopy(SHIPPED)
-    found["laws"][0]["label"] = label
-    found["laws"][0]["settings"] = {label: [label, {label: []}], "impedance.K_f": [[1.0, 2], []], "x": {}}
+    first, *others = SHIPPED["laws"][:3]
+    settings = {label: [label, {label: []}], "impedance.K_f": [[1.0, 2], []], "x": {}}
+    found = SHIPPED | {"laws": [first | {"label": label, "settings": settings}, *others]}
     assert json.loads(text(found)) == found
 
 
@@ -516,6 +503,7 @@ def test_a_result_that_was_changed_is_refused(ran, tmp_path):
             parsed(wrong, "a")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_prints_and_refuses(ran, wrong, tmp_path):
     folder, found = ran
     done = invoked("impedance", wrong, "--tasks", ",".join(CHEAP), "--at-most", "2", "-o", folder, "-j", "1", "--json")

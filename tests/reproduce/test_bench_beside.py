@@ -1,6 +1,7 @@
 """A result of the benchmark with the rows of another one below its own: in the table, on the page, in the figure."""
 
 import copy
+import functools
 import itertools
 import json
 import re
@@ -20,14 +21,22 @@ from uvms_mj.reproduce.bench.task import tasks
 from uvms_mj.views.figures.style import typeset
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _read_once():
+    """The result of the package is large; no test changes it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(results, "shipped", functools.cache(results.shipped))
+        yield
+
+
 def own(label: str = "mine", law: str = "gsta", some: int = 3) -> dict:
     """A result of a law of one's own, with a shipped law's numbers on some tasks."""
-    whole = copy.deepcopy(results.shipped())
+    whole = results.shipped()
     names = list(whole["tasks"])[:some]
-    mine = next(each for each in whole["laws"] if each["label"] == law)
-    mine |= {"label": label, "digest": "0" * 16, "tasks": {name: mine["tasks"][name] for name in names}}
-    whole |= {"laws": [mine], "tasks": {name: whole["tasks"][name] for name in names}}
-    return whole | {"digest": results.digest(whole)}
+    (mine,) = (each for each in whole["laws"] if each["label"] == law)
+    mine = mine | {"label": label, "digest": "0" * 16, "tasks": {name: mine["tasks"][name] for name in names}}
+    few = copy.deepcopy(whole | {"laws": [mine], "tasks": {name: whole["tasks"][name] for name in names}})
+    return few | {"digest": results.digest(few)}
 
 
 def test_the_table_has_own_and_shipped_rows_of_the_own_tasks():
@@ -153,14 +162,15 @@ def test_a_table_is_made_from_a_result_and_nothing_runs(here, tmp_path):
 
 def test_the_note_of_the_table_names_its_tasks_and_draws():
     """The heads are numbers, so that a paper needs their names."""
-    table = latex_table(results.beside(own(), "shipped:sta"))
-    for name, task in own()["tasks"].items():
+    mine = own()
+    table = latex_table(results.beside(mine, "shipped:sta"))
+    for name, task in mine["tasks"].items():
         assert f"{task['number']}: {name.replace('_', ' ')}" in table.note
-    assert drawn(own()).capitalize() in table.note
+    assert drawn(mine).capitalize() in table.note
     assert table.names == ["mine", "sta"]
-    for column, (name, task) in zip(table.columns, own()["tasks"].items(), strict=True):
+    for column, (name, task) in zip(table.columns, mine["tasks"].items(), strict=True):
         assert column.head == str(task["number"])
-        assert column.cells[0].value == str(own()["laws"][0]["tasks"][name]["level"])
+        assert column.cells[0].value == str(mine["laws"][0]["tasks"][name]["level"])
 
 
 def test_of_one_result_every_two_laws_are_compared(here):

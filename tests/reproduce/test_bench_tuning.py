@@ -43,6 +43,7 @@ def test_the_gains_of_a_law_are_scaled_and_nothing_of_the_tasks():
     assert dict(k_1.places(2.0)) == {"controller.k_1": 2.0 * k_1.value}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_tuned_law_is_a_second_row_and_the_search_goes_on(tmp_path):
     done = []
     how = {"only": ["two_bumpers"], "at_most": 1, "executor": HERE}

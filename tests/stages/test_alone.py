@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from law_files import HEADER, law_file, one_liner
+from short_study import HERE
 from uvms_mj import InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.engine.vehicle_run import PlainPythonWarning
 from uvms_mj.stages.namespace import PREFIX, source_files
@@ -303,8 +304,10 @@ def test_the_rows_of_a_study_do_not_depend_on_their_order_or_on_the_workers(tmp_
     }
     back = tables | {"vary": [{"key": "current.speed", "values": [0.05, 0.2, 0.1, 0.0]}]}
     frames = [
-        Study.from_dict(each).run(tmp_path / str(k), workers=n).frame.sort_values("current.speed")
-        for k, (each, n) in enumerate([(tables, 1), (tables, 2), (back, 1)])
+        Study.from_dict(each).run(tmp_path / str(k), **how).frame.sort_values("current.speed")
+        for k, (each, how) in enumerate(
+            [(tables, {"executor": HERE}), (tables, {"workers": 2}), (back, {"workers": 1})]
+        )
     ]
     numbers = [frame.filter(like="final.").to_numpy() for frame in frames]
     assert len({tuple(row) for row in numbers[0]}) == 4

@@ -307,7 +307,7 @@ def test_a_crash_in_c_loses_its_own_run(tmp_path, monkeypatch):
 def test_what_a_stage_in_c_does_wrong_is_named(tmp_path, monkeypatch, plain):
     monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
     for code, words in (
-        (PD.replace("return 0;", "return signals->t > 0.01 ? -7 : 0;"), "your law wrong (wrong.c) returned -7"),
+        (PD.replace("return 0;", "return signals->t > 0.002 ? -7 : 0;"), "your law wrong (wrong.c) returned -7"),
         (PD.replace("return 0;", "tau_cmd[3] = signals->t / 0.0; return 0;"), "set tau_cmd[3] to "),
         (PD.replace("i < 6", "i < 5"), "left tau_cmd[5] unset"),
     ):
@@ -602,7 +602,7 @@ def test_floating_point_modes_that_a_stage_changes_are_its_own(tmp_path, monkeyp
     monkeypatch.setenv("UVMS_MJ_PLAIN", plain)
     rounds = PD.replace("return 0;", "if (gains->k_d > 150.0) fesetround(FE_UPWARD);\n    return 0;")
     source = written(tmp_path, "pd", "#include <fenv.h>\n" + rounds)
-    scenario = Scenario.load("push_wall", {"simulation.duration": 0.01, "controller.name": source})
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.003, "controller.name": source})
     ours = simulate(scenario.updated({"controller.k_d": 151.0}), engine="free_body")
     without = written(tmp_path / "without", "pd") if (tmp_path / "without").mkdir() is None else ""
     theirs = simulate(scenario.updated({"controller.k_d": 151.0}, controller=without), engine="free_body")

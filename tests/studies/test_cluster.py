@@ -153,7 +153,7 @@ def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_p
 @pytest.mark.slow
 def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(dask, study_file, tmp_path, here):
     """The last test with the cluster."""
-    path, folder, ended = study_file(runs=60), tmp_path / "out", threading.Event()
+    path, folder, ended = study_file(runs=30), tmp_path / "out", threading.Event()
 
     def end():
         while not list(folder.glob("rows/part-*")):
@@ -172,7 +172,7 @@ def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(dask,
     assert "the same command goes on" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     Study.load(path).run(folder, executor=HERE)
-    assert len(frame(folder)) == 120
+    assert len(frame(folder)) == 60
 
 
 def test_no_scheduler_is_one_line(monkeypatch):

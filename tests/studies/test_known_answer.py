@@ -8,7 +8,7 @@ from uvms_mj import Study
 STUDY = """
 [base]
 scenario = "push_wall"
-simulation.timestep = 2e-4
+simulation.timestep = 5e-4
 simulation.duration = 5.0
 initial.position = [0.98, 0.0, 0.0]
 reference.step_time = 0.0
@@ -77,7 +77,7 @@ def test_the_rows_have_the_distribution_of_the_closed_form(tmp_path):
 
 def test_the_programs_closed_form_is_that_of_each_row(tmp_path):
     """The program solves for the pose at rest. A run of one step suffices for it."""
-    text = STUDY.replace('"contact.final_N"', '"contact.analytic_N"').replace("duration = 5.0", "duration = 2e-4")
+    text = STUDY.replace('"contact.final_N"', '"contact.analytic_N"').replace("duration = 5.0", "duration = 5e-4")
     (tmp_path / "s.toml").write_text(text.replace("runs = 80", "runs = 50"))
     frame = Study.load(tmp_path / "s.toml").run(tmp_path / "out").frame
     expected = rest_force(*(frame[key].to_numpy() for key in DRAWN))

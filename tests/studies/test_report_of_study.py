@@ -139,6 +139,7 @@ def test_the_interval_of_a_rank_correlation_covers_it(rng, n, most):
     assert 0.93 <= np.mean(hits) <= most
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_indices_of_ishigamis_function_are_its_closed_form():
     """Through plan, rows, page: x_i uniform over -pi to pi, a = 7, b = 0.1."""
     a, b = 7.0, 0.1
@@ -277,6 +278,7 @@ def test_differences_are_of_the_same_draws(plan, frame):
         assert found[first, second].success.value == 0.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_all_pairs_of_many_laws_are_in_the_report_with_what_holds_for_all_at_once(rng):
     """Five laws alike but for one: ten pairs, and the intervals that hold all at once are the wider ones."""
     laws = ("gsta", "fosm", "sta", "impedance", "pid")
@@ -312,6 +314,7 @@ def test_intervals_for_all_at_once_miss_in_one_study_of_twenty_at_most(rng):
     assert median(rng.normal(size=8), 1.0 - 1e-9).low == -math.inf
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_says_over_which_time_its_metrics_are_taken():
     plan = plan_of([VARY[0]], laws=("gsta",), runs=20, keep={"metrics": ["hold.error_N", "contact.final_N"]})
     frame = frame_of(plan, lambda given: {"hold.error_N": given["draw"] + 0.5, "contact.final_N": given["draw"] + 1.0})

@@ -2,11 +2,11 @@
 
 import pytest
 
-from uvms_mj import simulate
+from uvms_mj import files, simulate
 from uvms_mj.analysis.metrics import chattering, final_force
 from uvms_mj.control.design import demanded_force
 from uvms_mj.control.theory.certificate import rate_bound
-from uvms_mj.files import shipped
+from uvms_mj.files import shipped, shipped_file
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.rows import one_row
 
@@ -15,6 +15,15 @@ SHORT = {"simulation.duration": 0.3, "initial.position": [0.995, 0.0, 0.0], "ref
 
 def test_the_studies_are_those_of_the_docs():
     assert sorted(shipped("studies")) == ["gain_map", "monte_carlo", "waves"]
+
+
+def test_a_shipped_file_that_comes_or_goes_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_SHIPPED", {"notes": (".toml", tmp_path)})
+    path = tmp_path / "mine.toml"
+    for there in (False, True, False, True):
+        path.write_text("") if there else path.unlink(missing_ok=True)
+        assert shipped_file("notes", "mine") == shipped("notes").get("mine") == (path if there else None)
+    assert shipped_file("notes", "../mine") is None
 
 
 def test_monte_carlo_is_a_thousand_draws_of_the_papers_laws():

@@ -485,6 +485,7 @@ values = [[{position = [0.2, 0.0, 0.0], radius = 0.1}], []]
 """
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_lists_and_tables_vary_like_numbers(tmp_path):
     """They are run, read, gone on with, found again in the rows, the data set and the report, and replayed."""
     (tmp_path / "s.toml").write_text(LISTS)

@@ -103,7 +103,7 @@ def path_error(trace: Trace) -> float | None:
         return None
     place, attitude, _ = trace.header.task_frame
     away = trace[place][rows] - trace.p_d[rows]
-    turned = np.array([rotation_matrix(quat) for quat in trace[attitude][rows]])
+    turned = np.ascontiguousarray(rotation_matrix(trace[attitude][rows]))
     force = np.einsum("kij,kj->ki", turned, demanded(trace)[rows])
     n = force / np.linalg.norm(force, axis=1)[:, None]
     return float(np.linalg.norm(away - n * (n * away).sum(axis=1)[:, None], axis=1).max())

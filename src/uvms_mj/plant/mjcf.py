@@ -26,7 +26,7 @@ import numpy as np
 
 from .. import display
 from ..errors import InputError, suggestion
-from ..files import is_file, shipped
+from ..files import is_file, shipped, shipped_file
 from .geometry import Geometry
 from .looks import add_vehicle
 from .vehicle import Vehicle, free_body_id
@@ -330,16 +330,16 @@ class Mjcf:
         file."""
         path, ships = Path(model), False
         if not is_file(path):
-            known = shipped("models")
-            if str(model) not in known:
-                hint = suggestion(model, known)
+            known = shipped_file("models", str(model))
+            if known is None:
+                hint = suggestion(model, shipped("models"))
                 fault = (
                     "is not a regular file"
                     if os.path.exists(path)
                     else f"is neither a file nor a shipped model; {hint}"
                 )
                 raise InputError(f"vehicle.model {model!r}: {fault}")
-            path, ships = known[str(model)], True
+            path, ships = known, True
         path = Path(os.path.abspath(path))
         kept = _found.pop(path, None)
         if kept is None or not kept[0].unchanged():

@@ -549,13 +549,11 @@ def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
 
     M is the inertia (6, 6), added mass included. The points are the ends of the spheres along the axes of B.
     """
-    inverse, masses = np.linalg.inv(M), []
-    for centre in centres_B:
-        for out in (*np.eye(3), *-np.eye(3)):
-            x, y, z = centre + radius * out
-            J = np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])  # -S(arm)
-            masses.append(1.0 / float(np.linalg.eigvalsh(J @ inverse @ J.T)[-1]))
-    return min(masses)
+    x, y, z = (centres_B[:, None] + radius * np.vstack([np.eye(3), -np.eye(3)])).reshape(-1, 3).T
+    J = np.zeros((len(x), 3, 6))
+    J[:, range(3), range(3)] = 1.0
+    J[:, 0, 4], J[:, 0, 5], J[:, 1, 3], J[:, 1, 5], J[:, 2, 3], J[:, 2, 4] = z, -y, -z, x, y, -x  # -S(arm)
+    return 1.0 / float(np.linalg.eigvalsh(J @ np.linalg.inv(M) @ J.transpose(0, 2, 1))[:, -1].max())
 
 
 def contact_settings(wall: Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:

@@ -154,7 +154,9 @@ class Plant:
         with the opposite sign. The clock of the data is slow by ``clock``: t_run = (1 + clock) t."""
         rows = self.rows(vehicle, start, current, delay)
         t = rows["t"][:, 0]
-        splines = {name: CubicSpline(t, values) for name, values in rows.items() if name != "t"} if len(t) > 3 else {}
+        kinds = {channel.name.partition(".")[0] for channel in self.data.channels}
+        names = {"quat_WB" if kind == "attitude" else kind for kind in kinds}
+        splines = {name: CubicSpline(t, rows[name]) for name in names} if len(t) > 3 else {}
         found = list[np.ndarray]()
         for channel in self.data.channels:
             at = (1.0 + clock) * channel.t

@@ -234,7 +234,8 @@ def successes(frame: "pd.DataFrame", given: Mapping[str, Limit]) -> np.ndarray:
     """Whether each row (n,) is a success: the column ``success``, or what it would be in rows without it."""
     if "success" in frame:
         return frame["success"].to_numpy(dtype=bool)
-    return np.array([succeeded(row, given) for row in frame.to_dict("records")], dtype=bool)
+    needed = [name for name in frame.columns if name in ("status", *given) or (not given and is_settled(name))]
+    return np.array([succeeded(row, given) for row in frame[needed].to_dict("records")], dtype=bool)
 
 
 def in_words(given: Mapping[str, Limit], settled: bool) -> str:

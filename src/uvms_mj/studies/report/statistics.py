@@ -5,6 +5,7 @@ Laws are compared in pairs: differences in the same draws, which have the same v
 Sensitivities of metrics to factors are Sobol indices where the design allows, otherwise rank correlations.
 """
 
+import functools
 import itertools
 import math
 import warnings
@@ -38,6 +39,7 @@ class Estimate:
         return self.low > 0.0 or self.high < 0.0
 
 
+@functools.lru_cache(maxsize=4096)  # a page has many cells with the same counts
 def rate(successes: int, runs: int, draws: int) -> Estimate:
     """A rate with Wilson's interval. Runs that repeat a draw count as one run of it, since they are not independent;
     the interval is then too wide rather than too narrow."""
@@ -70,11 +72,19 @@ def median(differences: np.ndarray, level: float = LEVEL) -> Estimate | None:
     """
     if len(differences) < _FEWEST:
         return None
+    values = np.sort(differences)
+    ends = zip(_ranks(len(values), level), (-math.inf, math.inf), strict=True)
+    low, high = (beyond if rank is None else float(values[rank]) for rank, beyond in ends)
+    return Estimate(float(np.median(values)), low, high)
+
+
+@functools.lru_cache(maxsize=1024)
+def _ranks(n: int, level: float) -> tuple[int | None, ...]:
+    """The order statistics of n values between which the median is with a level; None where none is so far out."""
     from scipy.stats import quantile_test
 
-    interval = quantile_test(differences, p=0.5).confidence_interval(level)
-    low, high = (math.inf * sign if each != each else float(each) for each, sign in zip(interval, (-1, 1), strict=True))
-    return Estimate(float(np.median(differences)), low, high)
+    interval = quantile_test(np.arange(n), p=0.5).confidence_interval(level)
+    return tuple(None if math.isnan(rank) else int(rank) for rank in interval)
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
