@@ -2,11 +2,14 @@
 look at them."""
 
 import gc
+import os
 import signal
 from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported: workers fill the cores, and waiting threads spin
 
 import numpy as np
 import pytest

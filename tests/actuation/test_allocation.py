@@ -45,11 +45,11 @@ def nearest(B, W, tau_cmd, u_min, u_max):
 
 @pytest.mark.parametrize("vehicle", ["heavy", "six", "five", "twelve"])
 def test_the_constrained_allocation_is_that_of_scipy(vehicle, rng):
-    """300 random commands, most of which the thrusters can't produce."""
+    """100 random commands, most of which the thrusters can't produce."""
     n = {"six": 6, "five": 5, "twelve": 12}.get(vehicle)
     stage, bound = Constrained(), 0
     W = np.array(stage.weights)
-    for _ in range(300):
+    for _ in range(100):
         B = HEAVY_B if n is None else np.concatenate([rng.normal(size=(3, n)), 0.2 * rng.normal(size=(3, n))])
         B = spanning(B / np.linalg.norm(B[:3], axis=0))  # some have an axis that does not count
         u_min, u_max = -rng.uniform(5.0, 40.0, B.shape[1]), rng.uniform(5.0, 50.0, B.shape[1])
@@ -67,7 +67,7 @@ def test_the_constrained_allocation_is_that_of_scipy(vehicle, rng):
             u <= u_min, np.minimum(gradient, 0.0), np.where(u >= u_max, np.maximum(gradient, 0.0), gradient)
         )
         assert np.abs(pulls_in).max() < 1e-10
-    assert bound > 150
+    assert bound > 50
 
 
 def test_the_constrained_allocation_gets_nearer_than_clipping(rng):

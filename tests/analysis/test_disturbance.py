@@ -34,13 +34,14 @@ OTHER_WORLD = {
 }
 
 
-def residual_of_eq_10(trace):
-    """tau_bar_dist from eq. (10): the part of M_hat nu_dot that the estimates, tau and tau_c leave unexplained."""
+def residual_of_eq_10(trace, rows):
+    """tau_bar_dist from eq. (10) in some rows: the part of M_hat nu_dot that the estimates, tau and tau_c leave
+    unexplained."""
     setup = set_up(trace.scenario, trace.header.mjcf)
     vehicle, factors = setup.nominal, trace.scenario.estimates
     gravity_W, term = setup.gravity_W, np.empty(6)
-    out = trace.nu_dot @ setup.design.M_hat.T - trace.tau
-    for k, (nu, quat, f_W) in enumerate(zip(trace.nu, trace.quat_WB, trace.f_contact_W, strict=True)):
+    out = trace.nu_dot[rows] @ setup.design.M_hat.T - trace.tau[rows]
+    for k, (nu, quat, f_W) in enumerate(zip(trace.nu[rows], trace.quat_WB[rows], trace.f_contact_W[rows], strict=True)):
         R_WB = rotation_matrix(quat)
         out[k, :3] -= R_WB.T @ f_W  # without friction the wall exerts no moment
         coriolis_rigid_body(vehicle.M_RB, nu, term)
@@ -92,14 +93,16 @@ def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):
     tau_bar = lumped_disturbance(trace, set_up(trace.scenario, mjcf))
     assert (np.abs(tau_bar).max(axis=0) > 1e-3).all()
     assert (trace.touches[-1] > 0) == (mjcf is None)
-    assert np.allclose(tau_bar, residual_of_eq_10(trace), atol=1e-9)
+    rows = slice(None, None, 7)
+    assert np.allclose(tau_bar[rows], residual_of_eq_10(trace, rows), atol=1e-9)
 
 
 def test_eq_11_in_the_papers_scenario(paper_run):
     trace = paper_run("gsta")
     tau_bar = lumped_disturbance(trace, set_up(trace.scenario))
     assert tau_bar[0] == pytest.approx([-2.144, 6.754, 0.0, 0.0, 0.0, tau_bar[0, 5]], abs=1e-3)
-    assert np.allclose(tau_bar[::10], residual_of_eq_10(trace)[::10], atol=1e-9)
+    rows = slice(None, None, 20)
+    assert np.allclose(tau_bar[rows], residual_of_eq_10(trace, rows), atol=1e-9)
 
 
 CASES = {

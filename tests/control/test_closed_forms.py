@@ -87,7 +87,8 @@ OF_MUJOCO = ("paper", "fosm, other world", "sta, wrong", "ideal, turned", "imped
 )
 def test_a_settled_run_rests_where_the_closed_form_says(case, engine):
     law, overrides = CASES[case]
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 15.0} | overrides, law), engine=engine)
+    base = {"simulation.duration": 15.0, "simulation.timestep": 1e-4 if law == "fosm" else 2e-4}  # fosm chatters
+    trace = simulate(Scenario.load("push_wall", base | overrides, law), engine=engine)
     analytic, (force, settled) = trace.analytic, final_force(trace)
     assert isinstance(analytic, SteadyState), analytic
     assert settled

@@ -129,7 +129,7 @@ def test_a_settled_run_rests_where_the_closed_form_says(law, draw):
         "estimates.damping": rng.uniform(0.5, 1.5),
         "estimates.restoring": rng.uniform(0.9, 1.1),
         "simulation.duration": 22.0,
-        "simulation.timestep": 2e-4,
+        "simulation.timestep": 4e-4,
         **RANDOM[law](rng),
     }
     trace = run(law, overrides, "mujoco" if draw == 0 else "free_body")

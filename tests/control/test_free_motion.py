@@ -33,8 +33,7 @@ def notes(**overrides) -> list[str]:
         {"current.direction_deg": 30.0, "current.vertical": -0.2},
         {"current.direction_deg": 180.0, "posture.order": ["attitude"]},
         {"current.direction_deg": -60.0} | WRONG,
-        {"current.direction_deg": 10.0} | TETHERED,
-        {"current.direction_deg": 70.0} | ALPHA,
+        {"current.direction_deg": 70.0} | ALPHA | TETHERED,
     ],
 )
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")

@@ -39,7 +39,7 @@ WAY = {
     "reference.poses": [{"position": [0.5, 0.3, 0.1]}, {"position": [0.9, 0.12, -0.05], "attitude_deg": [0, 0, 20]}],
 }
 CASES = [
-    *(({}, law) for law in ("gsta", "impedance", "ideal", "pid", "parallel", "admittance", "dob_impedance")),
+    *(({}, law) for law in ("gsta", "impedance", "ideal", "admittance", "dob_impedance")),
     ({"layer": {"controller.epsilon": 0.3}}, "fosm"),
     ({"navigation": BIASED}, "admittance"),
     ({"navigation": BIASED}, "impedance"),

@@ -56,7 +56,7 @@ def check(found: list[tuple[float, float, float, float]]) -> None:
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_tool(model):
     """Of random postures, walls and gains."""
-    check(pushes(model, 4, 6))
+    check(pushes(model, 4, 4))
 
 
 WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm", "inertia": 0.7, "restoring": 1.6}]

@@ -84,7 +84,16 @@ def test_without_a_calibration_the_law_rests_at_the_static_balance(law, thruster
     """The observer gives the impedance all that the model does not explain: errors of the estimates, and the thrust
     that is missing."""
     more = {"observer.threshold": 0.0, "estimates.restoring": 1.1, "disturbance.bias": [0.5, -0.4, 0.3, 0.1, 0.1, 0.1]}
-    settings = SOFT | more | thrusters | {"wall.damping": 100.0, "simulation.duration": 40.0}
+    settings = (
+        SOFT
+        | more
+        | thrusters
+        | {
+            "wall.damping": 100.0,
+            "simulation.duration": 40.0,
+            "simulation.timestep": 1e-4 if law in ("fosm", "sta") else 2e-4,
+        }
+    )
     trace = simulate(Scenario.load("push_wall", settings, law), engine="free_body")
     rest = trace.analytic
     assert rest.force > 1.0

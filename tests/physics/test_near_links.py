@@ -220,7 +220,7 @@ def test_engines_agree_on_a_landing_with_a_cylinder_and_the_rest_is_that_without
     assert np.abs(first.p_WB - without.p_WB).max() > 1e-8
 
 
-ARM = {"simulation.duration": 6.0}
+ARM = {"simulation.duration": 6.0, "simulation.timestep": 4e-4}
 FOREARM = {"shape": "cylinder", "link": "forearm", "radius": 0.03, "length": 0.2, "position": [0.1, 0.0, 0.0]}
 
 

@@ -43,7 +43,7 @@ def agrees(seed: int, joints: int, tolerance: float = 1e-9) -> None:
     assert np.linalg.norm(found - expected) <= tolerance * np.linalg.norm(expected)
 
 
-@given(seeds, st.sampled_from([1, 2, 3, 5, 9]))
+@given(seeds, st.sampled_from([1, 3, 9]))
 def test_the_acceleration_of_a_random_tree_is_the_twins(seed, joints):
     """Full added mass and damping on every body, weight and buoyancy apart, a current, a disturbance."""
     agrees(seed, joints)

@@ -46,7 +46,7 @@ def accelerations(seed, joints, sea=SEA, waves=airy):
     return tree_acceleration(data, joints), acceleration(tree, rotation(quat), q, zeta, tau, t, p)
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 5, 9]))
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 3, 9]))
 def test_the_acceleration_of_a_random_tree_in_waves_is_the_twins(seed, joints):
     found, expected = accelerations(seed, joints)
     assert np.linalg.norm(found - expected) <= 1e-9 * np.linalg.norm(expected)

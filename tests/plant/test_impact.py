@@ -81,7 +81,7 @@ def test_restitution_over_speed_is_that_of_theory(kind, engine, ball):
         assert -nu[0] / speed == pytest.approx(restitution_of(a, speed), rel=0.01)
 
 
-def test_a_thousand_throws_gain_no_energy(ball):
+def test_four_hundred_throws_gain_no_energy(ball):
     rng = np.random.default_rng(4)
     bodies = [{"position": p, "radius": 0.06} for p in ([0.05, 0.08, 0.0], [0.05, -0.08, 0.03], [0.0, 0.0, -0.1])]
     touched = 0
@@ -94,7 +94,7 @@ def test_a_thousand_throws_gain_no_energy(ball):
         scenario = Scenario.load("push_wall", over | {"simulation.timestep": 5e-4, "simulation.duration": 3.0})
         setup = set_up(scenario)
         with Simulation(scenario, engine="free_body") as sim:
-            for _ in range(500):
+            for _ in range(200):
                 v_W, angles = rng.uniform([0.1, -0.3, -0.3], [0.6, 0.3, 0.3]), rng.uniform(-180.0, 180.0, 3)
                 v = rotation_matrix(quat_from_euler_deg(*angles)).T @ v_W
                 nu = np.concatenate([v, rng.uniform(-1.5, 1.5, 3)])
@@ -104,7 +104,7 @@ def test_a_thousand_throws_gain_no_energy(ball):
                 sim.step(4000)
                 assert energy(setup, sim.signals.nu) <= before * (1.0 + 1e-12)
                 touched += sim.signals.touches > 0.0
-    assert touched > 800
+    assert touched > 320
 
 
 @pytest.mark.parametrize("kind", KINDS)

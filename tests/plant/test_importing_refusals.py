@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from descriptions import PRODUCTS, THRUSTERS, read, sdf, table, urdf, words
 from uvms_mj import InputError
 from uvms_mj.cli import main
-from uvms_mj.plant.importing import imported
+from uvms_mj.plant.importing import imported, xacro_files
 from uvms_mj.plant.importing.xacro_files import computed
 
 SDF, URDF, TOML = sdf(), urdf(), table("flu", "matrices", PRODUCTS)
@@ -433,7 +433,8 @@ def test_xacro_includes_no_file_outside_of_the_folders(tmp_path, parts, included
         read(inside, ".xacro", text, packages={"parts": inside / "parts"})
 
 
-def test_macros_that_never_end_are_refused(tmp_path, parts):
+def test_macros_that_never_end_are_refused(tmp_path, parts, monkeypatch):
+    monkeypatch.setattr(xacro_files, "MOST_MACROS", 5_000)
     endless = '<xacro:macro name="a" params=""><xacro:a/></xacro:macro><xacro:a/>'
     doubling = "".join(
         f'<xacro:macro name="m{i}" params=""><xacro:m{i + 1}/><xacro:m{i + 1}/></xacro:macro>' for i in range(40)

@@ -109,7 +109,6 @@ ARM = MOVING | {
     ("changes", "frames", "engine"),
     [
         (RIGID, ["body"], "free_body"),
-        (RIGID, ["body"], "mujoco"),
         (RIGID, ["horizontal_front_left"], "free_body"),
         (ARM, ["body", "forearm"], "mujoco"),
     ],

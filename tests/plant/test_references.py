@@ -27,10 +27,15 @@ FLIP_6 = np.kron(np.eye(2), FLIP)
 def nu_dot(parameters: TwinParameters, quat: np.ndarray, nu: np.ndarray, tau: np.ndarray, **water) -> np.ndarray:
     """(6,) MuJoCo's acceleration in B, with hydrodynamics attached."""
     model, data = load(parameters)
+    with attach(model, data, **water):
+        return of_state(model, data, quat, nu, tau)
+
+
+def of_state(model, data, quat: np.ndarray, nu: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """(6,) MuJoCo's acceleration in B at a state, with the thrusts tau."""
     place(model, data, quat=quat, nu=nu)
     data.ctrl[:] = tau
-    with attach(model, data, **water):
-        mujoco.mj_forward(model, data)
+    mujoco.mj_forward(model, data)
     out = np.empty(6)
     body_acceleration(rotation(quat), data.qacc, nu, out)
     return out
@@ -139,13 +144,16 @@ def test_lauvs_cross_damping_is_that_of_the_matrix_equation(rng):
     D_linear, D_quadratic = parameters.D_linear, parameters.D_quadratic
     diagonal = replace(parameters, D_linear=np.diag(np.diag(D_linear)), D_quadratic=np.diag(np.diag(D_quadratic)))
     assert damping_notes("lauv", D_linear, D_quadratic) == []
-    for _ in range(200):
-        quat, nu, tau = rng.normal(size=4), rng.normal(size=6) * [1.5, 0.5, 0.5, 0.5, 0.5, 0.5], rng.normal(size=6) * 10
-        quat /= np.linalg.norm(quat)
-        ours = nu_dot(parameters, quat, nu, tau, current=Current.of(parameters.v_c_W))
-        expected, without = (
-            matrix_acceleration(each, np.zeros(3), quat, nu, tau, 0.0)[[1, 2, 4, 5]] for each in (parameters, diagonal)
-        )
-        assert np.linalg.norm(ours[[1, 2, 4, 5]] - expected) <= 1e-9 * np.linalg.norm(expected)
-        missing.append(np.linalg.norm(without - expected) / np.linalg.norm(expected))
+    model, data = load(parameters)
+    with attach(model, data, current=Current.of(parameters.v_c_W)):
+        for _ in range(200):
+            quat, nu = rng.normal(size=4), rng.normal(size=6) * [1.5, 0.5, 0.5, 0.5, 0.5, 0.5]
+            quat, tau = quat / np.linalg.norm(quat), rng.normal(size=6) * 10
+            ours = of_state(model, data, quat, nu, tau)
+            expected, without = (
+                matrix_acceleration(each, np.zeros(3), quat, nu, tau, 0.0)[[1, 2, 4, 5]]
+                for each in (parameters, diagonal)
+            )
+            assert np.linalg.norm(ours[[1, 2, 4, 5]] - expected) <= 1e-9 * np.linalg.norm(expected)
+            missing.append(np.linalg.norm(without - expected) / np.linalg.norm(expected))
     assert np.median(missing) > 0.1

@@ -92,7 +92,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
         overrides = {f"{table}.period": steps * 1e-4 for table, steps in periods.items()}
         overrides |= {"impedance.M_d": [share * m for m in INERTIA]}
         overrides |= {f"{where}.attitude_deg": [0.0, 0.0, yaw_deg] for where in ("reference", "initial")}
-        overrides |= {"current.speed": 0.0, "simulation.duration": 50.0}
+        overrides |= {"current.speed": 0.0, "simulation.duration": 30.0}
         return Scenario.load("push_wall", overrides, "impedance")
 
     def limit(share):

@@ -30,7 +30,7 @@ depth is a seventh part of S, which enters where the depth is sampled.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -204,9 +204,10 @@ class LinearLaw:
         def response(x: np.ndarray) -> np.ndarray:
             return law(x[:18], x[18:])
 
-        found, wider = jacobian(response, start, small), jacobian(response, start, 100.0 * small)
-        here = response(start)
-        kinks = np.array([(response(start + e) + response(start - e) - 2.0 * here) / e.max() for e in np.diag(small)]).T
+        both = [(response(start + e), response(start - e), e.max()) for e in np.diag(small)]
+        found = np.array([(more - less) / (2.0 * e) for more, less, e in both]).T
+        wider, here = jacobian(response, start, 100.0 * small), response(start)
+        kinks = np.array([(more + less - 2.0 * here) / e for more, less, e in both]).T
         scale = np.abs(found).max(axis=1, keepdims=True)
         most = 1e-2 * np.maximum(scale, 1e-6 * scale.max())
         if not np.isfinite(found).all() or (np.abs(found - wider) > most).any() or (np.abs(kinks) > most).any():
@@ -425,23 +426,41 @@ class _Loop:
                 sums[name] += np.diag(by_noise @ by_noise.T)
             P = A @ P @ A.T + G @ G.T
         if sea is not None:
-            for P, (_, *outputs) in zip(self._answers(*sea, found, phi), found, strict=True):
-                direct = [(np.hstack([by_state, by_sea]), 0.0, 0.0) for by_state, _, by_sea in outputs]
-                add(P, direct)
+            seen = np.eye(self.places[1].stop, self.size + 7)  # the vehicle and the states of the law
+            rows = [np.vstack([seen, *(np.hstack([each[0], each[2]]) for each in outputs)]) for _, *outputs in found]
+            for P in self._answers(*sea, found, phi, rows):
+                _, states, y, u = np.split(np.diag(P), np.cumsum([12, len(self.law.law.at_rest), 18]))
+                for name, part in (("x", P[:12, :12]), ("y", y), ("u", u), ("states", states)):
+                    sums[name] += part
         return self._checked({name: each / self.steps for name, each in sums.items()}, largest, regular and not noisy)
 
-    def _answers(self, omega: np.ndarray, spectrum: np.ndarray, found: Any, phi: np.ndarray) -> Iterator[np.ndarray]:
-        """The covariance of the state and of the sea before each of the N steps, by wrenches on the vehicle and heads
-        at its sensor that have the variance (m, 7, 7) at the angular frequencies (m,)."""
-        z, sea = np.zeros((len(omega), self.size, 7), complex), np.eye(7)
-        turned = np.exp(1j * self.h * np.arange(self.steps + 1) * omega[:, None])[:, :, None, None]  # (m, N + 1, 1, 1)
-        for k, ((A, _, by_wrench), _, _) in enumerate(found):
-            z = A @ z + by_wrench * turned[:, k]
-        z = np.linalg.solve(turned[:, -1] * np.eye(self.size) - phi, z)
-        for k, ((A, _, by_wrench), _, _) in enumerate(found):
-            both = np.concatenate([z, sea * turned[:, k]], axis=1)
-            yield np.einsum("mai,mij,mbj->ab", both, spectrum, both.conj(), optimize=True).real
-            z = A @ z + by_wrench * turned[:, k]
+    def _answers(
+        self, omega: np.ndarray, spectrum: np.ndarray, found: Any, phi: np.ndarray, rows: Sequence[np.ndarray]
+    ) -> Iterator[np.ndarray]:
+        """The covariance (r, r) at each of the N steps of what the rows (r, n + 7) of the step make of the state before
+        it and of the sea, by wrenches on the vehicle and heads at its sensor that have the variance (m, 7, 7) at the
+        angular frequencies (m,)."""
+        m, sea = len(omega), np.eye(7)[:, None]
+        turned = np.exp(1j * self.h * np.arange(self.steps + 1)[:, None, None] * omega[:, None])  # (N + 1, m, 1)
+
+        def times(A: np.ndarray, z: np.ndarray) -> np.ndarray:
+            """A real matrix (r, n) times z (n, m, 7)."""
+            return (A @ z.view(float).reshape(len(z), -1)).view(complex).reshape(len(A), m, 7)
+
+        def after(k: int, z: np.ndarray) -> np.ndarray:
+            (A, _, by_wrench), _, _ = found[k]
+            return times(A, z) + by_wrench[:, None] * turned[k]
+
+        z = np.zeros((self.size, m, 7), complex)
+        for k in range(self.steps):
+            z = after(k, z)
+        z = np.linalg.solve(turned[-1, :, :, None] * np.eye(self.size) - phi, z.swapaxes(0, 1)).swapaxes(0, 1).copy()
+        for k, of_step in enumerate(rows):
+            w = times(of_step, np.concatenate([z, sea * turned[k]]))
+            by_sea = np.ascontiguousarray((w.swapaxes(0, 1) @ spectrum).swapaxes(0, 1))
+            # the real part of a product with a conjugate is the product of real and imaginary parts
+            yield by_sea.view(float).reshape(len(w), -1) @ w.view(float).reshape(len(w), -1).T
+            z = after(k, z)
 
     def _checked(self, means: Mapping[str, Any], largest: float, sines: bool) -> Deviations | str:
         """The deviations, or the reason why the loop is not linear over them. ``sines``: nothing but a regular wave
