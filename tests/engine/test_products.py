@@ -1,4 +1,5 @@
-"""Products of velocities in the plant: against SciPy, in both engines, in fleets, exports and closed forms; energy."""
+"""Products of velocities in the plant: against SciPy, in both engines, exports and closed forms; energy. Of fleets:
+test_fleet.py."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,6 @@ from scipy.integrate import solve_ivp
 from twin import C_A, C_RB, M_RB, D, TwinParameters
 from uvms_mj import Current, Scenario, Simulation, attach, simulate
 from uvms_mj.control.base import SteadyState
-from uvms_mj.engine.fleet import Fleet
 from uvms_mj.engine.water_plugin import write_plugin
 from uvms_mj.plant.mjcf import Mjcf
 from vehicles import force_of, load, place, random_parameters, state, text_of, vehicle_xml, workless
@@ -150,19 +150,6 @@ def test_a_vehicle_rests_where_the_static_balance_says(engine, tmp_path):
 def test_a_simple_formula_does_not_hold_with_them(tmp_path):
     with Simulation(Scenario.load("push_wall", {"vehicle.model": file_of(tmp_path, "Xuv -2")})) as sim:
         assert "has products of velocities" in sim.setup.no_simple_form
-
-
-def test_a_run_of_a_fleet_is_one_of_free_body(tmp_path):
-    base = Scenario.load("push_wall", {"vehicle.model": file_of(tmp_path, "Xuv -2 Yr|r| 0.6")})
-    fleet = Fleet(base, 2, signals=("p_WB", "nu", "tau_dist"), device="cpu")
-    speeds = [0.2, 0.6]
-    fleet.reset({"current.speed": np.array(speeds)})
-    fleet.step(100)
-    for i, speed in enumerate(speeds):
-        with Simulation(base.updated({"current.speed": speed}), engine="free_body") as run:
-            run.step(100)
-            for name in ("p_WB", "nu", "tau_dist"):
-                assert np.array_equal(fleet.signals[name][i], run.signals[name]), name
 
 
 @pytest.mark.filterwarnings("ignore:the damping of")
