@@ -309,4 +309,4 @@ def test_a_random_program_is_what_plain_python_gives():
 
 @pytest.mark.slow
 def test_random_programs_are_what_plain_python_gives():
-    random_programs(range(4, 60))
+    random_programs(range(4, 40))

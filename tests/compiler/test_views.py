@@ -46,24 +46,27 @@ def same_or_lacking(source, kinds=(GIVEN, OUT)):
     return True
 
 
+def program(template, pair, took, stored):
+    return SAME + template.format(*pair) + USE.format(took=took, stored=stored)
+
+
 def programs(template, forms, took, stored):
-    for first, second in itertools.combinations_with_replacement(forms, 2):
-        yield SAME + template.format(first, second) + USE.format(took=took, stored=stored)
+    for pair in itertools.combinations_with_replacement(forms, 2):
+        yield program(template, pair, took, stored)
 
 
 @pytest.mark.parametrize("template", [RETURNS, CHOOSES, BINDS], ids=["returns", "chooses", "binds"])
 @pytest.mark.parametrize("kind", PLACES)
 def test_one_of_two_arrays_is_the_array_that_python_takes(kind, template):
-    """Every pair in one order, stored into if both may be; constants are only read."""
+    """Every pair in one order, stored into if both may be, and only read if a store is refused; constants are only
+    read."""
     forms, stored = PLACES[kind]
-    compiled = [
-        same_or_lacking(each)
-        for each in programs(
-            template, forms, "z = r", "o.seen[3] = z[0, 1]" if kind == "matrices" else "o.seen[3] = z[1]"
-        )
-    ]
-    free = [each for each in forms if each not in ("TABLE", "WHOLE", "TRUE")]
-    compiled += [same_or_lacking(each) for each in programs(template, free, "z = r", stored)]
+    read = "o.seen[3] = z[0, 1]" if kind == "matrices" else "o.seen[3] = z[1]"
+    compiled = []
+    for pair in itertools.combinations_with_replacement(forms, 2):
+        own = program(template, pair, "z = r", stored)
+        may = not {*pair} & {"TABLE", "WHOLE", "TRUE"}
+        compiled.append((may and same_or_lacking(own)) or same_or_lacking(program(template, pair, "z = r", read)))
     assert sum(compiled) >= len(forms)  # each with itself, at least
 
 
@@ -254,7 +257,7 @@ def random_turns(random):
 def test_arrays_that_turns_of_a_loop_make_are_the_arrays_of_python():
     """An array that a name has from an earlier turn keeps its numbers, whichever names take it over."""
     random = Random(5)
-    assert sum(same_or_lacking(random_turns(random)) for _ in range(60)) >= 40
+    assert sum(same_or_lacking(random_turns(random)) for _ in range(40)) >= 27
 
 
 def test_one_memory_is_enough_where_no_name_takes_over_an_array():

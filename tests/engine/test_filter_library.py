@@ -508,13 +508,20 @@ def test_the_force_is_turned_to_the_world_with_the_estimate(tmp_path):
 @pytest.mark.parametrize(
     "settings",
     [
-        pytest.param({"navigation.dvl_period": 0.0, "navigation.position_period": 0.0}, id="fewer sensors"),
+        pytest.param(
+            {
+                **{"navigation.dvl_period": 0.0, "navigation.position_period": 0.0},
+                **{"navigation.force_delay": 0.02, "navigation.force_noise": 0.3},
+            },
+            id="fewer sensors, a real one of the force",
+        ),
         pytest.param(
             {"observer.name": "momentum_observer", "current.speed": 0.0, "controller.period": 0.02}, id="an observer"
         ),
-        pytest.param({"navigation.force_delay": 0.02, "navigation.force_noise": 0.3}, id="a real force sensor"),
-        pytest.param({"navigation.period": H, "controller.period": 1e-3}, id="a law that is faster"),
-        pytest.param({"controller.delay": 0.005}, id="a delay"),
+        pytest.param(
+            {"navigation.period": H, "controller.period": 1e-3, "controller.delay": 0.005},
+            id="a law that is faster, a delay",
+        ),
     ],
 )
 def test_other_rates_and_sensors_leave_with_the_bits_of_the_run(tmp_path, settings):

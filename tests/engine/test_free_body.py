@@ -56,8 +56,8 @@ def test_a_random_scenario_is_that_of_mujoco(i):
 
 @pytest.mark.slow
 def test_random_scenarios_are_those_of_mujoco():
-    found = [close(drawn(np.random.default_rng([6, i]), 6.0)) for i in range(8)]
-    assert sum("peak" in each for each in found) >= 5
+    found = [close(drawn(np.random.default_rng([6, i]), 6.0)) for i in range(5)]
+    assert sum("peak" in each for each in found) >= 3
 
 
 @pytest.mark.slow

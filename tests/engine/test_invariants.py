@@ -225,7 +225,7 @@ def test_plain_python_computes_what_machine_code_does(name, original, monkeypatc
 
     monkeypatch.setattr(pipeline.CompiledStage, "_compiled", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
-        plain = simulate(scenario_of(name, **{"simulation.duration": 0.01}), engine=RUNS[name][0], log_rate="full")
+        plain = simulate(scenario_of(name, **{"simulation.duration": 0.005}), engine=RUNS[name][0], log_rate="full")
     assert plain.touches[-1] > 0 or "sensors" in name or name in ("filter", "joints", "a tool")
     for signal in set(plain) - {"final_impulse", "final_high", "final_low"}:
         few = original[signal][: len(plain)]

@@ -17,9 +17,8 @@ ONLY_LOOKS = ("skin", "tex", "cam", "name", "path", "vis", "stat")
 """Beginnings of the names of the arrays of a model that looks may change."""
 SCENARIOS = {
     "push_wall": {},
-    "tool_push": {},
+    "tool_push": {"vehicle.mass": 1.1},
     "press_pile": {"simulation.timestep": 1e-3},
-    "push_wall_gusts": {"vehicle.model": "bluerov2_alpha5", "vehicle.mass": 1.1},
 }
 
 

@@ -434,6 +434,12 @@ def test_a_reset_changes_or_removes_an_effect_and_adds_none():
             sim.reset({"fins": [fin, fin]})
 
 
+EFFECTS = {
+    **{"tether.length": 4.0, "tether.position": [-0.2, 0.0, 0.0], "reference.target": [1.1, 0.0, -0.5]},
+    "fins": [{"area": 0.02, "position": [-0.3, 0.0, 0.1], "attitude_deg": [0.0, 0.0, 20.0]}],
+    "drag": [{"forward": [10.0, 15.0, 20.0], "backward": [5.0, 8.0, 22.0], "position": [-0.2, 0.1, 0.1]}],
+}
+"""Effects in which a vehicle at rest presses on the wall."""
 AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "wall.damping": 500.0}
 
 
@@ -442,13 +448,11 @@ AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "
     [
         {"current.vertical": -0.2},
         {"current.shear": [[0.0, 1.0], [1.0, 0.4]]},
-        {"tether.length": 30.0, "tether.position": [-0.2, 0.0, 0.0]},
-        {"fins": [{"area": 0.05, "position": [-0.3, 0.0, 0.1], "attitude_deg": [0.0, 0.0, 20.0]}]},
-        {"drag": [{"forward": [40.0, 60.0, 80.0], "backward": [20.0, 30.0, 90.0], "position": [-0.2, 0.1, 0.1]}]},
-        {"drag": [{"forward": [50.0, 80.0, 50.0], "position": [-0.2, 0.1, 0.1], "by": "speed"}]},
+        EFFECTS,
+        EFFECTS | {"drag": [{"forward": [12.0, 20.0, 12.0], "position": [-0.2, 0.1, 0.1], "by": "speed"}]},
         {"disturbance.table": [[0.0, 2.0, 1.0, -1.0, 0.0, 0.1, 0.0]], "disturbance.bias": [1.0] + [0.0] * 5},
     ],
-    ids=["vertical", "shear", "tether", "fins", "drag", "drag of the speed", "one row"],
+    ids=["vertical", "shear", "tether, fins, drag", "tether, fins, drag of the speed", "one row"],
 )
 def test_a_vehicle_rests_where_the_static_balance_says(water):
     """Under impedance control, which does not reject the current: it depends on depth and on the effects."""
@@ -461,11 +465,11 @@ def rests_as_announced(water, engine):
     assert isinstance(trace.analytic, SteadyState)
     assert trace.push[-1] == pytest.approx(trace.analytic.force, rel=1e-6, abs=1e-9)
     assert np.allclose(trace.p_WB[-1], trace.analytic.position, rtol=0.0, atol=1e-6)
+    assert "fins" not in water or trace.push[-1] > 5.0
 
 
-def test_a_vehicle_with_drag_by_direction_rests_there_in_mujoco_too():
-    drag = {"forward": [40.0, 60.0, 80.0], "backward": [20.0, 30.0, 90.0], "position": [-0.2, 0.1, 0.1]}
-    rests_as_announced({"drag": [drag]}, "mujoco")
+def test_a_vehicle_with_a_tether_fins_and_drag_by_direction_rests_there_in_mujoco_too():
+    rests_as_announced(EFFECTS, "mujoco")
 
 
 @pytest.mark.parametrize(

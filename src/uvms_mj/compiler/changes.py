@@ -70,7 +70,7 @@ def line_of_print(function: types.FunctionType) -> int:
     while waiting:
         met.append(now := waiting.pop())
         nodes = list(ast.walk(now))
-        lines += [node.lineno for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "print"]
+        lines += [node.lineno for node in nodes if isinstance(node, ast.Call) and _is_name(node.func, "print")]
         used = {node.id if isinstance(node, ast.Name) else getattr(node, "attr", "") for node in nodes}
         waiting += [each for name in used for each in named.get(name, ()) if each not in (*met, *waiting)]
     return min(lines, default=0)
@@ -113,7 +113,7 @@ def _look(function: ast.AST, found: Changes) -> None:
             changed = node
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGING:
             _note_call(node.func, own, found)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("setattr", "delattr", "object.__setattr__"):
+        elif isinstance(node, ast.Call) and _is_name(node.func, "setattr", "delattr"):
             changed = ast.Attribute(node.args[0], _text(node.args[1:2]), ast.Store()) if node.args else None
         if changed is not None:
             _note(changed, own, first, getattr(node, "lineno", 0), found)
@@ -129,6 +129,10 @@ def _note_call(method: ast.Attribute, own: set[str], found: Changes) -> None:
         found.called.setdefault(name, {}).setdefault(method.attr, method.lineno)
     if isinstance(of, ast.Attribute):
         _note(of.value, own, True, method.lineno, found)
+
+
+def _is_name(node: ast.AST, *names: str) -> bool:
+    return isinstance(node, ast.Name) and node.id in names
 
 
 def _text(nodes: list[ast.expr]) -> str:

@@ -21,7 +21,7 @@ from llvmlite import ir
 
 from ...compiler.cells import Cells, Region
 from ...compiler.emission import Emission
-from ...compiler.targets import Target, inline_libm, optimize
+from ...compiler.targets import Target, inline_libm
 from ...compiler.unit import Unit
 from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
 from . import memory
@@ -223,7 +223,7 @@ class FleetSource:
         regions = cells.words_of_regions(lambda region: region.written)
         own = cells.written | regions
         known = cells.written | cells.words_of_regions(lambda region: region.written and not self.is_apart(region))
-        flows = {name: _Flow(self, module, name, known) for name in _ENTRIES}
+        flows = _flows(self, module, known)
         stops = {self._word(name) for name in ("stop", "stop_index", "stop_value", "step")}
         needed = {word for name in (AHEAD, END) for word in flows[name].needs({*self.signals} | stops)} | stops
         while True:
@@ -420,49 +420,69 @@ class _Memory:
         return [self.cells_at, rooms, *self.regions]
 
 
+def _flows(source: FleetSource, module: str, own: set[int]) -> dict[str, "_Flow"]:
+    """The flow of each entry. Their passes are few: a flow follows the words by itself through what is left."""
+    probes = ir.Module("probes")
+    for name in _ENTRIES:
+        _probe(source, probes, name, own)
+    every = llvm.parse_assembly(module)
+    every.link_in(llvm.parse_assembly(str(probes)))
+    for function in every.functions:
+        if not function.is_declaration and not function.name.startswith(_PROBE):
+            function.linkage = "internal"
+    here = llvm.Target.from_default_triple().create_target_machine()
+    every.data_layout = str(here.target_data)
+    every.verify()
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_always_inliner_pass()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.add_sroa_pass()
+    passes.add_simplify_cfg_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_jump_threading_pass()  # a stage that is due has set what is read where its instant is known
+    passes.run(every, llvm.create_pass_builder(here, llvm.create_pipeline_tuning_options()))
+    return {name: _Flow(str(every.get_function(_PROBE + name))) for name in _ENTRIES}
+
+
+_PROBE = "probe_of_"
+
+
+def _probe(source: FleetSource, probes: ir.Module, name: str, own: set[int]) -> None:
+    """A function that takes its run's own words from the beginning to the end of an entry."""
+    regions = [k for k, region in enumerate(source.cells.regions) if source.is_apart(region)]
+    kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, *[POINTER] * len(regions), WORD])
+    code = ir.Function(probes, kind, _PROBE + name)
+    for argument in code.args[:-1]:
+        argument.add_attribute("noalias")
+    at = ir.IRBuilder(code.append_basic_block())
+    inner = ir.Function(probes, ir.FunctionType(WORD, [POINTER] * source.cells.pointers + [WORD]), name)
+    before, after, rooms, *places, n = code.args
+    memory = _Memory(at, probes, source, dict(zip(regions, places, strict=True)))
+    memory.start(at)
+    for word in sorted(own):
+        at.store(at.load(_at(at, before, word), typ=WORD, align=8), memory.of(at, word), align=8)
+    at.call(inner, [*memory.pointers(rooms), n])
+    end = code.append_basic_block()
+    if name == STEPS:
+        at.branch(end)
+        at.position_at_end(end)
+    else:  # only a run that has not stopped gives its signals
+        given = code.append_basic_block()
+        stop = at.load(memory.of(at, source.stop), typ=WORD, align=8)
+        at.cbranch(at.icmp_signed("==", stop, WORD(STOP_NONE)), given, end)
+        at.position_at_end(given)
+    for word in sorted(own):
+        at.store(at.load(memory.of(at, word), typ=WORD, align=8), _at(at, after, word), align=8)
+    if name != STEPS:
+        at.branch(end)
+        at.position_at_end(end)
+    at.ret_void()
+
+
 class _Flow:
-    """Which words at the end of an entry depend on which words at its beginning, by its optimized code."""
+    """Which words at the end of an entry depend on which words at its beginning, by the text of its probe."""
 
-    def __init__(self, source: FleetSource, module: str, name: str, own: set[int]) -> None:
-        probe = ir.Module("probe")
-        regions = [k for k, region in enumerate(source.cells.regions) if source.is_apart(region)]
-        kind = ir.FunctionType(ir.VoidType(), [POINTER, POINTER, POINTER, *[POINTER] * len(regions), WORD])
-        code = ir.Function(probe, kind, "probe")
-        for argument in code.args[:-1]:
-            argument.add_attribute("noalias")
-        at = ir.IRBuilder(code.append_basic_block())
-        inner = ir.Function(probe, ir.FunctionType(WORD, [POINTER] * source.cells.pointers + [WORD]), name)
-        before, after, rooms, *places, n = code.args
-        memory = _Memory(at, probe, source, dict(zip(regions, places, strict=True)))
-        memory.start(at)
-        for word in sorted(own):
-            at.store(at.load(_at(at, before, word), typ=WORD, align=8), memory.of(at, word), align=8)
-        at.call(inner, [*memory.pointers(rooms), n])
-        end = code.append_basic_block()
-        if name == STEPS:
-            at.branch(end)
-            at.position_at_end(end)
-        else:  # only a run that has not stopped gives its signals
-            given = code.append_basic_block()
-            stop = at.load(memory.of(at, source.stop), typ=WORD, align=8)
-            at.cbranch(at.icmp_signed("==", stop, WORD(STOP_NONE)), given, end)
-            at.position_at_end(given)
-        for word in sorted(own):
-            at.store(at.load(memory.of(at, word), typ=WORD, align=8), _at(at, after, word), align=8)
-        if name != STEPS:
-            at.branch(end)
-            at.position_at_end(end)
-        at.ret_void()
-        every = llvm.parse_assembly(module)
-        every.link_in(llvm.parse_assembly(str(probe)))
-        for function in every.functions:
-            if not function.is_declaration and function.name != "probe":
-                function.linkage = "internal"
-        here = llvm.Target.from_default_triple().create_target_machine()
-        optimize(every, here, llvm.get_default_triple(), 2)
-        self._read(str(every.get_function("probe")))
-
-    def _read(self, text: str) -> None:
+    def __init__(self, text: str) -> None:
         """Read LLVM's text: of each name, the names that it is made of; what is loaded and stored; and the roots, on
         which the way of the code depends."""
         self._uses, self._roots = dict[str, set[str]](), set[str]()
