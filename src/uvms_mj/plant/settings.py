@@ -549,13 +549,14 @@ def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
 
     M is the inertia (6, 6), added mass included. The points are the ends of the spheres along the axes of B.
     """
-    inverse, masses = np.linalg.inv(M), []
-    for centre in centres_B:
-        for out in (*np.eye(3), *-np.eye(3)):
-            x, y, z = centre + radius * out
-            J = np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])  # -S(arm)
-            masses.append(1.0 / float(np.linalg.eigvalsh(J @ inverse @ J.T)[-1]))
-    return min(masses)
+    ends = np.asarray(centres_B)[:, None] + radius * np.vstack([np.eye(3), -np.eye(3)])
+    x, y, z = np.moveaxis(ends, -1, 0)
+    J = np.zeros((*x.shape, 3, 6))  # [1, -S(arm)] at each end
+    J[..., :3] = np.eye(3)
+    J[..., 0, 4], J[..., 0, 5], J[..., 1, 5] = z, -y, x
+    J[..., 1, 3], J[..., 2, 3], J[..., 2, 4] = -z, y, -x
+    mobility = J @ np.linalg.inv(M) @ J.swapaxes(-1, -2)
+    return float(np.min(1.0 / np.linalg.eigvalsh(mobility)[..., -1]))
 
 
 def contact_settings(wall: Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
