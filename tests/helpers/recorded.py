@@ -49,11 +49,13 @@ def same(a, b):
         assert np.array_equal(a[name], b[name]), name
 
 
-def decoded(path):
-    """Every message of a log by topic, decoded by mcap-ros2-support: (log time, message) in file order."""
+def decoded(path, *topics):
+    """Every message of a log by topic, or those of some topics, decoded by mcap-ros2-support: (log time, message) in
+    file order."""
     messages = defaultdict(list)
     with open(path, "rb") as file:
-        for _, channel, message, ros in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, message, ros in reader.iter_decoded_messages(topics or None):
             messages[channel.topic].append((message.log_time, ros))
     return messages
 
