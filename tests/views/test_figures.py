@@ -1,6 +1,7 @@
 """Figures: lines agree with the recorded signals, colours are consistent, and nothing overlaps."""
 
 import dataclasses
+import functools
 import itertools
 import shutil
 import subprocess
@@ -108,6 +109,7 @@ class Odd(Controller):
             tau_cmd[i] = signals.tau_nom[i]
 
 
+@functools.cache
 def odd_run():
     return simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}), controller=Odd())
 
