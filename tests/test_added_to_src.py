@@ -16,24 +16,25 @@ ROOT = Path(uvms_mj.__file__).parents[2]
 MOST_FILES = 3
 """A shape or an effect is added in at most so many files of src."""
 
-TORUS = {
-    "physics/surfaces.py": [
-        (
-            '    "capsule": Shape(',
-            '    "torus": Shape(\n'
-            '        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[1],\n'
-            '        lambda e: ("cylinder", (e[0], e[1], 0.0)),\n'
-            "    ),\n"
-            '    "capsule": Shape(',
-        ),
-        ("PLANE, SPHERE, CYLINDER, BOX, CAPSULE =", "PLANE, SPHERE, CYLINDER, BOX, TORUS, CAPSULE ="),
-    ]
-}
+
+def shape(name: str) -> dict:
+    """The entry of a ring about z: its radius, that of its tube."""
+    entry = (
+        f'    "{name}": Shape(\n'
+        '        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[1],\n'
+        '        lambda e: ("cylinder", (e[0], e[1], 0.0)),\n'
+        "    ),\n"
+    )
+    numbers = (", CAPSULE = range(", f", {name.upper()}, CAPSULE = range(")
+    return {"physics/surfaces.py": [('    "capsule": Shape(', entry + '    "capsule": Shape('), numbers]}
+
+
+TORUS, HOOP = shape("torus"), shape("hoop")
 ITS_LINES = {
     "physics/surfaces.py": [
         (
             "    else:  # a shape without a line here",
-            "    elif surface.kind == TORUS:  # a ring about z: its radius, that of its tube\n"
+            "    elif surface.kind == TORUS:\n"
             "        across = math.sqrt(q[0] * q[0] + q[1] * q[1])\n"
             "        q[0] -= surface.extent[0] * q[0] / across\n"
             "        q[1] -= surface.extent[0] * q[1] / across\n"
@@ -77,10 +78,7 @@ KEEL = {
         ('    "drag": Drag,\n', '    "drag": Drag,\n    "keel": Keel,\n'),
     ],
     "scenario.py": [
-        (
-            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad",
-            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, Keel, NearWall, Pad",
-        ),
+        ("Drag, Fin, NearWall, Pad", "Drag, Fin, Keel, NearWall, Pad"),
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    keel: Keel = Keel()\n"),
     ],
 }
@@ -120,10 +118,7 @@ ROTOR = {
         ('    "drag": Drag,\n', '    "drag": Drag,\n    "rotor": Rotor,\n'),
     ],
     "scenario.py": [
-        (
-            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad",
-            "import EFFECT_TABLES, Current, Disturbance, Drag, Fin, NearWall, Pad, Rotor",
-        ),
+        ("NearWall, Pad\n", "NearWall, Pad, Rotor\n"),
         ("    tether: Tether = Tether()\n", "    tether: Tether = Tether()\n    rotor: Rotor = Rotor()\n"),
     ],
 }
@@ -145,15 +140,14 @@ print(json.dumps(found))
 """
 
 
-def run_with(folder: Path, runs: list, *edits: dict) -> list:
-    """What runs (changes, engine) give in a copy of the package with these texts replaced, file by file."""
-    touched = {name for each in edits for name in each}
-    assert len(touched) <= MOST_FILES
+def run_with(folder: Path, runs: dict[str, tuple[dict, str]], additions: list[list[dict]]) -> dict:
+    """What runs (changes, engine) give in a copy of the package with the texts of all additions replaced."""
     shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("models", "examples"):
         (folder / name).symlink_to(ROOT / name)
-    for each in edits:
-        for name, texts in each.items():
+    for edits in additions:
+        assert len({name for each in edits for name in each}) <= MOST_FILES
+        for name, texts in (item for each in edits for item in each.items()):
             file = folder / "src" / "uvms_mj" / name
             text = file.read_text()
             for old, new in texts:
@@ -162,28 +156,63 @@ def run_with(folder: Path, runs: list, *edits: dict) -> list:
             file.write_text(text)
     own = {"PYTHONPATH": str(folder / "src"), "UVMS_MJ_CACHE_DIR": str(folder / "cache"), "PYTHONWARNINGS": "ignore"}
     (folder / "run.py").write_text(RUN)
-    command = [sys.executable, "run.py", json.dumps(runs)]
+    command = [sys.executable, "run.py", json.dumps([*runs.values()])]
     done = subprocess.run(command, cwd=folder, env=os.environ | own, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return dict(zip(runs, json.loads(done.stdout), strict=True))
 
 
 RING = {"shape": "torus", "radius": 0.6, "length": 0.4, "position": [1.0, 0.0, 0.0], "stiffness": 2e3, "damping": 200.0}
 INTO_THE_RING = {
     "simulation.timestep": 1e-3,
-    "simulation.duration": 40.0,
+    "simulation.duration": 20.0,
     "wall.present": False,
     "current.speed": 0.0,
     "vehicle.contact_bodies": [{"position": [0.1, 0.0, 0.0], "radius": 0.05}],
     "walls": [RING],
     "reference.target": [0.3, 0.0, 0.0],
 }
+INTO_THE_HOOP = INTO_THE_RING | {"walls": [RING | {"shape": "hoop"}]}
+NOTHING = 1e-30
+"""The coefficient of an effect that is there and does nothing, so that all runs of a law are of one compiled shape."""
 
 
-def test_a_shape_is_an_entry_and_its_lines(tmp_path):
+def in_a_current(keel: float, drag: float) -> dict:
+    of_drag = [{"forward": [0.0, drag, 0.0], "position": [0.2, 0.0, 0.0]}]
+    current = {"simulation.timestep": 1e-3, "simulation.duration": 20.0, "current.direction_deg": 70.0}
+    return current | {"keel.c": keel, "keel.x": 0.2, "drag": of_drag}
+
+
+SLOWED = {
+    "simulation.timestep": 1e-3,
+    "simulation.duration": 0.03,
+    "current.speed": 0.0,
+    "rotor.c": 60.0,
+    "rotor.lag": 0.05,
+    "initial.velocity": [0.5, 0.0, 0.0, 0.0, 0.0, 0.0],
+}
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """All runs, in one copy that has all additions: they do not disturb each other."""
+    runs = {
+        "ring": (INTO_THE_RING, "free_body"),
+        "ring, whole": (INTO_THE_RING, "mujoco"),
+        "hoop": (INTO_THE_HOOP, "free_body"),
+        "keel": (in_a_current(60.0, NOTHING), "free_body"),
+        "keel, whole": (in_a_current(60.0, NOTHING), "mujoco"),
+        "drag": (in_a_current(NOTHING, 60.0), "free_body"),
+        "neither": (in_a_current(NOTHING, NOTHING), "free_body"),
+        "rotor": (SLOWED, "free_body"),
+        "rotor, whole": (SLOWED, "mujoco"),
+    }
+    return run_with(tmp_path_factory.mktemp("copy"), runs, [[TORUS, ITS_LINES], [HOOP], [KEEL], [ROTOR]])
+
+
+def test_a_shape_is_an_entry_and_its_lines(found):
     """A ring whose tube is 0.2 m thick: both engines press on its outside with the force of its closed form."""
-    found = run_with(tmp_path, [(INTO_THE_RING, "free_body"), (INTO_THE_RING, "mujoco")], TORUS, ITS_LINES)
-    free, whole = found
+    free, whole = found["ring"], found["ring, whole"]
     np.testing.assert_allclose(free["p_WB"], whole["p_WB"], rtol=0.0, atol=1e-9)
     depth = free["p_WB"][0] + 0.1 + 0.05 - (1.0 - 0.6 - 0.2)
     assert free["push"] == pytest.approx(2e3 * depth, rel=1e-6)
@@ -191,32 +220,23 @@ def test_a_shape_is_an_entry_and_its_lines(tmp_path):
     assert free["rest"][0] == pytest.approx(free["push"], rel=1e-5)
 
 
-def test_a_shape_without_its_lines_is_refused_and_is_not_a_sphere(tmp_path):
-    assert run_with(tmp_path, [(INTO_THE_RING, "free_body")], TORUS) == [
-        "scenario: walls[0].shape: the distance from a torus is not computed"
-    ]
+def test_a_shape_without_its_lines_is_refused_and_is_not_a_sphere(found):
+    assert found["hoop"] == "scenario: walls[0].shape: the distance from a hoop is not computed"
 
 
-def test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table(tmp_path):
+def test_an_effect_of_the_water_is_a_record_a_kernel_and_a_table(found):
     """It is the shipped drag at a place with the same numbers, in both engines and in the closed form."""
-    base = {"simulation.timestep": 1e-3, "simulation.duration": 20.0, "current.direction_deg": 70.0}
-    keel = base | {"keel.c": 60.0, "keel.x": 0.2}
-    drag = base | {"drag": [{"forward": [0.0, 60.0, 0.0], "position": [0.2, 0.0, 0.0]}]}
-    runs = [(keel, "free_body"), (keel, "mujoco"), (drag, "free_body"), (base, "free_body")]
-    *both, shipped, without = run_with(tmp_path, runs, KEEL)
-    for own in both:
+    for own in (found["keel"], found["keel, whole"]):
         for name in ("p_WB", "nu", "rest"):
-            np.testing.assert_allclose(own[name], shipped[name], rtol=0.0, atol=1e-10)
-        assert np.abs(np.subtract(own["p_WB"], without["p_WB"])).max() > 1e-4
+            np.testing.assert_allclose(own[name], found["drag"][name], rtol=0.0, atol=1e-10)
+        assert np.abs(np.subtract(own["p_WB"], found["neither"]["p_WB"])).max() > 1e-4
         np.testing.assert_allclose(own["p_WB"], own["rest"][1:], rtol=0.0, atol=1e-5)
 
 
-def test_an_effect_with_a_state_is_the_same_and_a_line_that_advances_it(tmp_path):
+def test_an_effect_with_a_state_is_the_same_and_a_line_that_advances_it(found):
     """An inflow that lags behind the velocity in the water: its drag follows from the velocities of the run. Nothing
     says that its state advances, and no closed form takes it for constant."""
-    base = {"simulation.timestep": 1e-3, "simulation.duration": 0.03, "current.speed": 0.0}
-    rotor = base | {"rotor.c": 60.0, "rotor.lag": 0.05, "initial.velocity": [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]}
-    *both, without = run_with(tmp_path, [(rotor, "free_body"), (rotor, "mujoco"), (base, "free_body")], ROTOR)
+    both = found["rotor"], found["rotor, whole"]
     for run in both:
         velocity, force = np.array(run["x"])
         inflow = np.zeros(len(velocity))
@@ -226,4 +246,4 @@ def test_an_effect_with_a_state_is_the_same_and_a_line_that_advances_it(tmp_path
         assert force[-1] < -1.0
         assert run["rest"] == "closed forms do not know where rotor moves"
     np.testing.assert_allclose(both[0]["nu"], both[1]["nu"], rtol=0.0, atol=1e-9)
-    assert isinstance(without["rest"], list)
+    assert isinstance(found["neither"]["rest"], list)

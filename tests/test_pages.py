@@ -59,7 +59,7 @@ def shortened(words: list[str]) -> list[str]:
         case ["converge" | "certify", *_]:
             more = ["simulation.duration=0.02"]
         case ["study", name, *_] if name not in ("report", "list", "plot", "table"):
-            more = ["design.runs=4", "simulation.duration=8", "--engine=free_body", "--workers=1"]
+            more = ["design.runs=3", "simulation.duration=6.1", "--engine=free_body", "--workers=1"]
         case ["tune", *_]:
             more = ["design.runs=2", "--trials=2", "--workers=1"]
         case ["bench", first, *_] if first not in ("compare", "tasks", "plot", "table"):

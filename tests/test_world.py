@@ -631,6 +631,7 @@ def command(*words):
     return result
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_a_log_of_each_vehicle_and_shows_them_together(tmp_path):
     out = tmp_path / "out"
     short = ("simulation.duration=0.05", "--engine", "free_body", "--json", "-o", str(out))

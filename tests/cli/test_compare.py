@@ -29,6 +29,7 @@ def command(tmp_path, monkeypatch):
     return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare_makes_a_page_of_any_logs(command, tmp_path):
     (tmp_path / "<script>.py").write_text(LAW)
     settings = {"simulation.duration": 0.05, "controller.epsilon": 2e-3}
@@ -49,6 +50,7 @@ def test_compare_makes_a_page_of_any_logs(command, tmp_path):
     assert "exists; choose another name" in again.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare_says_which_signals_are_equal(command, tmp_path):
     runs = {"one": {}, "again": {}, "slow": {"current.speed": 0.1}, "short": {"simulation.duration": 0.05}}
     for name, keys in runs.items():

@@ -69,7 +69,8 @@ def places(tree, prefix=""):
     return flat
 
 
-def test_a_report_is_one_page_beside_the_rows(there, folder, request):
+@pytest.mark.usefixtures("undrawn")
+def test_a_report_is_one_page_beside_the_rows(there, folder):
     done = there("study", "report", "out")
     assert done.exit_code == 0, done.output
     assert done.stdout.strip() == "out/report.html"
@@ -80,7 +81,6 @@ def test_a_report_is_one_page_beside_the_rows(there, folder, request):
     assert "coarse" in flat
     assert "version of sources" in flat
     assert str(folder) not in text
-    request.getfixturevalue("undrawn")
     assert there("study", "report", "out").exit_code == 0  # the page is replaced
     assert there("study", "report", "out", "--out", "other.html").exit_code == 0
     assert "exists" in there("study", "report", "out", "--out", "other.html").stderr

@@ -80,6 +80,7 @@ def imported(folder, monkeypatch):
     return found
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "command",
     [

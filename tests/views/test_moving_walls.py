@@ -69,7 +69,7 @@ def test_a_log_has_a_frame_of_each_wall_that_moves_and_its_shape_is_in_it(trace,
     back = Trace.load(path)
     for name in ("p_WS1", "quat_WS1", "p_WS2", "quat_WS2"):
         np.testing.assert_array_equal(back[name], trace[name])
-    topics = decoded(path)
+    topics = decoded(path, "/tf", "/markers/surroundings")
     poses = {"walls/1": [], "walls/2": []}
     for _, message in topics["/tf"]:
         for each in message.transforms:

@@ -174,11 +174,11 @@ def test_a_study_shows_its_plan_and_its_results(study, here):
     assert all(cell in printed for row in study.table() for cell in row)
 
 
-def test_a_study_plots_the_figures_of_its_report(study, tmp_path):
+def test_a_study_plots_the_figures_of_its_report(study, tmp_path, request):
     before = plt.get_fignums()
-    for what in ("overview", "distributions", "map"):
-        assert study.plot(what)._repr_png_().startswith(b"\x89PNG")
-    assert study.plot("map", over=["current.speed"])._repr_png_() == study.plot("map")._repr_png_()
+    *others, of_map = (study.plot(what)._repr_png_() for what in ("overview", "distributions", "map"))
+    assert all(each.startswith(b"\x89PNG") for each in (*others, of_map))
+    assert study.plot("map", over=["current.speed"])._repr_png_() == of_map
     assert plt.get_fignums() == before
     for arguments, wrong in (
         ({"what": "maps"}, "did you mean 'map'"),
@@ -187,6 +187,7 @@ def test_a_study_plots_the_figures_of_its_report(study, tmp_path):
     ):
         with pytest.raises(InputError, match=wrong):
             study.plot(**arguments)
+    request.getfixturevalue("undrawn")
     page = study.report(tmp_path / "page.html").read_text()
     assert "current.speed" in page
     assert study.report() == study.folder / "report.html"

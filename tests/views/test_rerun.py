@@ -39,8 +39,13 @@ def columns(path: Path) -> dict[str, dict[str, list]]:
     return found
 
 
-def test_scalars_are_those_of_the_log_to_the_last_bit(trace, recording):
-    found = columns(recording)
+@pytest.fixture(scope="module")
+def recorded(recording) -> dict[str, dict[str, list]]:
+    return columns(recording)
+
+
+def test_scalars_are_those_of_the_log_to_the_last_bit(trace, recorded):
+    found = recorded
     for signal in trace.signals:
         if signal.name == "t":
             continue
@@ -56,8 +61,8 @@ def test_scalars_are_those_of_the_log_to_the_last_bit(trace, recording):
     assert {v for row in found["/push/analytic"]["Scalars:scalars"] for v in row} == {trace.analytic.force}
 
 
-def test_poses_are_those_of_the_log_in_float32(trace, recording):
-    found = columns(recording)
+def test_poses_are_those_of_the_log_in_float32(trace, recorded):
+    found = recorded
     every = round(1.0 / (POSE_HZ * (trace.t[1] - trace.t[0])))
     vehicle, reference = found["/world/vehicle"], found["/world/reference"]
     np.testing.assert_array_equal(
@@ -74,8 +79,8 @@ def test_poses_are_those_of_the_log_in_float32(trace, recording):
     np.testing.assert_array_equal(way[-1][1], trace.p_WB[::every][-1].astype("f4"))
 
 
-def test_arrows_are_the_forces(trace, recording):
-    found = columns(recording)
+def test_arrows_are_the_forces(trace, recorded):
+    found = recorded
     every = round(1.0 / (POSE_HZ * (trace.t[1] - trace.t[0])))
     contact = found["/world/contact\\ force"]
     both = zip(contact["Arrows3D:origins"], contact["Arrows3D:vectors"], strict=True)
@@ -158,9 +163,9 @@ def test_a_wall_that_turns_is_drawn_as_recorded(tmp_path):
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[-0.2, -0.5, -0.5], [0.2, 0.5, 0.5]])
 
 
-def test_markers_and_viewer_draw_one_scene(trace, recording):
+def test_markers_and_viewer_draw_one_scene(trace, recorded):
     """The wall, the current and the colours of the arrows come from records/scene.py."""
-    found, drawn = columns(recording), scene.scene_of(trace.header)
+    found, drawn = recorded, scene.scene_of(trace.header)
     (wall,), (current,) = drawn.walls, drawn.arrows
     box = found["/world/wall"]
     np.testing.assert_allclose(box["Boxes3D:centers"][0], [wall.position], rtol=1e-6)
@@ -227,8 +232,8 @@ def test_of_several_runs_none_hides_another(trace, other, tmp_path):
     assert [run.colour for run in runs] == colours.of_runs(["gsta", "impedance", "gsta"])
 
 
-def test_every_series_has_a_name_and_a_colour(trace, recording):
-    found = columns(recording)
+def test_every_series_has_a_name_and_a_colour(trace, recorded):
+    found = recorded
     scalars = {path: entity for path, entity in found.items() if "Scalars:scalars" in entity}
     names = []
     for path, entity in scalars.items():

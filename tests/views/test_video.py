@@ -91,8 +91,14 @@ def read_back(path) -> tuple[int, list[Image.Image]]:
     return len(pictures), [Image.fromarray(pictures[k]) for k in (0, -1)]
 
 
+@pytest.fixture(scope="module")
+def ends(driver, push) -> list[Image.Image]:
+    """Pictures of the start and the end."""
+    return [still(push, t, size=SMALL, plots=["force"]) for t in (0.0, 5.0)]
+
+
 @pytest.mark.parametrize("kind", CODERS)
-def test_a_video_has_its_pictures_and_replaces_the_file_when_it_is_whole(driver, push, tmp_path, kind):
+def test_a_video_has_its_pictures_and_replaces_the_file_when_it_is_whole(push, ends, tmp_path, kind):
     pytest.importorskip("imageio_ffmpeg")
     path, counts = tmp_path / f"push.{kind}", []
     path.write_bytes(b"old")
@@ -100,8 +106,7 @@ def test_a_video_has_its_pictures_and_replaces_the_file_when_it_is_whole(driver,
     number, (first, last) = read_back(path)
     assert counts == [(i, 5) for i in range(1, 6)]
     assert number == 5
-    for picture, t in ((first, 0.0), (last, 5.0)):
-        expected = still(push, t, size=SMALL, plots=["force"])
+    for picture, expected in zip((first, last), ends, strict=True):
         assert np.abs(np.asarray(picture).astype(int) - np.asarray(expected)).mean() < 9.0  # of the coding
     assert changed(first, last).mean() > 0.02
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
@@ -140,7 +145,7 @@ def test_a_video_that_is_stopped_leaves_no_file(driver, push, tmp_path):
     ],
 )
 def test_refusals_come_before_the_first_picture(push, tmp_path, arguments, expected):
-    given = {"path": "x.mp4", "size": SMALL} | arguments
+    given = {"path": "x.mp4", "size": SMALL, "plots": ()} | arguments
     path = tmp_path / given.pop("path")
     with pytest.raises(InputError, match=expected):
         video(push, path, **given)
@@ -161,7 +166,7 @@ def test_a_missing_extra_and_a_missing_driver_are_named(push, tmp_path, monkeypa
     for way in ("egl", "osmesa", "glfw", "cgl"):
         monkeypatch.setitem(sys.modules, f"mujoco.{way}", None)
     with pytest.raises(InputError, match="no driver draws without a window") as told:
-        still(push)
+        still(push, size=SMALL, plots=())
     assert sys.platform == "darwin" or "apt install libegl1 libgl1-mesa-dri" in str(told.value)
 
 
