@@ -58,7 +58,7 @@ columns = ["pwm1", "", "", "", "", "", "", ""]
 def made(tmp_path_factory):
     """A folder with the run, and the samples of its vehicle by the instruments of the log."""
     folder = tmp_path_factory.mktemp("dive")
-    trace = simulate(Scenario.load("push_wall", SETTINGS), engine="free_body", log_rate=1000)
+    trace = simulate(Scenario.load("push_wall", SETTINGS), engine="free_body", log_rate=400)
     trace.save(folder / "run.mcap")
     t = np.arange(0.3, 5.9, SAMPLE)
     rng = np.random.default_rng(3)
