@@ -107,7 +107,7 @@ CASES: dict[str, tuple[Mapping[str, Any], Mapping[str, Sequence[Any]]]] = {
     "a tether that moves, water at the wall": (
         {
             "tether.length": 4.0,
-            "tether.elements": 4,
+            "tether.elements": 2,
             "tether.anchor": [-2.0, 0.0, 0.0],
             "near_wall": [
                 {"shape": "spheroid", "radius": 0.15, "length": 0.5, "position": [0.0, 0.0, 0.1]},

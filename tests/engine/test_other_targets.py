@@ -10,7 +10,7 @@ import pytest
 
 from symbols import undefined
 from uvms_mj import Scenario, Simulation
-from uvms_mj.compiler.targets import AARCH64, PTX, WASM, Target
+from uvms_mj.compiler.targets import PTX, WASM, Target
 from uvms_mj.engine.native.compilation import link
 from uvms_mj.engine.native.other_targets import STEPS, loop_for
 
@@ -25,11 +25,10 @@ def simulation(law):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("target", "law"), [(PTX, LAWS[0]), (WASM, LAWS[1]), (AARCH64, LAWS[0])], ids=["ptx", "wasm32", "aarch64"]
-)
+@pytest.mark.parametrize(("target", "law"), [(PTX, LAWS[0]), (WASM, LAWS[1])], ids=["ptx", "wasm32"])
 def test_the_loop_is_emitted_for_another_processor(target, law):
-    """It uses no function but those that copy and fill memory, and defines the loop."""
+    """It uses no function but those that copy and fill memory, and defines the loop. For aarch64 it is linked so, and
+    runs, in :mod:`test_everywhere`."""
     with simulation(law) as run:
         code = loop_for(target, run._memory.shape, run._stages.running)
     assert undefined(code) <= MEMORY | (LINKER if target is WASM else set())
