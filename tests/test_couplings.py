@@ -24,6 +24,7 @@ from uvms_mj import (
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.plant.settings import lightest_at
 
 ENGINES = ("free_body", "mujoco")
 
@@ -472,6 +473,22 @@ def momentum_by_mujoco(sim):
     root = 1
     p = model.body_subtreemass[root] * data.subtree_linvel[root]
     return np.concatenate([p, data.subtree_angmom[root] + np.cross(data.subtree_com[root], p)])
+
+
+def test_the_least_mass_at_a_contact_is_that_of_the_quickest_direction(rng):
+    """A unit force at the end of a sphere along an axis of B accelerates its point by at most 1/m, in the lightest of
+    many directions almost by it: from the momentum that the force gives the body, without a Jacobian."""
+    A = rng.normal(size=(6, 6))
+    M, centres, radius = A @ A.T + 2.0 * np.eye(6), rng.uniform(-0.5, 0.5, (2, 3)), 0.1
+    directions = rng.normal(size=(20_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    quickest = 0.0
+    for arm in (centre + sign * radius * axis for centre in centres for axis in np.eye(3) for sign in (1.0, -1.0)):
+        nu_dot = np.linalg.solve(M, np.hstack([directions, np.cross(arm, directions)]).T).T
+        along = directions * (nu_dot[:, :3] + np.cross(nu_dot[:, 3:], arm))
+        quickest = max(quickest, along.sum(axis=1).max())
+    assert lightest_at(M, centres, radius) * quickest == pytest.approx(1.0, abs=1e-3)
+    assert lightest_at(M, centres, radius) * quickest <= 1.0
 
 
 def test_the_engine_that_has_no_arms_names_the_one_that_has():
