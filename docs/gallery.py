@@ -82,6 +82,7 @@ def _udp_card(docs: Path) -> str:
     law = subprocess.Popen([sys.executable, docs.parent / "examples" / "udp_law.py", str(port)])
     try:
         settings = {"controller.name": "udp", "controller.port": port, "controller.period": 1e-3, "current.speed": 0.0}
+        settings["simulation.duration"] = 10.0
         simulate(Scenario.load("push_wall", settings)).plot("force", width=6.5).savefig(picture, dpi=150)
     finally:
         law.terminate()
