@@ -321,6 +321,19 @@ def test_a_folder_that_is_made_is_the_users_alone(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a copy of a process is made on Linux alone")
+def test_a_copy_ends_if_nobody_takes_its_result():
+    """It is more than a pipe holds; the process that has begun the copy ends, as an export does that is refused."""
+    code = """if True:
+        import os, time
+        from uvms_mj.compiler.apart import forked
+        forked(lambda: time.sleep(0.2) or bytes(1 << 20))
+        os._exit(0)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)  # to the copy's end
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a copy of a process is made on Linux alone")
 def test_a_part_of_a_result_of_a_copy_is_none():
     def dies():  # while the pipe, which holds less, is full
         threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGKILL)).start()

@@ -149,6 +149,7 @@ def forked(call: Callable[[], bytes], most_s: float | None = None) -> Callable[[
         copy = os.fork()
     if copy == 0:
         try:
+            os.close(end)  # or else a result that nobody takes any more would wait in the pipe for ever
             with os.fdopen(into, "wb") as out:
                 out.write(call())
             os._exit(0)
