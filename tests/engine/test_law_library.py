@@ -158,6 +158,14 @@ def test_what_is_optimized_for_all_processors_has_no_pointer_in_memory(tmp_path,
     assert_no_pointer_is_in_memory(taken[0])
 
 
+def test_a_law_that_fails_in_the_run_is_refused_by_its_line(tmp_path):
+    (tmp_path / "fails.py").write_text(
+        READS_A_MODULE.replace("from weight_of_law", "# ").replace("WEIGHT", "1 / 0.0 * 0.0")
+    )
+    with pytest.raises(InputError, match=r"(?s)run for its test ends.*fails\.py, line 9"):
+        write_library(scenario(f"{tmp_path / 'fails.py'}:Reads"), tmp_path / "out", ["x86_64"], test=False)
+
+
 def test_the_recorded_steps_are_of_a_run_from_its_beginning(tmp_path, monkeypatch):
     """The run goes on from a state before the touch, if it can be saved."""
     scenario, restored, restore = Scenario.load("push_wall", {}, "gsta"), [], Simulation.restore

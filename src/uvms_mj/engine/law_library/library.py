@@ -22,6 +22,7 @@ from ..native import libm_in_c
 from ..native.chain import Chain, refuse
 from ..native.compilation import short_run
 from ..native.net import FIRST
+from ..native.plain_stage import StageFault
 from ..native.run_memory import RunMemory
 from ..simulation import Simulation
 from . import as_law, elf_object, linking, texts
@@ -155,11 +156,14 @@ def write_library(
         parts, program, libraries = sim.begun
         border, law, export = parts.border, parts.law, parts.export
         chain, not_asked, no_law = border.chain, parts.not_asked, parts.no_law
-        if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
-            sim.step(FIRST)
-            refuse(sim.memory.stages)
-            sim.reset()
-        steps = recorded(sim, border, parts.text, f"{name}_chain")
+        try:
+            if sim.compares:  # the library has no net: a stage that is not as Python is known here, and refused
+                sim.step(FIRST)
+                refuse(sim.memory.stages)
+                sim.reset()
+            steps = recorded(sim, border, parts.text, f"{name}_chain")
+        except StageFault as fault:
+            raise InputError(f"export law: the run for its test ends: {fault}") from fault
         refuse(sim.memory.stages)  # a stage may have turned out not to be as Python during the run
         for target in targets:
             (place / target / _ROWS).write_bytes(texts.told(steps))
