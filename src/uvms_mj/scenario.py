@@ -322,6 +322,7 @@ class Scenario:
         if faults:
             raise InputError(faults, "scenario")
         same = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        # a scenario that was loaded has this validator made, and replace() would make another one
         return _VALIDATOR.validate_python(same | fresh) if fresh else self
 
     def to_dict(self) -> dict[str, Any]:

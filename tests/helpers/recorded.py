@@ -52,7 +52,7 @@ def same(a, b):
 
 @functools.lru_cache(maxsize=1)  # the tests of a module read one log
 def decoded(path, *topics):
-    """Every message of a log by topic, or those of some topics, decoded by mcap-ros2-support: (log time, message) in
+    """The messages of a log by topic, of all topics or of some, decoded by mcap-ros2-support: (log time, message) in
     file order."""
     messages = defaultdict(list)
     with open(path, "rb") as file:

@@ -32,7 +32,7 @@ def shown(code: bytes) -> list[str]:
 
 
 def sizes(code: bytes) -> tuple[int, int, int]:
-    """The bytes of an object's code, of its constants and of what it could change in the memory of a program."""
+    """The bytes of an object's code, of its constants and of its variables."""
     held = [(each.flags, each.size) for each in _sections(code) if each.flags & 2]
     runs, changes = sum(n for flags, n in held if flags & 4), sum(n for flags, n in held if flags & 1)
     return runs, sum(n for _, n in held) - runs - changes, changes
