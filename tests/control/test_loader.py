@@ -58,7 +58,7 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
 @pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
 def test_a_state_may_not_hide_what_a_trace_has(name):
     with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
-        check_states([(Ideal(), name)])
+        check_states([(Ideal(), name)], set())
 
 
 def test_updating_a_scenario_keeps_a_law_that_has_no_file():

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from everything import everything
 from recorded import decoded, same
 from traces import TASK, without
-from uvms_mj import InputError, Scenario, Trace, simulate
+from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.cli import main
-from uvms_mj.stages.signals import BAND, GIVEN, RECORDED, Signal
+from uvms_mj.stages.signals import BAND, GIVEN, Signal, recordable
 
 
 def xyz(v):
@@ -67,8 +68,37 @@ def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
 
 def test_every_signal_is_in_the_table_of_the_command():
     shown = CliRunner().invoke(main, ["signals"], env={"COLUMNS": "200"}).output
-    for name in (*(each.name for each in (*GIVEN, *RECORDED)), *itertools.chain(*BAND.values())):
+    for name in (*(each.name for each in (*GIVEN, *recordable())), *itertools.chain(*BAND.values())):
         assert re.search(rf"\b{name}\b", shown), name
+
+
+def test_runs_with_all_elements_record_each_signal_of_the_table_and_no_other():
+    """But for the forces of couplings, which a vehicle alone has not; p_WS0 and quat_WS0 stand for every wall."""
+    at_tool = {"encoder.name": "encoder", "wrist.name": "sensor", "wrist.site": "tool"}
+    afloat = {
+        "buoyancy.shapes": [{"shape": "sphere", "radius": 0.1632, "position": [0.0, 0.0, 0.01]}],
+        "sea.height": 0.1,
+    }
+    moored = {"tether.length": 3.0, "tether.elements": 3, "tether.anchor": [-2.5, 0.0, 0.0]}
+    table, found = {each.name: each for each in recordable()}, dict[str, Signal]()
+    for scenario, engine in (
+        (everything("sensors"), "free_body"),
+        (everything("filter"), "free_body"),
+        (Scenario.load("tool_slide", at_tool), "mujoco"),
+        (Scenario.load("steer_lauv", afloat), "free_body"),
+        (Scenario.load("push_wall", moored), "free_body"),
+    ):
+        with Simulation(scenario, engine=engine) as sim:
+            found |= {
+                each.name: each for each in sim.recorded if each.name in table or not each.meaning.startswith("state ")
+            }
+    assert found.keys() == table.keys() - {"f_couplings_W"}
+    for name, signal in found.items():
+        assert (signal.unit, signal.meaning, len(signal.shape)) == (
+            table[name].unit,
+            table[name].meaning,
+            len(table[name].shape),
+        )
 
 
 def test_bands_make_a_log_about_a_quarter_larger(tmp_path):

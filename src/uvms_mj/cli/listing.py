@@ -277,43 +277,9 @@ def signal_list(title: str, listed: "Iterable[Signal]") -> Listing:
 
 def recorded_signals() -> list[Listing]:
     """The signals that a run records, and their bands."""
-    from ..stages.signals import (
-        AT_SURFACE,
-        BAND,
-        DELAYED,
-        JOINT_SIGNALS,
-        MEASURED_MOTION,
-        PUSH,
-        RECORDED,
-        SCHEDULED,
-        TAU_LOST,
-        band_signals,
-        commanded_signal,
-        contact_signals,
-        coupling_signal,
-        deflection_signal,
-        pulse_signal,
-        tether_signals,
-        thruster_saturation_signal,
-        thruster_signal,
-        wall_signals,
-    )
+    from ..stages.signals import BAND, PUSH, band_signals, recordable
 
-    of_thrusters = (thruster_signal(0), thruster_saturation_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
-    own = (
-        *RECORDED,
-        *MEASURED_MOTION,
-        *SCHEDULED,
-        *DELAYED,
-        *AT_SURFACE,
-        *contact_signals(0),
-        *wall_signals(0),
-        *of_thrusters,
-        *JOINT_SIGNALS,
-        deflection_signal(0),
-        *tether_signals(0),
-        coupling_signal(0),
-    )
+    own = recordable()
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [
         signal_list("Recorded signals: trace.<name>; the states of the stages are recorded too", own),

@@ -26,7 +26,6 @@ from ..errors import Fault, InputError, faults_of, shortened, suggestion
 from ..files import function_tree
 from ..quantities import refusing
 from . import signals
-from .signals import JOINT_SIGNALS
 
 
 def base_of(cls: type[Any]) -> type[Any]:
@@ -46,15 +45,7 @@ def has_own_constants(cls: type[Any]) -> bool:
 
 
 _MOST = 10_000
-_RECORDED = (
-    *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
-    *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
-    *signals.AT_SURFACE,
-    signals.deflection_signal(1),
-    *signals.tether_signals(1),
-    signals.coupling_signal(1),
-)
-_SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
+_SIGNALS = {signal.name for signal in (*signals.GIVEN, *signals.recordable())}
 """Signals of a Simulation or a trace, which a state would hide."""
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""

@@ -458,6 +458,17 @@ JOINT_SIGNALS = (
 others where they may differ from these."""
 
 
+def recordable() -> tuple[Signal, ...]:
+    """All signals that a run can record, but for bands, the states of stages and the wrenches of effects of a user's
+    own; in place of ``walls[k]`` there is the first wall, and a length that depends on the vehicle is zero."""
+    of_thrusters = (thruster_signal(0), thruster_saturation_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
+    return (
+        *(*RECORDED, *MEASURED_MOTION, *SCHEDULED, *DELAYED, *UNSTEADY, *WAVES, *AT_SURFACE),
+        *(*contact_signals(0), *wall_signals(0), *of_thrusters, *JOINT_SIGNALS, *TOOL, MANIPULABILITY),
+        *(deflection_signal(0), *tether_signals(0), coupling_signal(0)),
+    )
+
+
 _WORDS = {"force": ("push", "f_contact_W", "force_peak"), "position": ("p_WB",), "time": ("t",), "thrust": ("u",)}
 """The signals of words for them."""
 

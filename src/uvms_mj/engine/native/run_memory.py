@@ -23,33 +23,19 @@ from ...setup.base import Setup
 from ...setup.changes import ANYTHING, Change
 from ...stages.base import Stage
 from ...stages.signals import (
-    AT_SURFACE,
     BAND,
     BANDED,
     CLOCK,
-    DELAYED,
     FINAL_WINDOW_S,
     IN_TASK_FRAME,
-    JOINT_SIGNALS,
-    MANIPULABILITY,
     MEASURED,
-    MEASURED_MOTION,
     OWN_UNIT,
     PUSH,
     RECORDED,
-    SCHEDULED,
-    TOOL,
-    UNSTEADY,
-    WAVES,
     Signal,
     band_signals,
-    contact_signals,
-    coupling_signal,
-    deflection_signal,
     effect_given,
-    tether_signals,
-    thruster_saturation_signal,
-    thruster_signal,
+    recordable,
 )
 from .bodies import (
     fill_joints,
@@ -105,23 +91,11 @@ def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> li
     return [found[name] for name in BANDED if name in found]
 
 
-def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
+def check_states(states: Sequence[tuple[Stage, str]], names: Set[str]) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0), deflection_signal(0), *tether_signals(0))
-    own = (*own, coupling_signal(0), thruster_saturation_signal(0))
-    recorded = (
-        *RECORDED,
-        *MEASURED_MOTION,
-        *UNSTEADY,
-        *WAVES,
-        *DELAYED,
-        *SCHEDULED,
-        *TOOL,
-        MANIPULABILITY,
-        *AT_SURFACE,
-    )
-    taken = names | {signal.name for signal in (*recorded, *own)} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
+    of_runs = names | {signal.name for signal in recordable()}
+    taken = of_runs | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:
