@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_mj import Gsta, Scenario, Trace, simulate
+from uvms_mj import Gsta, InputError, Scenario, Trace, simulate
 from uvms_mj.analysis import metrics, residual
 from uvms_mj.analysis.summary import summary
 from uvms_mj.control.design import demanded_force
@@ -198,6 +198,13 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
     assert residual.impedance_error(decimated(trace, 10))[0] == pytest.approx(
         residual.impedance_error(trace)[0], abs=2e-3
     )
+
+
+def test_impedance_error_is_refused_beside_other_walls_than_the_wall_that_faces_the_start():
+    """On a pile in front of two bumpers the force has other directions and other arms."""
+    trace = simulate(Scenario.load("press_pile", {"simulation.duration": 0.01}), engine="free_body")
+    with pytest.raises(InputError, match=r"known for the probe in front of \[wall\] alone"):
+        residual.impedance_error(trace)
 
 
 def test_impedance_error_does_not_take_a_switching_velocity_for_a_motion(synthetic):

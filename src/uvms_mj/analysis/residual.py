@@ -39,8 +39,14 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     at every step. With wall friction, a log without every step therefore gives nan in the components with friction.
 
     Raises:
-        InputError: M_d is the natural inertia of a vehicle with joints, which changes; or numbers changed in the run.
+        InputError: there are contacts besides the probe's with ``[wall]``; M_d is the natural inertia of a vehicle with
+            joints, which changes; or numbers changed in the run.
     """
+    if "f_normal" in trace.header.by_name:
+        raise InputError(
+            "the impedance error is known for the probe in front of [wall] alone, without bumpers, contact "
+            "bodies and [[walls]]"
+        )
     if trace.changed:
         raise InputError(f"{', '.join(trace.changed)} changed in the run; the impedance error needs constant numbers")
     design, h = design_of(trace), trace.scenario.simulation.timestep
