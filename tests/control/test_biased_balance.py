@@ -112,6 +112,10 @@ def test_noise_and_late_samples_leave_the_mean():
     [
         ({"force_walk": 0.1}, "the force drifts: navigation.force_walk"),
         ({"force_limit": 1.0}, "the force is out of the sensor's range: navigation.force_limit"),
+        (
+            {"force_limit": 2.0, "force_noise": 0.2},
+            "noise takes the force to the sensor's limit, which shifts its mean: navigation.force_limit",
+        ),
         ({"attitude_quantum": 0.01}, "the rest is not unique with a resolution: navigation.attitude_quantum"),
     ],
 )

@@ -206,6 +206,11 @@ def test_a_scalar_loop_by_hand():
             {"navigation.force_jitter": 0.01},
             "white noise with a constant delay only: navigation.force_jitter",
         ),
+        (
+            "impedance",
+            {"navigation.force_limit": 200.0},
+            "white noise with a constant delay only: navigation.force_limit",
+        ),
         ("impedance", {"navigation.mass_behind": 1.0}, "sees an acceleration"),
         ("impedance", {"bumper.stiffness": 1e4}, "rigid bodies on walls of one layer that stand, not for wall"),
         ("impedance", {"navigation.force_noise": 30.0, "reference.target": [1.02, 0.0, 0.0]}, "would lose contact"),

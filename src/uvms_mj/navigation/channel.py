@@ -78,7 +78,8 @@ class Channel:
 
     @property
     def settled(self) -> Channel:
-        """The channel of a constant truth, without what changes no mean."""
+        """The channel of a constant truth that is clear of the limit, without the settings that do not change the
+        mean."""
         return dataclasses.replace(self, limit=None, period=None, delay=0.0, jitter=0.0, noise=(0.0,) * 3, dropout=0.0)
 
     def mean(self, x: np.ndarray) -> np.ndarray:

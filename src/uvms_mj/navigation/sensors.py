@@ -49,6 +49,8 @@ _Latency = Annotated[Number, within(0.0, 100.0, "s")]
 _Scale = Annotated[Number, within(-0.9, 10.0, "")]
 _Probability = Annotated[NonNegative, Lt(1.0)]
 _NONE = (0.0, 0.0, 0.0)
+_CLEAR = 4.0
+"""Standard deviations of the noise within a limit, beyond which the limit shifts the mean by less than 1e-5 of one."""
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
     "position": ("m", "in W"),
@@ -199,9 +201,15 @@ class Sensors(_Channels):
         values = {"position": measured.position, "attitude": 2.0 * measured.quat[1:], "velocity": measured.nu[:3]}
         values |= {"angular_velocity": measured.nu[3:], "force": measured.tau_c[:3], "moment": measured.tau_c[3:]}
         for quantity, value in values.items():
-            limit = self.channel(quantity).limit
-            if limit is not None and np.abs(value).max() > limit:
-                return f"the {quantity.replace('_', ' ')} is out of the sensor's range: navigation.{quantity}_limit"
+            channel, name = self.channel(quantity), quantity.replace("_", " ")
+            if channel.limit is None:
+                continue
+            if np.abs(value).max() > channel.limit:
+                return f"the {name} is out of the sensor's range: navigation.{quantity}_limit"
+            if (np.abs(value) + _CLEAR * np.array(channel.noise)).max() > channel.limit:
+                return (
+                    f"noise takes the {name} to the sensor's limit, which shifts its mean: navigation.{quantity}_limit"
+                )
         return ""
 
     @staticmethod

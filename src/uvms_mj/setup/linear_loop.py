@@ -241,6 +241,7 @@ MOST_STEPS, MOST_STATES = 20_000, 600
 _PLACES = ("position", "attitude", "velocity", "angular_velocity", "force", "moment")
 _WIDTHS = (3, 3, 3, 3, 3, 3, 6)
 """Numbers of a sample of each channel, and of a command."""
+_KNOWN_OF_CHANNELS = ("period", "delay", "noise", "bias", "scale")
 _KNOWN_STAGES = ("navigation", "reference", "task", "controller", "actuation")
 _REACH = 3.0
 """Standard deviations over which the law has to be linear and the thrusters must not saturate."""
@@ -324,9 +325,9 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     if getattr(scenario.navigation, "mass_behind", 0.0):
         return "the force sensor sees an acceleration: navigation.mass_behind"
     for quantity, channel in channels.items():
-        for name in ("walk", "jitter", "dropout", "quantum"):
-            if np.any(getattr(channel, name)):
-                return f"it is known for white noise with a constant delay only: navigation.{quantity}_{name}"
+        for each in dataclasses.fields(Channel):
+            if each.name not in _KNOWN_OF_CHANNELS and getattr(channel, each.name) != each.default:
+                return f"it is known for white noise with a constant delay only: navigation.{quantity}_{each.name}"
     return ""
 
 
