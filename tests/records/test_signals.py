@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,20 @@ from recorded import decoded, same
 from traces import TASK, without
 from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.cli import main
-from uvms_mj.stages.signals import BAND, GIVEN, Signal, recordable
+from uvms_mj.stages.signals import (
+    AXES,
+    BAND,
+    EFFECT_WRENCH,
+    GIVEN,
+    Signal,
+    contact_signals,
+    deflection_signal,
+    joint_torque_signal,
+    pulse_signal,
+    recordable,
+    tether_signals,
+    thruster_signal,
+)
 
 
 def xyz(v):
@@ -121,3 +135,27 @@ def test_a_log_with_a_band_unlike_its_signal_is_refused(logged, tmp_path, wrong)
     Trace(dataclasses.replace(trace.header, signals=odd), arrays, trace.outcome).save(tmp_path / "odd.mcap")
     with pytest.raises(InputError, match="signals differ"):
         Trace.load(tmp_path / "odd.mcap")
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 6])
+def test_a_number_of_each_thruster_contact_or_fin_is_counted_and_has_no_axes(n):
+    """Three contacts, four fins and six thrusters are no vector, quaternion or twist."""
+    of_each = (*contact_signals(n)[2:3], deflection_signal(n), tether_signals(n + 1)[1])
+    of_each += (thruster_signal(n), pulse_signal(n), joint_torque_signal(n))
+    for signal in of_each:
+        assert signal.components == tuple(str(k + 1) for k in range(n))
+    forces = contact_signals(1)[1]
+    assert forces.components == ("x", "y", "z")
+    assert EFFECT_WRENCH.components == dataclasses.replace(EFFECT_WRENCH, frame="-").components == AXES
+
+
+def test_a_state_with_a_number_of_each_thruster_is_counted():
+    """The BlueROV1 has six, as many as a twist has components."""
+    example = Path(__file__).parents[2] / "examples" / "lagging_thrusters.py"
+    scenario = Scenario.load("push_wall", {"actuation.name": f"{example}:LaggingThrusters"})
+    with Simulation(scenario, engine="free_body") as sim:
+        lagging = [each for each in sim.recorded if each.name in ("thrust", "u_cmd")]
+    assert len(lagging) == 2
+    for state in lagging:
+        assert state.components == ("1", "2", "3", "4", "5", "6")
+        assert state.frame == "-"

@@ -45,7 +45,7 @@ def has_own_constants(cls: type[Any]) -> bool:
 
 
 _MOST = 10_000
-_SIGNALS = {signal.name for signal in (*signals.GIVEN, *signals.recordable())}
+_SIGNALS = {signal.name for signal in signals.GIVEN} | signals.names_taken()
 """Signals of a Simulation or a trace, which a state would hide."""
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""

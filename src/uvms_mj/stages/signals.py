@@ -43,8 +43,9 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar. Two
-        vectors of three are no twist."""
-        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in COMPONENTS or self.shape == (2, 3):
+        vectors of three are no twist, and numbers of one unit without a frame are one of each thruster, joint, fin."""
+        counted = self.frame == "-" and bool(self.shape) and ", " not in self.unit
+        if counted or self.size not in COMPONENTS or self.shape == (2, 3):
             return tuple(str(i + 1) for i in range(self.size))
         return COMPONENTS[self.size]
 
@@ -467,6 +468,12 @@ def recordable() -> tuple[Signal, ...]:
         *(*contact_signals(0), *wall_signals(0), *of_thrusters, *JOINT_SIGNALS, *TOOL, MANIPULABILITY),
         *(deflection_signal(0), *tether_signals(0), coupling_signal(0)),
     )
+
+
+def names_taken() -> set[str]:
+    """The names of recorded signals that a state may not have: all but u_cmd, since an allocation with thrusters of its
+    own records the command to them as its state."""
+    return {signal.name for signal in recordable()} - {commanded_signal(0).name}
 
 
 _WORDS = {"force": ("push", "f_contact_W", "force_peak"), "position": ("p_WB",), "time": ("t",), "thrust": ("u",)}

@@ -35,7 +35,7 @@ from ...stages.signals import (
     Signal,
     band_signals,
     effect_given,
-    recordable,
+    names_taken,
 )
 from .bodies import (
     fill_joints,
@@ -94,8 +94,7 @@ def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> li
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str]) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    of_runs = names | {signal.name for signal in recordable()}
-    taken = of_runs | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
+    taken = names | names_taken() | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:
@@ -112,8 +111,9 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str]) -> None:
 
 
 def state_signal(stage: Stage, name: str, size: int) -> Signal:
-    """A state of a stage as a recorded signal."""
-    return Signal(name, (size,), type(stage).units.get(name, OWN_UNIT), "B", f"state {name} of {stage.label()}")
+    """A state of a stage as a recorded signal. A state with a number of each thruster or joint has no frame."""
+    frame = "-" if isinstance(type(stage).states[name], str) else "B"
+    return Signal(name, (size,), type(stage).units.get(name, OWN_UNIT), frame, f"state {name} of {stage.label()}")
 
 
 def spans(image: Image, memories: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
@@ -383,7 +383,7 @@ class RunMemory:
             raise self.stages.running[int(self.run["next"][0])].explain(int(self.run["stop_index"][0]))
 
     def views(self) -> dict[str, np.ndarray]:
-        """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
+        """Every signal by name as a read-only view: the signals that the law is given, and the recorded ones."""
         found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
         signals, base = self.stages.signals, self.run[self.stages.base]
         names = [signal.name for signal in type(self.stages.controller).given()]
