@@ -53,6 +53,15 @@ def test_a_run_that_has_not_settled_has_no_force_at_rest(trace):
     assert values["impact peak"] > 0.0
 
 
+def test_a_run_whose_impedance_error_is_not_known_has_a_page_without_it(picture):
+    """Two bumpers on a pile."""
+    pile = simulate(Scenario.load("press_pile", {"simulation.duration": 0.2}), engine="free_body")
+    values = {name: found for name, _, (found,) in report.measured({"one": pile})}
+    assert values["impedance error, rms, whole run"] is None
+    assert values["touches"] == 0
+    complete_by_itself(report.page("A title", {"one": pile}, [picture]))
+
+
 def test_a_verdict_that_no_claim_has_is_not_coloured(trace, picture):
     for verdict in Verdict:
         row = Row(CLAIMS[0], Measured(1.5), verdict)

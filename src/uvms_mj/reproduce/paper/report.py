@@ -13,6 +13,7 @@ import numpy as np
 from ...analysis import metrics, residual
 from ...control.design import demanded_force
 from ...control.laws.impedance import TOLD_THE_TRUTH
+from ...errors import InputError
 from ...quantities import leaves
 from ...records.header import Status
 from ...records.trace import MissingSignal, Trace, UnknownSignal
@@ -100,6 +101,14 @@ def _rest(trace: Trace) -> float:
     return float(trace.t[-1]) - REST_S
 
 
+def _impedance_error(trace: Trace, start: float) -> Any:
+    """The norm of the impedance error from a time on [N]; None where it is not known."""
+    try:
+        return np.linalg.norm(residual.impedance_error(trace, start)[:3])
+    except InputError:
+        return None
+
+
 def _percent(part: float | None) -> float | None:
     return None if part is None else 100.0 * part
 
@@ -115,12 +124,8 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("position settled to 2 %", "s", metrics.position_settling_time),
     ("force settled to 2 %", "s", metrics.force_settling_time),
     ("overshoot of position", "%", lambda trace: _percent(metrics.overshoot(trace))),
-    ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(residual.impedance_error(trace)[:3])),
-    (
-        f"impedance error, rms, last {REST_S:g} s",
-        "N",
-        lambda trace: np.linalg.norm(residual.impedance_error(trace, _rest(trace))[:3]),
-    ),
+    ("impedance error, rms, whole run", "N", lambda trace: _impedance_error(trace, 0.0)),
+    (f"impedance error, rms, last {REST_S:g} s", "N", lambda trace: _impedance_error(trace, _rest(trace))),
     ("control effort", "N² s", lambda trace: linear_sum(metrics.control_effort(trace))),
     ("total variation of thrust", "N", lambda trace: linear_sum(metrics.total_variation(trace))),
     (
