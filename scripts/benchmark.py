@@ -13,10 +13,10 @@ Bare is ``mj_step`` of the same model in the same contact state: free in the wat
 timers stand still while a Simulation steps; without them bare has a row of its own. The closed loops record at 1 kHz.
 The speed of a shared machine varies, so each round times all subjects in turn with one chunk size, and the ratios are
 medians of the ratios of each round. The cost of a log is the difference between two complete runs of the paper's
-scenario, with and without the log. An element of a real vehicle costs the 10 % quantile of its times less that of the
-ideal run with the same control rate, GSTA at a wall with the engine free_body. The times of the vehicle with five
-joints are 10 % quantiles of rounds, and their ratios those of these. The times of the effects of the water are the
-shortest ones of the processor. A user's drag is the drag of ``[[drag]]`` in a file, with the same numbers.
+scenario, with and without the log. An element of a real vehicle costs the 10 % quantile of its times less the quantile
+of the ideal run with the same control rate, GSTA at a wall with the engine free_body. The times of the vehicle with
+five joints are 10 % quantiles of rounds, and their ratios are ratios of these. The times of the effects of the water
+are the shortest ones of the processor. A user's drag is the drag of ``[[drag]]`` in a file, with the same numbers.
 """
 
 import functools
@@ -142,7 +142,7 @@ class Bare(BareModel):
 
 class BareArm(BareModel):
     """The same model with joints, weightless and at rest, so that it stays where it is; ``wet``: in the water. In
-    contact, constant forces balance that of the wall."""
+    contact, constant forces balance the wall's force."""
 
     def __init__(self, scenario: Scenario, contact: bool, wet: bool) -> None:
         setup = set_up(scenario)

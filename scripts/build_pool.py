@@ -6,7 +6,7 @@ It needs the extra ``docs``, whose package ``ziglang`` has the linker ``wasm-ld`
 and ``<script src="pool.js"></script>`` shows the pool; with ``data-numbers`` the div has all numbers, and the scenario
 as TOML. The page's own sources are in docs/pool.
 
-The plant, the wall, the stages and the laws are those of the package, compiled by its compiler. A law begins with a
+The plant, the wall, the stages and the laws are from the package, compiled by its compiler. A law begins with a
 copy of the record of a native run. Which numbers of the record a key of the scenario sets is found by comparing the
 records of native runs. Each number is the key's value times a factor, or it is taken from the run of each choice that
 the page offers; a key that does anything else is refused. D_d is computed by the package's own kernel.
@@ -140,7 +140,7 @@ class Loops:
 
     Attributes:
         images: for each law the numbers of its records at the start, as integers.
-        shape: that of all of them.
+        shape: the shape of all of them.
         stages: the stages of the module, each once.
     """
 

@@ -4,8 +4,8 @@
     python scripts/compare_engines.py --runs 20 --seed 3
 
 Each scenario has its own vehicle, law, wall, current, disturbance, friction, errors of the estimates and initial state.
-The differences of a run are the largest one of the position at any sample, that of the peak force, and that of the
-force at rest, if free_body's has come to rest within 1e-9 of itself. ``unrest`` is the variation of the force in MuJoCo
+The differences of a run are the largest one of the position at any sample, one of the peak force, and one of the force
+at rest, if free_body's has come to rest within 1e-9 of itself. ``unrest`` is the variation of the force in MuJoCo
 meanwhile. A law that chatters, with steps of the thrust above 50 N, is chaotic at the touch. Its runs are listed
 separately, with the differences of MuJoCo from itself, ``its_position_m`` and ``its_peak``, when the start moves by
 1e-15 m.
@@ -75,7 +75,7 @@ MOVED = 1e-15
 def differences(scenario: Scenario) -> Mapping[str, Any]:
     """Of a run with each engine: the statuses, whether the law chatters, and the differences.
 
-    Of a law that chatters, also those of a run in MuJoCo from a start that is :data:`MOVED`.
+    Of a law that chatters, also the differences of a run in MuJoCo from a start that is :data:`MOVED`.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

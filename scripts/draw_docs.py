@@ -56,7 +56,7 @@ def main(names: tuple[str, ...], folder: Path | None) -> None:
         for drawing in DRAWINGS:
             subprocess.run([sys.executable, str(SCRIPTS / drawing)], check=True)
     if folder and len(names) != 1:
-        raise click.UsageError("--folder is that of one page")
+        raise click.UsageError("--folder is for one page")
     for name in names or sorted(path.stem for path in PAGES.glob("*.py")):
         if not folder and needs_folder(script(name).numbers):
             click.echo(f"{name}: left as it is, since it needs --folder")

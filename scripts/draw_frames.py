@@ -3,7 +3,7 @@
     python scripts/draw_frames.py                   docs/physics/frames.svg
     python scripts/draw_frames.py --out FILE.png    any format that matplotlib writes
 
-All numbers are those of the shipped scenario and its vehicle.
+All numbers are of the shipped scenario and its vehicle.
 """
 
 from pathlib import Path

@@ -3,7 +3,7 @@
 python scripts/draw_rooms.py             docs/inside/rooms.svg and docs/inside/instant.svg
 python scripts/draw_rooms.py --png DIR   the same as PNG in a folder, to look at them
 
-The floors are those of the import contract in pyproject.toml; a test of the docs compares them.
+The floors are from the import contract in pyproject.toml; a test of the docs compares them.
 """
 
 import tomllib

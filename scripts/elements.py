@@ -42,4 +42,4 @@ ELEMENTS: Mapping[str, Mapping[str, Any]] = {
     "everything, sensors": EVERYTHING["sensors"],
     "everything, Kalman filter": EVERYTHING["filter"],
 }
-"""Keys of each element besides those of :data:`IDEAL`."""
+"""Keys of each element besides the keys of :data:`IDEAL`."""

@@ -136,7 +136,7 @@ def written(path: Path, theta: np.ndarray, seed: int, generations: int) -> None:
 
 def learn(path: Path, seed: int, generations: int) -> Iterator[tuple[float, float, float, np.ndarray]]:
     """Learn, and write the last policy. Yields of each generation the time [s], the mean return of its policies, and,
-    of every tenth one, that of the policy after it on draws that it does not learn on, otherwise NaN; and its
+    of every tenth one, the share of the policy after it on draws that it does not learn on, otherwise NaN; and its
     parameters (d,)."""
     dice, begun = np.random.default_rng(seed), time.process_time()
     layers = [dice.normal(size=shape) / np.sqrt(shape[0]) for shape in itertools.pairwise(SIZES)]

@@ -3,7 +3,7 @@
     python scripts/libm_errors.py --count 10000000 exp sin      two functions; without names all
 
 A row has a function, the largest error [ulp] of so many arguments, the argument that has it, and the time of a call
-beside that of the C library of this machine [ns]. The true values are those of NumPy in long double, which are wrong by
+beside the time of the C library of this machine [ns]. The true values are NumPy's in long double, which are wrong by
 some 2^-11 ulp; of erf and erfc, which it lacks, they are tested in tests/compiler/test_libm.py.
 """
 
@@ -72,7 +72,7 @@ def loop_of(name: str, own: bool) -> Callable[..., None]:
 
 
 def arguments(name: str, random: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of all sizes that matter, half of them as large as those of a run."""
+    """Of all sizes that matter, half of them as large as the numbers of a run."""
     sizes = {
         **dict.fromkeys(("exp", "sinh", "cosh", "expm1"), (-20, 6.5)),
         **dict.fromkeys(("log", "log2", "log10", "cbrt"), (-700.0, 700.0)),

@@ -2,7 +2,7 @@
 ``uvms-mj study`` with every metric.
 
     python scripts/misbehave.py              all of them
-    python scripts/misbehave.py gain file    those whose names contain one of these words
+    python scripts/misbehave.py gain file    cases whose names contain one of these words
 
 Each run must end with its expected message on standard error and its expected exit status, without a traceback, a
 signal or a hang. If it wrote a log, the log must load. A study must end with the expected message in its row, or on

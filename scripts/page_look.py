@@ -1,4 +1,4 @@
-"""The look of the pictures of the guides: that of all figures, as wide as a page, so that text of 7 pt has 11 pixels
+"""The look of the pictures of the guides, as of all figures: as wide as a page, so that text of 7 pt has 11 pixels
 where the page is 800 pixels wide."""
 
 import io

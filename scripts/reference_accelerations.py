@@ -8,7 +8,7 @@ code. They are combined as in the vehicles of that project:
 
     nu_dot = M^-1 (tau - (C_RB(nu_r) + C_A(nu_r)) nu_r - D(nu_r) nu_r - g(eta)) + nu_c_dot
 
-The frames are those of gnc.py: north, east, down, and forward, right, down. The inputs are numbers in single precision,
+The frames are as in gnc.py: north, east, down, and forward, right, down. The inputs are numbers in single precision,
 so that they are stored exactly. The accelerations are computed and stored in double precision.
 """
 

@@ -4,7 +4,7 @@
     python scripts/render.py --out FILE.png --size 1920 1080
     python scripts/render.py --out FILE.png --vehicle bluerov2_heavy --distance 1.2
 
-Wall, force and current are those of the run's scene at its end. Water, floor and textures are decoration. The orange
+Wall, force and current are of the run's scene at its end. Water, floor and textures are decoration. The orange
 arrow is the force of the wall on the vehicle, the blue arrows are the ocean current. Arrows are drawn above everything
 else.
 """

@@ -65,7 +65,7 @@ def save(folder: Path) -> None:
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True))
 def compare(folder: Path) -> None:
-    """Compare the signals of all runs with those in FOLDER."""
+    """Compare the signals of all runs with the signals in FOLDER."""
     differs = False
     for name in RUNS:
         if not (saved := folder / f"{name}.npz").exists():

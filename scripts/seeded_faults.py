@@ -62,7 +62,7 @@ def seeded_faults() -> list[SeededFault]:
 
 
 def near(path: Path, root: Path) -> list[str]:
-    """The tests of a file's room, and those that name its module."""
+    """The tests of a file's room, and the tests that name its module."""
     room = path.relative_to(root / "src" / "uvms_mj").parts[0].removesuffix(".py")
     dotted = ".".join(path.relative_to(root / "src").with_suffix("").parts)
     own = [f"tests/{room}"] if (root / "tests" / room).is_dir() else []

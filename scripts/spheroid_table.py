@@ -2,8 +2,8 @@
 
 Ideal flow about a spheroid of the radius 1 and the half length L along e, at the gap g from the plane z = 0, and about
 its mirror image: point sources on confocal spheroids inside, each with its image, whose strengths make the water's
-velocity normal to the surface that of the body, by least squares at four times as many places. The places are dense
-where the gap is small. Of a sphere the result is that of all multipoles to 2e-7. Takes some ten minutes.
+velocity normal to the surface equal to the body's, by least squares at four times as many places. The places are dense
+where the gap is small. Of a sphere the result equals the sum of all multipoles to 2e-7. Takes some ten minutes.
 
     python scripts/spheroid_table.py
 """

@@ -43,7 +43,7 @@ def last(trace: Trace, seconds: float) -> np.ndarray:
 
 @functools.cache
 def late_commands(case: int) -> tuple[list[float], list[float], list[float]]:
-    """Ages of the command [s], measured vibrations [N] and those in theory [N]: the force is of the instant."""
+    """Ages of the command [s], measured vibrations [N] and vibrations in theory [N]: the force is of the instant."""
     _, overrides, delays, _ = (PAPERS_GAINS, RETUNED_GAINS)[case]
     ages, found, predicted = [], [], []
     for delay in delays:

@@ -32,7 +32,7 @@ REST = 1e-6
 SPEED, COARSE = 0.5, 4e-4
 """Speed of the currents [m/s], and time step of their runs [s]: a rest does not depend on it."""
 ROUND, SPREAD = 24, 12
-"""Number of directions of the current in the horizontal plane, and of those that are spread over the sphere."""
+"""Number of directions of the current in the horizontal plane, and of directions that are spread over the sphere."""
 ARMS: dict[str, list[tuple[float, ...]]] = {
     "planar_arm": [(-0.698, 1.309), (-0.2, 0.811), (-1.2, 1.811)],
     "bluerov2_alpha5": [(0.0, 0.5, 1.461, 0.0), (0.0, 1.0, 1.961, 0.0), (0.0, 1.5, 2.461, 0.0)],

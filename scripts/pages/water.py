@@ -67,7 +67,7 @@ def late(law: str, shortest: float = 1.0) -> np.ndarray:
 
 
 def variance_between(gust: float) -> float:
-    """Variance of the cubic in the middle of two nodes, over that of the process; ``gust`` is their spacing over T."""
+    """Variance of the cubic in the middle of two nodes, over the process's; ``gust`` is their spacing over T."""
     weights, phi = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0, np.exp(-gust)
     return float(weights @ phi ** np.abs(np.subtract.outer(range(4), range(4))) @ weights)
 

@@ -1,7 +1,7 @@
 r"""Allocations that know costs, weights and limits of the thrusters.
 
 **Weighted pseudoinverse.** A thruster that is costly or weak gets less thrust. Of all thrusts with :math:`B u =
-\tau_{cmd}` the allocation takes the ones with the least :math:`u^\top W u`, a generalised inverse (Fossen 2021, sec.
+\tau_{cmd}` the allocation takes the thrusts with the least :math:`u^\top W u`, a generalised inverse (Fossen 2021, sec.
 11.2):
 
 .. math:: u = W^{-1} B^\top (B W^{-1} B^\top)^{-1} \tau_{cmd}

@@ -192,7 +192,7 @@ def _wanted(
     near: Iterable[str],
     elsewhere: Callable[[str], str] = lambda word: "",
 ) -> set[str]:
-    """The names that are meant by words: those for which ``named(name, word)`` is true, or if there is none, those with
+    """The names that are meant by words: names for which ``named(name, word)`` is true, or if there is none, names with
     the word in their name or meaning. All names without a word. Raises InputError if a word means none: the message has
     the place where to look for it, ``elsewhere``, or a similar one of the words ``near``."""
     from ..errors import InputError

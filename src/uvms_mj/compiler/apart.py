@@ -112,7 +112,7 @@ def joined(libm: str, entry: str) -> str:
 def emit(jobs: Sequence[tuple[str, Target]]) -> list[bytes]:
     """The code of LLVM's text for each target: none where LLVM has ended its process. A text is optimized once for all
     its targets."""
-    os.nice(10)  # what calls goes on with work that is waited for longer
+    os.nice(10)  # the caller goes on with work that is waited for longer
     texts: dict[str, list[Target]] = {}
     for text, target in jobs:
         texts.setdefault(text, []).append(target)

@@ -24,7 +24,7 @@ METHODS: dict[str, Any] = {}
 PROPERTIES: dict[str, Callable[[Arrays, Value], Value]] = {}
 """Functions that write the code of an attribute of an array."""
 
-# What an argument is read as, by the annotation of its parameter.
+# An argument is read by the annotation of its parameter.
 Node = ast.expr  # as it is
 Array = Value  # of a tuple, the array of its items
 Floats = Value  # an array or a number, of floats

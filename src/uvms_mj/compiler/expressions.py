@@ -207,7 +207,7 @@ class Expressions(Forms):
         return self.deciding(before, ast.And(), last)
 
     def _link(self, node: ast.Compare, k: int, values: list[Value]) -> Value:
-        """One comparison of a chain; what it compares with is evaluated only if it is reached."""
+        """One comparison of a chain; its right side is evaluated only if it is reached."""
         if len(values) == k + 1:
             values.append(self.value(node.comparators[k]))
         result = self._compared(node.ops[k], values[k], values[k + 1], node)
@@ -243,7 +243,7 @@ class Expressions(Forms):
     def deciding(
         self, operands: Iterable[Callable[[], Value]], operator: ast.boolop, last: Callable[[], Value]
     ) -> Value:
-        """The first operand that decides, or the last one, as in Python; those behind it are not evaluated."""
+        """The first operand that decides, or the last one, as in Python; operands behind it are not evaluated."""
         found, is_and = [], isinstance(operator, ast.And)
         for operand in operands:
             value = operand()

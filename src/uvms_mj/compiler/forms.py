@@ -1,7 +1,7 @@
-"""Forms that reduce to numbers, arrays and tuples: what is known when compiling, lists, dicts, comprehensions.
+"""Forms that reduce to numbers, arrays and tuples: objects known when compiling, lists, dicts, comprehensions.
 
 An object that is known when compiling, as a text, a class, a function or a dict of the module, has no code. A list is a
-tuple that belongs to ``list``, and a dict one that knows its keys. Both are values: what changes one in place makes
+tuple that belongs to ``list``, and a dict is a tuple with known keys. Both are values: a change in place makes
 another one, and is refused where anything else could hold the list. A comprehension is written out.
 """
 
@@ -128,7 +128,7 @@ class Forms(KnownObjects):
     # lists and dicts
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[ast.expr]:
-        """Expressions, with those behind a star one by one."""
+        """Expressions, with the items behind a star one by one."""
         found: list[ast.expr] = []
         for node in nodes:
             found += [Given(each) for each in self.listed(node.value)] if isinstance(node, ast.Starred) else [node]
@@ -403,7 +403,7 @@ class Forms(KnownObjects):
         return self.dict_of(found)
 
     def all_or_any(self, node: ast.expr, operator: ast.boolop) -> Value:
-        """``all`` and ``any`` of a generator: what is behind the value that decides is not evaluated."""
+        """``all`` and ``any`` of a generator: nothing behind the deciding value is evaluated."""
 
         def operands() -> Iterator[Callable[[], Value]]:
             if isinstance(node, ast.GeneratorExp):

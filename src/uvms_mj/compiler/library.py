@@ -487,7 +487,7 @@ def pseudo_inverse(A, rcond):
 
 
 def least_squares(A, B, rcond):
-    """The least X of those with the least |A X - B|, column by column; the squares of the rest, and the singular
+    """The least X of all with the least |A X - B|, column by column; the squares of the rest, and the singular
     values. Raises where A has not its full rank."""
     s = singular_values(A)
     demand_rank(s, rcond * s[0])

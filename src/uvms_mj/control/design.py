@@ -91,7 +91,7 @@ class Estimates:
     damping: Factor = doc("D_hat(nu) nu = f D(nu) nu of the vehicle's file; f is this key [1]", 1.0)
     restoring: Factor = doc("g_hat(eta) = f g(eta) of the vehicle's file; f is this key [1]", 1.0)
     links: Annotated[tuple[LinkEstimates, ...], AfterValidator(_named_once)] = doc(
-        "factors of single links in place of the ones above: [{name = ..., inertia = ..., coriolis = ..., "
+        "factors of single links in place of the factors above: [{name = ..., inertia = ..., coriolis = ..., "
         "damping = ..., restoring = ...}, ...] [1]",
         (),
     )

@@ -174,7 +174,7 @@ class Change:
 
 
 def in_order(changes: tuple[Change, ...]) -> tuple[Change, ...]:
-    """Check that each entry begins after the one before it has ended. Raises ValueError."""
+    """Check that each entry begins after the entry before it has ended. Raises ValueError."""
     if len(changes) > MOST_ENTRIES:
         raise ValueError(f"has {len(changes)} entries; at most {MOST_ENTRIES} are allowed")
     for before, change in itertools.pairwise(changes):
@@ -182,7 +182,7 @@ def in_order(changes: tuple[Change, ...]) -> tuple[Change, ...]:
         early = change.time < ends and not math.isclose(change.time, ends)  # 0.1 + 0.2 is above 0.3
         if early or change.time <= before.time:
             raise ValueError(
-                f"has an entry at {change.time:g} s, but the one before it begins at {before.time:g} s and "
+                f"has an entry at {change.time:g} s, but the entry before it begins at {before.time:g} s and "
                 f"ends at {ends:g} s"
             )
     return changes

@@ -276,7 +276,7 @@ class Fleet:
 
     def start(self, words: np.ndarray, varying: set[int] | None = None) -> None:
         """Return to the start of all runs, with the words of :class:`Starts`, (n, ...). ``varying`` are further
-        words in which they may differ; those that do are added to it."""
+        words in which they may differ; the words in which they do are added to it."""
         if varying is not None:
             self._code = self._code if varying == self._varying else None
             self._varying = varying  # also an equal one, to which the words are added
@@ -436,8 +436,8 @@ class Fleet:
         return self._device.view(self._out, row * self.n, (self.n, *shape), (1, *strides), kind)
 
     def table(self) -> np.ndarray:
-        """The signals of the instant in hand, (width, n), a copy in this machine's memory: those that were asked for,
-        one below the other."""
+        """The signals of the instant in hand, (width, n), a copy in this machine's memory: the asked signals, one below
+        the other."""
         self._prepare()
         asked = sum(self._place(name)[1] for name in self._names if name not in _ADDED)
         return self._device.get(self._out)[:asked]

@@ -74,7 +74,7 @@ static int init(const mjModel *m, mjData *d, int instance)
     char *end = NULL;
     uint64_t given = text ? strtoull(text, &end, 16) : 0;
     if (!text || end != text + 16 || *end != ' ' || sum(end + 1) != given)
-        return fails("the attribute record is not that of an exported vehicle; export it again");
+        return fails("the attribute record is of no exported vehicle; export it again");
     unsigned char *record = calloc(1, RECORD_BYTES);
     if (!record)
         return fails("no memory");

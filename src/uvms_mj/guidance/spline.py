@@ -158,7 +158,7 @@ def _in_time(poses: tuple[TimedPose, ...]) -> tuple[TimedPose, ...]:
     for before, pose in itertools.pairwise(poses):
         leaves = before.time + before.dwell
         if pose.time <= leaves:
-            raise ValueError(f"has a pose at {pose.time:g} s, but the one before it is left at {leaves:g} s")
+            raise ValueError(f"has a pose at {pose.time:g} s, but the pose before it is left at {leaves:g} s")
     return poses
 
 

@@ -148,7 +148,7 @@ def normalised_square(P, error, L) -> float:
     return y @ y
 
 
-# first random number of an instant for each use; those from 64 on are of the force's channels
+# first random number of an instant for each use; numbers from 64 on are of the force's channels
 _IMU, _WALK, _DVL, _DEPTH, _HEADING, _POSITION, _START = 0, 6, 12, 15, 16, 17, 20
 _LEVEL = 3e-4  # squared cosine of the pitch, 89 degrees, above which there is a heading
 

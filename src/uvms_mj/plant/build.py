@@ -276,7 +276,7 @@ class Plant:
             load(spec, self.mjcf.compiled(self.mjcf.spec()), self.choice.payloads, self.choice.mass)
         model = self.mjcf.compiled(spec)
         if self.looks:
-            spec.compiler.discardvisual = False  # what is for drawing only has been removed
+            spec.compiler.discardvisual = False  # parts for drawing only have been removed
             add_surroundings(spec, self.vehicle.body, self.choice.contact_bodies, self.walls)
             model = self.mjcf.compiled(spec)
         apply_to_model(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)

@@ -168,7 +168,7 @@ def aim(model: mujoco.MjModel, start: Sequence[float], face: float, reach: float
 
 def move_walls(model: mujoco.MjModel, drawn: Sequence[Shape], walls: Sequence[Surface]) -> list[Shape]:
     """Draw the walls of a model elsewhere, in the same number and of the same shapes; ``drawn`` is what this function
-    has returned, or :func:`drawn_wall` of those that the model was made with."""
+    has returned, or :func:`drawn_wall` of the walls that the model was made with."""
     shapes = [drawn_wall(wall) for wall in walls]
     for i, (old, new) in enumerate(zip(drawn, shapes, strict=True)):
         if new == old:

@@ -112,7 +112,7 @@ class Sea(EffectTable):
         return self.surface - 0.5 * self.height
 
     def length(self, gravity: float) -> float:
-        """Length of the wave, or of the one at the spectrum's peak, at a gravity [m/s^2]: [m]."""
+        """Length of the wave, or of the wave at the spectrum's peak, at a gravity [m/s^2]: [m]."""
         return 2.0 * math.pi / wave_number(2.0 * math.pi / self.period, gravity, self.depth)
 
     def breaks_at(self, gravity: float) -> float:

@@ -40,7 +40,7 @@ from .impact import UP_TO, deepest, dissipation_of, stiffness_of_hertz
 
 
 class Situation(NamedTuple):
-    """Where a vehicle is: the seed of what is drawn at random, gravity [m/s^2], the x of the face of [wall] [m], the
+    """Where a vehicle is: the seed of random draws, gravity [m/s^2], the x of the face of [wall] [m], the
     time step [s], the names of the links of its arm, its position (3,) at the start [m], NaN where it is not known,
     its attitude (3, 3) there, and the walls by their keys, a :class:`Surface` each.
 

@@ -3,8 +3,8 @@
 ``scripts/spheroid_table.py`` makes the numbers: ideal flow about a spheroid and its mirror image, by sources on
 confocal spheroids inside. A row has a slenderness (length over two radii), w, which grows from 0 to 1 as the axis
 turns from along the wall to along its normal, ln(g/a) of the gap g and the radius a, and A, B, C and D/s of
-:func:`uvms_mj.physics.near_wall.tensor`, less those in open water, over the displaced mass and (1 + g/a)^-3. Values
-between the rows are right to 1e-3 of the displaced mass.
+:func:`uvms_mj.physics.near_wall.tensor`, less the coefficients in open water, over the displaced mass and (1 + g/a)^-3.
+Values between the rows are right to 1e-3 of the displaced mass.
 """
 
 import functools

@@ -130,7 +130,7 @@ _PARTS: dict[str, Callable[[Setup], Any]] = {
 
 def _refuse_more_effects(base: Setup, setup: Setup, place: str) -> None:
     there, now = dict(counted(base.effects)), dict(counted(setup.effects))
-    wrong = f"{place} can't add an effect of the water, only change and remove those there are; make a new Simulation"
+    wrong = f"{place} can't add an effect of the water, only change or remove one of the run; make a new Simulation"
     faults = [Fault(name, wrong) for name, n in now.items() if n > there.get(name, 0)]
     if now.get("nodes", 0) not in (0, there.get("nodes", 0)):
         faults = [Fault("tether.elements", f"{place} can't change the number of elements; make a new Simulation")]
@@ -179,7 +179,7 @@ def watched(setup: Setup, found: set[str]) -> Any:
 
 
 def _noting(value: Any, found: set[str], prefix: str, unnoted: dict[str, Any] | None = None) -> Any:
-    """A copy of a dataclass, without what it has cached, that notes which of its fields are read, but for those whose
+    """A copy of a dataclass, without what it has cached, that notes which of its fields are read, but for fields whose
     values are given."""
     given, names = unnoted or {}, [f.name for f in dataclasses.fields(value)]
     copy = object.__new__(_noting_class(type(value), prefix, frozenset(names).difference(given)))

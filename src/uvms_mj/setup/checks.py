@@ -535,8 +535,8 @@ def _tether_notes(setup: Setup) -> Iterator[str]:
             )
     if sea.moves and (highest := float(max(tether.way(setup.scenario.simulation.duration)[:, 2]))) > sea.trough:
         yield (
-            f"tether.anchor, at z = {highest:.4g} m, is above the trough of the waves: what of the cable is out of the "
-            "water keeps buoyancy and drag, in water that moves as at the surface"
+            f"tether.anchor, at z = {highest:.4g} m, is above the trough of the waves: the part of the cable out of "
+            "the water keeps buoyancy and drag, in water that moves as at the surface"
         )
     if not setup.scenario.obstacle.constant:
         yield f"the cable has no wake behind {setup.scenario.obstacle.key}: its nodes are in potential flow there, too"

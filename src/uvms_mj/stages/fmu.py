@@ -181,7 +181,7 @@ def _range(variable: Any) -> tuple[float, float]:
 @dataclasses.dataclass(frozen=True)
 class Wiring:
     """The exchange at an instant: value references of inputs and outputs (n,), their places among the numbers that
-    the stage is given, and among those that it sets, their ranges (n, 2), and the names of all."""
+    the stage is given, and among the signals that it sets, their ranges (n, 2), and the names of all."""
 
     inputs: np.ndarray
     given: np.ndarray

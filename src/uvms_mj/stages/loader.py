@@ -400,7 +400,7 @@ def tables_by_word(choices: Mapping[str, Choice]) -> dict[str, str]:
 
 
 def no_table(table: str, word: str, known: Collection[str], choices: Mapping[str, Choice]) -> str:
-    """The error of the key ``table.word``, whose table a scenario does not have; ``known`` are those that it has."""
+    """The error of the key ``table.word``, whose table a scenario does not have; ``known`` are its tables."""
     meant = tables_by_word(choices).get(table)
     if meant and choices[meant].base.room.several:
         return f"no table {table!r}; the list is called {meant}: {choices[meant].base.room.name_key}"

@@ -70,7 +70,7 @@ class Namespace:
         self.add(root)
 
     def again(self) -> "Namespace":
-        """A new namespace with the same code: what the modules have kept is not in it."""
+        """A new namespace with the same code, without the values that the modules have kept."""
         return Namespace(self.folder, self.unpickled, self.codes)
 
     def load(self, path: Path) -> ModuleType:

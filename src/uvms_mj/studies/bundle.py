@@ -144,7 +144,7 @@ def _packed(value: str, files: dict[str, bytes]) -> str:
 
 
 def _pack_code(path: Path, files: dict[str, bytes], function: str) -> str:
-    """Pack a file of Python, of C or a library with the files that it imports or includes, and those that it lists.
+    """Pack a file of Python, of C or a library with the files that it imports or includes, and the files that it lists.
     Returns its name."""
     path = path.resolve()
     module = load_file(path, "study", function)

@@ -126,7 +126,7 @@ class Study:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             bundle = StudyBundle.of(self.plan)
-            bundle.plan()  # as a worker will: what does not travel is missed before the first run
+            bundle.plan()  # as a worker will, so that a file that does not travel is missed before the first run
             results = StudyFolder(folder, self.plan, bundle)
             with (
                 following(progress, "starting", "{done} of {total} runs, {failed} failed", _shown) as advance,

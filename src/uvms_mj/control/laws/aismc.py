@@ -37,7 +37,7 @@ class Aismc(Controller):
     integral sliding variable is after Utkin and Shi (1996).
     """
 
-    K_0: NonNegative = gain(0.2, "m/s^2, rad/s^2", "least switching gain, and the one at the start")
+    K_0: NonNegative = gain(0.2, "m/s^2, rad/s^2", "least switching gain, and the gain at the start")
     K_max: NonNegativeDiagonal = gain(
         (3.0, 3.0, 3.0, 12.0, 12.0, 12.0), "m/s^2, rad/s^2", "greatest switching gain of each axis"
     )

@@ -93,7 +93,7 @@ def static_balance(
         setup: the run's :class:`uvms_mj.setup.base.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
-        residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
+        residual: the six equations of another law, from the balance and a pose (6,), in place of the equations above:
             minus the wrench that moves the vehicle. They need a constant disturbance.
         memory: the law's states in the residual on the way to the rest.
         kept: the reason why the law does not keep eq. (7) under unknown accelerations (n, 6) at times (n,) [s], empty

@@ -123,7 +123,7 @@ class RigidMotion(TaskMotion):
             sensed[name] = getattr(errors, name)
 
     def _asked(self, what: int, pose: Pose) -> np.ndarray:
-        """The force (6,) at a pose, and for DERIVATIVES those in the record."""
+        """The force (6,) at a pose, and for DERIVATIVES the derivatives in the record."""
         record, balance = self._record[0], self.balance
         asked = record["asked"]
         asked["position"], asked["quat"], asked["R_WB"], asked["tau_c"] = (

@@ -381,7 +381,7 @@ class TaskMotion:
         balance = self.balance
         if self.memory is not None:
             self.memory.step = step if step <= LAST_STEP else math.inf
-            if self.limits:  # what winds up does not hold the vehicle
+            if self.limits:  # a law that winds up does not hold the vehicle
                 self.memory.step = min(step, LONGEST_OF_STATES) if step <= LAST_STEP else STATES_AT_REST
         if step > LAST_STEP:  # the root needs the derivatives where it is
             self._law = None

@@ -234,8 +234,8 @@ class Balance:
     wrench that moves the vehicle.
 
     Attributes:
-        p_d, quat_d: position (3,) and attitude (4,) of the reference, first those at the end of the run.
-        K_f, F_d: (6,) of eq. (7), first those at the end of the run.
+        p_d, quat_d: position (3,) and attitude (4,) of the reference, first at the end of the run.
+        K_f, F_d: (6,) of eq. (7), first at the end of the run.
         body: IN_WATER record (1,) of the vehicle.
         effects: records of the effects of the water.
     """
@@ -321,7 +321,7 @@ class Balance:
         return self.M_d_inv @ self.demanded(x)
 
     def measurement(self, x: Pose) -> Any:
-        """The measurements, :class:`uvms_mj.navigation.base.Measurement`; those at the latest pose are known."""
+        """The :class:`uvms_mj.navigation.base.Measurement` at a pose; of the latest pose it is kept."""
         if x is not self._seen[0]:
             measured = self.errors(x.position, x.quat, x.tau_c)
             if self.setup.scenario.observer.runs:
@@ -364,7 +364,7 @@ class Balance:
 
     def unmodelled(self, x: Pose, measured: Any = None) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
-        ``measured``; default: those at x."""
+        ``measured``; default: the measurements at x."""
         d, g_eta = self.environment(x)
         measured = self.measurement(x) if measured is None else measured
         estimates = self.setup.scenario.estimates

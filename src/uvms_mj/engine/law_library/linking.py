@@ -102,7 +102,7 @@ HELPERS = {"memcpy", "memmove", "memset"} | {
     f"__aeabi_{n}" for n in ("d2lz", "d2ulz", "l2d", "ul2d", "ldivmod", "uldivmod")
 }
 HELPERS |= {f"__aeabi_mem{word}{n}" for word in ("clr", "cpy", "move") for n in ("", 4, 8)} | {"__aeabi_memset"}
-"""Functions that move memory, and helpers of ARM's ABI: what a program has without a C library."""
+"""Functions that move memory, and helpers of ARM's ABI. A program without a C library has these."""
 _OF_MATH = (
     "acos asin atan atan2 cos sin tan acosh asinh atanh cosh sinh tanh exp exp2 expm1 frexp ilogb ldexp log log10 "
     "log1p log2 logb modf scalbn scalbln cbrt fabs hypot pow sqrt erf erfc lgamma tgamma ceil floor nearbyint rint "

@@ -552,9 +552,9 @@ Its status is 0 if all are equal.
 
 {law}## What is not promised
 
-The simulation has the same numbers for the same measurements. That the law is stable on your vehicle, with your
-sensors and thrusters, is for you to show. There is no certification, no real-time operating system and no watchdog. If
-the program stops, so must the thrusters: give each pulse a time after which it is neutral.
+The simulation has the same numbers for the same measurements. You have to show that the law is stable on
+your vehicle, with your sensors and thrusters. There is no certification, no real-time operating system and no watchdog.
+If the program stops, so must the thrusters: give each pulse a time after which it is neutral.
 
 Apache License 2.0, see LICENSE. `{name}.toml` has the scenario, the gains and the digests; `scenario.toml` has
 the scenario alone.

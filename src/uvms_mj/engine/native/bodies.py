@@ -90,7 +90,7 @@ def place_carriers(records: np.ndarray, carriers: Sequence[Carrier]) -> None:
     """Set the places of frames on their links in CARRIER records (n,)."""
     for record, carrier in zip(records, carriers, strict=True):
         record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
-        record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
+        record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # frames on the base never change
 
 
 def motion_room(k: int) -> str:

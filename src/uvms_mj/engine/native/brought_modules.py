@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 
 def modules_of(resources: Path) -> frozenset[str]:
-    """The names of the modules in Python that an FMU brings, as PythonFMU makes them; not those with machine code,
+    """The names of the modules in Python that an FMU brings, as PythonFMU makes them, without modules of machine code,
     which a process loads once."""
     found = {each.stem for each in resources.glob("*.py")}
     for each in resources.iterdir() if found else ():
@@ -28,7 +28,7 @@ class BroughtModules:
 
     Args:
         folder: where the FMU is unpacked.
-        names: of its modules, those without dots.
+        names: of its modules that have no dots.
     """
 
     _lock: ClassVar = threading.RLock()

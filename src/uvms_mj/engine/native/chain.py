@@ -200,7 +200,7 @@ class Chain:
         )
 
     def _add_filter(self, link: Link, add: Callable[[str, np.dtype], None], at: int) -> None:
-        """Add the records of the filter from a place on [bytes]: what it keeps is the stage's in the run."""
+        """Add the records of the filter from a place on [bytes]. Its states are the states of the stage in the run."""
         own: Any = link.kinds[1].fields
         of_run: Any = link.compiled.kinds[1].fields
         layout: Any = link.compiled.layout.fields

@@ -110,8 +110,8 @@ class Elf:
                 struct.pack_into("<I", self.data, place, name + 1)  # what follows the first letter
 
     def rename(self, names: dict[str, str]) -> None:
-        """Replace the beginnings of names, of the library itself and of those that it needs. Raises OSError for a name
-        that is the end of another one's text."""
+        """Replace the beginnings of names, of the library itself and of the libraries that it needs. Raises OSError
+        for a name that is the end of another one's text."""
         for _, at in self.names:
             new = names.get(self.name(at))
             if new is not None:

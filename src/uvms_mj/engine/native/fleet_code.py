@@ -2,7 +2,7 @@
 
 It is the loop of free_body with its stages, translated for the record that the runs begin with
 (:mod:`uvms_mj.compiler.cells`). A thread copies the words that are its run's own from a table to cells, takes all
-steps, and copies back those that the next step needs. Word k of run i is at k * stride + i in the table, so that
+steps, and copies back the words that the next step needs. Word k of run i is at k * stride + i in the table, so that
 neighbouring threads read neighbouring words.
 
 An entry of the code is a function of the table, of the rooms behind the record, of a table for the signals, of the
@@ -516,7 +516,7 @@ class _Flow:
                 self._roots |= operands
 
     def needs(self, words: set[int]) -> set[int]:
-        """The words at the beginning on which those at the end, and the way of the code, depend."""
+        """The words at the beginning on which the words at the end, and the way of the code, depend."""
         todo = [*self._roots, *(name for word in words for name in self._stores.get(word, ()))]
         seen, found = set[str](), set[int]()
         while todo:

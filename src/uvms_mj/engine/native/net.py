@@ -115,7 +115,7 @@ class Watch:
         begun, stage, own = time.thread_time(), self.stage, self._own
         own.take_settings(stage.settings)
         own.fill(stage.given, stage.state)
-        own.take_over(stage.own)  # what the stage has set before
+        own.take_over(stage.own)  # the values that the stage has set before
         own.arrays["state_dot"][:] = stage.state_dot
         code, fault = stage.code.ctypes(*stage.words), self._call()
         self._choose(instant)

@@ -73,7 +73,7 @@ LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), L
 
 
 class CompiledStage:
-    """One stage of the loop with its records (1,). What it is given, and its output where it is no array, are parts of
+    """One stage of the loop with its records (1,). Its input, and its output where it is no array, are parts of
     the record of the run; settings, states and memory are behind it (:attr:`layout`).
 
     Args:
@@ -462,12 +462,12 @@ INSTANT = (
     Place("effects", "with `effects`", lambda setup: setup.scenario.effects,
           _field("around"), _field("plant", "tau_effects"), _wrenches),
 )  # fmt: skip
-"""The stages in the order of an instant. A run has those that are chosen, run and are not set from outside; each says
-its period (:meth:`uvms_mj.stages.base.Stage.period_in`)."""
+"""The stages in the order of an instant. A run has the stages that are chosen, run and are not set from outside; each
+says its period (:meth:`uvms_mj.stages.base.Stage.period_in`)."""
 
 
 def chosen(setup: Setup) -> dict[str, type[Stage]]:
-    """The classes of the stages of a run by table, with those that the caller sets."""
+    """The classes of the stages of a run by table, with the stages that the caller sets."""
     found = {}
     for each in INSTANT:
         stages = each.chosen(setup)

@@ -77,7 +77,7 @@ _ASSEMBLER = re.compile(rb"\b(asm|__asm|__asm__)\b")
 
 
 def _users_part(text: bytes) -> bytes:
-    """What a preprocessed text has of no header of the system."""
+    """The part of a preprocessed text that is from no header of the system."""
     starts = [(0, 0, False), *((each.start(), each.end(), b"3" in each[1].split()) for each in _SYSTEM.finditer(text))]
     ends = [start for start, _, _ in starts[1:]] + [len(text)]
     return b"".join(text[begin:end] for (_, begin, system), end in zip(starts, ends, strict=True) if not system)
@@ -199,7 +199,7 @@ class Library:
             raise self._wrong(f"was compiled with other records{why}; {again}")
 
     def start(self, stage: Stage) -> None:
-        """Begin another run, with a new copy: what the former one has kept is not in it."""
+        """Begin another run, with a new copy, without the values that the former one has kept."""
         self._finalizer()
         self._load()
 

@@ -2,12 +2,12 @@
 
 Machine code and NumPy round some operations in other ways: a product of matrices is summed in another order, an
 exponential is a function of this project. Plain Python and machine code can then differ in the last digit, and a
-difference of two large numbers in all digits. In a twin, every call and every operator of this kind is a call of what
-computes as machine code does. All else is Python's. So a twin and machine code have equal bits, and any difference is a
-fault.
+difference of two large numbers in all digits. In a twin, every call and every operator of this kind is a call of a
+function that computes as machine code does. All else is Python's. So a twin and machine code have equal bits, and any
+difference is a fault.
 
-What the compiler and a twin share is looked at here once more, so that a fault of it does not hide in both: that a text
-is the function's, and that a result is NumPy's but for rounding.
+The compiler and a twin share two assumptions, which are checked here once more so that no fault hides in both: a text
+is the function's, and a result is NumPy's but for rounding.
 """
 
 import ast

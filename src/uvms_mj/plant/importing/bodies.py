@@ -262,7 +262,7 @@ def _part(about: Description, root: str, members: Mapping[str, Pose], base: bool
 
 
 def _rigid(about: Description, name: str) -> bool:
-    """Whether a link is fixed to what carries it, and not a propeller or a fin."""
+    """Whether a link is fixed to its carrier, and not a propeller or a fin."""
     return not any(joint.child == name and joint.welded and joint.kind != "fixed" for joint in about.joints)
 
 

@@ -250,8 +250,8 @@ class _Model:
         return link
 
     def _afloat(self, collision: Element, link: str, solid: Solid) -> Solid:
-        """A collision shape, without a volume if the source has buoyancy for others alone: those that a Buoyancy plugin
-        enables by their scoped names, or those with the attribute gz:buoyancy if any has it."""
+        """A collision shape, without a volume if the source has buoyancy for others alone: shapes that a Buoyancy
+        plugin enables by their scoped names, or shapes with the attribute gz:buoyancy if any has it."""
         why = ""
         scopes = f"{self.name}::{link}::{collision.get('name')}".split("::")
         if self._enabled and not {"::".join(scopes[: i + 1]) for i in range(len(scopes))} & self._enabled:

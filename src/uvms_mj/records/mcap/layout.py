@@ -237,7 +237,7 @@ class Format:
         return all(np.array_equal(records[f"{channel}.when"], when) for channel in self.row_records.channels)
 
     def is_once(self, data: bytes) -> bool:
-        """Whether a chunk has the messages of constant values. What they draw may differ between versions."""
+        """Whether a chunk has the messages of constant values. The drawings may differ between versions."""
         channels, at = [], 0
         while at + _HEAD.itemsize <= len(data):
             opcode, length, channel = struct.unpack_from("<BQH", data, at)

@@ -249,7 +249,7 @@ def command_of(kind: str, name: str) -> str:
 
 
 def _is_command(manifest: Manifest) -> bool:
-    """Whether the command is what it says to be: a reader who copies it runs nothing else."""
+    """Whether the command repeats the archive: a reader who copies it runs nothing else."""
     try:
         name = shlex.split(manifest.command)[3]
     except (ValueError, IndexError):

@@ -225,7 +225,7 @@ def _named_beside(log: Path) -> dict[str, Path]:
 
 
 def _files_of_stage(log: Path, stage: StageSource, path: Path | None, notes: list[str]) -> dict[str, bytes]:
-    """The file of a stage and those that it imports or lists, as they were in the run; ``path`` is where it was."""
+    """The file of a stage and the files that it imports or lists, as they were in the run; ``path`` is where it was."""
     file = parted(stage.source)[0]
     if not file or stage.sha256 is None:
         raise InputError(f"{log}: {stage.source} was defined in a session and is in no file; write it to one")

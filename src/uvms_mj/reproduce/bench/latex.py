@@ -73,7 +73,7 @@ def _pair(pair: Mapping[str, Any], comments: Sequence[str]) -> LatexTable:
     columns += [Column("alone", "[draws]", alone), Column("difference", "[points]", change)]
     n = sum("reason" not in task for task in tasks.values())
     said = [
-        "Level that a law holds, and the draws that it passes of those that both ran.",
+        "Level that a law holds, and the draws that it passes of the draws that both ran.",
         f"alone: draws that {labels[0]} alone passes, and that {labels[1]} alone passes.",
         f"difference: {labels[1]} minus {labels[0]} of the share of passed draws, with its 95 % interval; "
         f"without zero in it, it is resolved. {of_many(n)}",

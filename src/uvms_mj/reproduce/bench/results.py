@@ -178,7 +178,7 @@ def version(found: Mapping[str, Any]) -> int:
 
 
 def levels_of(task: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The cells of a law on a task by level; of a result of version 1 the one of its draws. Empty if it can't run."""
+    """The cells of a law on a task by level; of a result of version 1 the cell of its draws. Empty if it can't run."""
     if not task["runs"]:
         return {}
     return dict(task["levels"]) if "levels" in task else {"1": task}

@@ -300,7 +300,7 @@ def error(results: Results, law: str) -> Measured:
 
 
 def over_prediction(results: Results, name: str) -> Measured:
-    """Value of an axis up to which GSTA works, over the one at which the contact force becomes too old."""
+    """Value of an axis up to which GSTA works, over the value at which the contact force becomes too old."""
     axis, found = AXES[name], results.boundaries[name, "gsta"]
     expected = results.predicted(axis, "gsta")
     if found.between is None or expected is None:

@@ -149,7 +149,7 @@ class Vary:
         return self.laws is None or law in self.laws
 
     def at(self, u: np.ndarray) -> list[list[Any]]:
-        """Values of each place at the numbers u (n,) from 0 to 1: of n levels, the one with the index n u."""
+        """Values of each place at the numbers u (n,) from 0 to 1: of n levels, the level with the index n u."""
         chosen = np.minimum((u * len(self.levels)).astype(int), len(self.levels) - 1).tolist()
         return [[self.levels[i][k] for i in chosen] for k in range(len(self.places))]
 

@@ -303,7 +303,7 @@ class KeyChecks:
         return f"; to vary it for the laws that have it, give laws = [{', '.join(having)}]" if having else ""
 
     def _runs_as_drawn(self, law: Law, drawn: list[tuple[Any, ...]], values: tuple[Any, ...]) -> bool:
-        """Whether the draw with these values, or with the ones nearest to them, can run."""
+        """Whether the draw with these values, or with the nearest values, can run."""
         if values in drawn:
             nearest = drawn.index(values)
         elif drawn and isinstance(values[0], float):

@@ -212,7 +212,7 @@ def _result(future: Any, lost: type[BaseException]) -> Any:
 def gave_up(error: BaseException) -> InputError:
     """The error of an executor that cannot go on."""
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    return InputError(f"the workers can't go on: {what}; what is done is kept, and the same command goes on")
+    return InputError(f"the workers can't go on: {what}; the finished runs are kept, and the same command goes on")
 
 
 _PATIENCE_S = 30.0

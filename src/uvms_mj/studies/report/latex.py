@@ -63,7 +63,7 @@ _SIDES_PT = 0.5
 _WIDER_SPACE = 0.11
 """How much wider the space between words is in IEEEtran than in the font, over the size of the letters [1]."""
 _BELOW_PT = 8.0
-"""Size of the roman that is as wide as the one for 7 pt, whose letters are wider for their size [pt]."""
+"""Size of the roman that is as wide as the roman for 7 pt, whose letters are wider for their size [pt]."""
 
 
 def width_pt(text: str, size: float = 10.0) -> float:

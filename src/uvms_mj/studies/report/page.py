@@ -186,8 +186,8 @@ def figure(
     metrics: Sequence[str] = (),
     labels: Mapping[str, str] | None = None,
 ) -> Figure:
-    """One figure of the report: one of :data:`DRAWN`, a map over one or two of the varied keys; default: those with the
-    greatest effect; distributions or a map of kept metrics, by default of all that vary or of the first. ``labels``
+    """One figure of the report: one of :data:`DRAWN`, a map over one or two of the varied keys; default: the keys with
+    the greatest effect; distributions or a map of kept metrics, by default of all that vary or of the first. ``labels``
     stand in place of names of laws, metrics and keys. Raises InputError if the study has no such figure."""
     data = StudyRows(plan, frame, labels or {})
     if what not in DRAWN:

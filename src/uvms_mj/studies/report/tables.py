@@ -57,7 +57,7 @@ def short(value: float) -> str:
 
 
 def laws(data: StudyRows, rates: Mapping[str, Estimate]) -> Table:
-    """The first table: of each law its rate of success, medians of the first metrics, its runs, and those without
+    """The first table: of each law its rate of success, medians of the first metrics, its runs, and the runs without
     success by their status."""
     metrics = list(data.varying[:HEAD_METRICS])
     found = []
@@ -232,7 +232,7 @@ def statistics(
     metric the median and the quantiles of 5 and 95 %.
 
     The columns have two heads: the quantity with its unit, and the number. ``attrs["meanings"]`` has by the first head
-    what a shipped metric is, and over which time. ``metrics`` are names of kept metrics; default: the first three that
+    the meaning of a shipped metric, and its time. ``metrics`` are names of kept metrics; default: the first three that
     vary. ``labels`` stand in place of names of laws and metrics. Raises InputError for an unknown one.
     """
     data = StudyRows(plan, frame, labels or {})

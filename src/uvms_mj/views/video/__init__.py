@@ -111,7 +111,7 @@ def still(
 
 
 def _times(trace: Trace, step: float) -> list[tuple[int, int]]:
-    """The rows (from, to) of each picture, the last row of the one before and its own."""
+    """The rows (from, to) of each picture, the last row of the picture before and its own."""
     n = max(2, round((float(trace.t[-1]) - float(trace.t[0])) / step) + 1)
     rows = np.searchsorted(trace.t, float(trace.t[0]) + step * np.arange(n) - 1e-9).clip(0, len(trace) - 1)
     return list(zip([rows[0], *rows[:-1]], rows.tolist(), strict=True))
