@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 from uvms_mj import Gsta, InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.control import Controller, External, Ideal, ImpedanceTask
+from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.task import tracking_errors
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.guidance import FilteredSteps, Guidance, station_keep
 from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
@@ -246,6 +248,59 @@ def test_a_derived_class_is_shipped_if_it_differs_in_its_settings_only():
 
     assert Strong().is_shipped
     assert not Other().is_shipped
+
+
+@pytest.mark.parametrize(
+    ("table", "module", "shipped", "base", "out"),
+    [
+        ("encoder", "navigation.encoder", "PerfectEncoder", "Encoder", "out"),
+        ("observer", "navigation.observer", "NoObserver", "Observer", "out"),
+        ("wrist", "navigation.wrist", "NoWrist", "Wrist", "reading"),
+        ("thrusters", "actuation.thrusters", "IdealThrusters", "Thrusters", "u"),
+        ("actuation", "actuation.base", "External", "Actuation", "u"),
+    ],
+)
+def test_a_function_that_no_run_would_call_is_refused(tmp_path, table, module, shipped, base, out):
+    """It was left out of the run without a word, and a closed form was announced without it."""
+    (tmp_path / "own.py").write_text(
+        f"from dataclasses import dataclass\nfrom uvms_mj.{module} import {shipped}\n\n\n"
+        f"@dataclass(frozen=True)\nclass Own({shipped}):\n    @staticmethod\n"
+        f"    def step(settings, state, given, state_dot, {out}):\n        pass\n"
+    )
+    with pytest.raises(InputError, match=f"it derives from {shipped}, which no run calls; derive it from {base}$"):
+        Scenario.load("push_wall", {f"{table}.name": f"{tmp_path / 'own.py'}:Own"})
+
+
+def test_a_derived_thruster_model_with_another_function_has_no_closed_form(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import dataclass\nfrom uvms_mj.actuation import THRUSTERS\n\n\n"
+        "@dataclass(frozen=True)\nclass Weak(THRUSTERS['general']):\n    @staticmethod\n"
+        "    def step(settings, state, given, state_dot, u):\n        u[:] = 0.5 * given.u_cmd\n"
+    )
+    for name, known in (("general", True), (f"{tmp_path / 'own.py'}:Weak", False)):
+        keys = {"thrusters.name": name, "controller.name": "impedance", "wall.stiffness": 2e3, "current.speed": 0.0}
+        found = steady_state(set_up(Scenario.load("push_wall", keys)))
+        assert isinstance(found, SteadyState) == known
+    assert found == NoClosedForm("closed forms are known for the shipped thruster models only")
+
+
+def test_a_derived_reference_with_another_function_has_not_the_rest_of_the_shipped_one(tmp_path):
+    """It pushed with 5.1 N beside 0 N announced. A rest of its own counts."""
+    text = (
+        "from dataclasses import dataclass\nfrom uvms_mj.guidance import FilteredSteps\n\n\n"
+        "@dataclass(frozen=True)\nclass Deeper(FilteredSteps):\n    @staticmethod\n"
+        "    def step(settings, state, given, state_dot, out):\n        out.p_d[0], out.quat_d[0] = 1.05, 1.0\n"
+    )
+    (tmp_path / "own.py").write_text(text)
+    rests = "\n    def rests_at(self):\n        return 1.05, 0.0, 0.0\n"
+    (tmp_path / "rests.py").write_text(text + rests)
+    none, own = (
+        set_up(Scenario.load("push_wall", {"reference.name": f"{tmp_path / file}:Deeper"}))
+        for file in ("own.py", "rests.py")
+    )
+    assert none.rest_pose[0] is None
+    assert isinstance(steady_state(none), NoClosedForm)
+    assert own.rest_pose[0] == (1.05, 0.0, 0.0)
 
 
 def test_groups_share_their_memory():

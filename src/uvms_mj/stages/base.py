@@ -144,6 +144,18 @@ class Stage:
     runs: ClassVar[bool] = True
     """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """A user's class with a function of its own has no theory of a shipped class that it derives from: rests, lags
+        and closed forms are of the shipped function."""
+        super().__init_subclass__(**arguments)
+        package = __name__.partition(".")[0] + "."
+        if cls.__module__.startswith(package) or cls.room.method not in vars(cls):
+            return
+        for name, method in vars(base_of(cls)).items():
+            theory = isinstance(method, types.FunctionType | property) and name[0] != "_" and name not in vars(Stage)
+            if theory and next(each for each in cls.__mro__ if name in vars(each)).__module__.startswith(package):
+                setattr(cls, name, method)
+
     def __post_init__(self) -> None:
         table, noun = self.room.table, self.room.setting
         place = f"the {noun}s of {self.label()}"

@@ -175,10 +175,19 @@ def _broken_rules(cls: type[Any]) -> Iterator[str]:
     states = list(_wrong_declarations(cls))
     yield from states
     yield from wrong_files(*_listed(cls))
-    function = list(_wrong_function(cls))
+    function = list(_wrong_function(cls)) or list(_never_called(cls))
     yield from function
     if not function and not states:
         yield from _unknown_fields(cls)
+
+
+def _never_called(cls: type[Any]) -> Iterator[str]:
+    """The error of a function whose class derives from a stage that no run calls, as perfect encoders."""
+    for each in cls.__mro__:
+        idle = vars(each).get("runs") is False or vars(each).get("external") is True
+        if idle and cls.function() is not each.function():
+            yield f"it derives from {each.__name__}, which no run calls; derive it from {base_of(cls).__name__}"
+            return
 
 
 def _wrong_names(cls: type[Any]) -> Iterator[str]:
@@ -192,7 +201,7 @@ def _wrong_names(cls: type[Any]) -> Iterator[str]:
         if name not in shared and hasattr(base, name):
             yield f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name"
     for name in sorted(of_all):
-        if any(name in vars(each) for each in own):
+        if any(vars(each).get(name, vars(base).get(name)) is not vars(base).get(name) for each in own):
             yield f"{name!r} is a method of every {room.noun}; give yours another name"
     for each in own:
         for name in names:

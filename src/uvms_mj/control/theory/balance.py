@@ -374,7 +374,7 @@ def unmodelled_acceleration(setup: SetupLike, state: SteadyState) -> np.ndarray:
 def _with_arm(setup: SetupLike, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
     (:mod:`.free_motion`)."""
-    if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
+    if setup.scenario.navigation.name != "perfect" or setup.scenario.encoder.runs:  # navigation is a shipped one
         return "with errors of navigation, the rest of the tool depends on the posture"
     if setup.scenario.wrist.runs:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"

@@ -329,9 +329,10 @@ class Chain:
         there = {link.name for link in self.links if link.function is not commands_alone}
         named, simple = self.stages.scenario.named_stages, ("perfect", "none", "ideal")
         chosen = [table for table in self.stages.stages if table not in there and table.partition("[")[0] in named]
-        labels = [(table, self.stages.stages[table].stage.label()) for table in chosen]
+        stages = [(table, self.stages.stages[table].stage) for table in chosen]
+        left = [(table, stage.label()) for table, stage in stages if not (stage.is_shipped and stage.name in simple)]
         words = {"thrusters": "lag and losses of thrusters"} if self.pulses else {}
-        return [f"{words.get(table, table)} {label}" for table, label in labels if label not in simple]
+        return [f"{words.get(table, table)} {label}" for table, label in left]
 
     def settings_place(self, link: Link) -> int:
         """The place of the settings of a stage."""
