@@ -41,6 +41,7 @@ extensions = [
     "source_pages",
     "api_pages",
     "line_breaks",
+    "units",
 ]
 exclude_patterns = [
     "_build",
