@@ -7,7 +7,7 @@ from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 
-_POWER = re.compile(r"(?<=\w)\^(?:\((\d/\d)\)|(-?\d+(?:\.\d+)?))")
+_POWER = re.compile(r"(?<=[\w|)])\^(?:\((\d/\d)\)|(-?\d+(?:\.\d+)?))")
 _CODE = (nodes.literal, nodes.FixedTextElement, nodes.math, nodes.raw, addnodes.desc_signature)
 
 

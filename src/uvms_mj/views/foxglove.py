@@ -135,7 +135,7 @@ class Foxglove(ServerListener):
             self._rows += len(part)
 
     def end(self, outcome: Outcome) -> None:
-        """Refuse further numbers. The server goes on until :meth:`close`: what waits for a viewer is still sent."""
+        """Refuse further numbers. The server goes on until :meth:`close`: messages that wait for a viewer are still sent."""
         self._over = True
         self._refuse_waiting()
 
