@@ -5,7 +5,7 @@ sensors measure and with its time, by which the autopilot's clock advances. A fr
 answer again, and no second step. Formats and their quirks are as in ArduPilot's SIM_JSON; its frames are north,
 east, down (NED), and forward, right, down (FRD). Here W has x north, y west, z up, and B is forward, left, up.
 
-One autopilot flies the vehicle. What others send is ignored, and said once. An autopilot that is started again has a
+One autopilot flies the vehicle. Packets of others are ignored, and said once. An autopilot that is started again has a
 new address: it takes over when the first has been silent for :data:`SILENT_S`.
 """
 

@@ -258,8 +258,8 @@ _TYPES = {"f8": "double", "i8": "int64_t", "b1": "unsigned char"}
 
 @dataclasses.dataclass(frozen=True)
 class Records:
-    """The dtypes of a stage's records. ``out`` is a record, or an array of numbers. What a stage is given may be the
-    beginning of a longer record."""
+    """The dtypes of a stage's records. ``out`` is a record, or an array of numbers. The record that a stage is given
+    may be the beginning of a longer one."""
 
     settings: np.dtype
     state: np.dtype

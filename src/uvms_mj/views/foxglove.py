@@ -135,7 +135,7 @@ class Foxglove(ServerListener):
             self._rows += len(part)
 
     def end(self, outcome: Outcome) -> None:
-        """Refuse further numbers. The server goes on until :meth:`close`: messages that wait for a viewer are still sent."""
+        """Refuse further numbers. The server goes on until :meth:`close`, and sends messages that wait."""
         self._over = True
         self._refuse_waiting()
 

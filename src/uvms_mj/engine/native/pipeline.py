@@ -73,7 +73,7 @@ LIBRARIES: dict[str, Callable[..., Any]] = {**dict.fromkeys((C_FILE, *SHARED), L
 
 
 class CompiledStage:
-    """One stage of the loop with its records (1,). What it is given, and its output where it is no array, are parts of
+    """One stage of the loop with its records (1,). Its input, and its output where it is no array, are parts of
     the record of the run; settings, states and memory are behind it (:attr:`layout`).
 
     Args:

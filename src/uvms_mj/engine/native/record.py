@@ -102,7 +102,7 @@ STAGE = np.dtype(
     ],
     align=True,
 )
-"""One stage of the loop. What it is given begins with a clock: time, period, instant and key."""
+"""One stage of the loop. Its input begins with a clock: time, period, instant and key."""
 
 
 def room_for(n: int) -> int:

@@ -6,8 +6,8 @@ difference of two large numbers in all digits. In a twin, every call and every o
 computes as machine code does. All else is Python's. So a twin and machine code have equal bits, and any difference is a
 fault.
 
-What the compiler and a twin share is looked at here once more, so that a fault of it does not hide in both: that a text
-is the function's, and that a result is NumPy's but for rounding.
+The module checks once more the work that the compiler and a twin share, so that a fault of it does not hide in both: a
+text must be the function's, and a result NumPy's but for rounding.
 """
 
 import ast
