@@ -41,6 +41,7 @@ extensions = [
     "source_pages",
     "api_pages",
     "line_breaks",
+    "units",
 ]
 exclude_patterns = [
     "_build",
@@ -105,6 +106,7 @@ html_title = "uvms-mj"
 html_static_path = ["_static", "_build/pool"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "header_links_before_dropdown": 7,
     "navbar_align": "left",

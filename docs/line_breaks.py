@@ -1,5 +1,5 @@
-"""Where lines of a page may break: not before the punctuation behind a formula or a name, and in a long name behind
-a dot, an underscore or a slash."""
+"""Where lines of a page may break: not before the punctuation behind a formula or a name, in a long name behind
+a dot, an underscore or a slash, and between the words of an output whose longest line is no row of columns."""
 
 import re
 from typing import Any
@@ -8,8 +8,12 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 _PUNCTUATION = re.compile(r"[.,;:!?)\]]+")
-_NAMES = re.compile(r'(?<=<span class="pre">)[^<]+|(?<=<h1>)[\w.]+(?=<)')
+_NAMES = re.compile(r'(?<=<span class="pre">)[^<]+|(?<=<h1>)[\w.]+(?=<)|(?<=>)[\w./]+(?=</a>)')
 _JOINTS = re.compile(r"(?<=[A-Za-z\]][._/])(?=[A-Za-z_]\w\w)")
+
+_COLUMNS = re.compile(r"\S {2,}\S|[│┃|]")
+_OUTPUTS = ("text", "none", "myst-ansi")
+"""Languages of what a program prints."""
 
 
 def _tie(app: Sphinx, tree: nodes.document, docname: str) -> None:
@@ -20,6 +24,10 @@ def _tie(app: Sphinx, tree: nodes.document, docname: str) -> None:
         if found and isinstance(before, nodes.math | nodes.literal | nodes.reference):
             tied = nodes.inline("", "", before, nodes.Text(found.group()), classes=["tied"])
             text.parent[place - 1 : place + 1] = [tied, nodes.Text(text[found.end() :])]
+    for block in tree.findall(nodes.literal_block):
+        longest = max(block.astext().splitlines(), key=len, default="")
+        if block.get("language") in _OUTPUTS and not _COLUMNS.search(longest.strip()):
+            block["classes"].append("sentences")
 
 
 def _name(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: nodes.document | None) -> None:

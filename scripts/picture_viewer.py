@@ -46,7 +46,7 @@ def picture(recording: Path, size: str, at: float | None) -> Image.Image:
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, path_type=Path))
 @click.option("--out", default=OUT, type=click.Path(path_type=Path), show_default=True)
 @click.option("--at", type=float, help="Simulated time of the picture [s]; default: the end.")
-@click.option("--size", default="1200x800", show_default=True)
+@click.option("--size", default="1080x760", show_default=True)
 def main(logs: tuple[Path, ...], out: Path, at: float | None, size: str) -> None:
     """Take a picture of the viewer."""
     loaded = [Trace.load(log) for log in logs]

@@ -88,6 +88,11 @@ def test_the_site(tmp_path, subtests):
         listed = [words(row) for row in rows if "autosummary" in row or "api/uvms_mj." in row]
         assert len(listed) > len(uvms_mj.__all__)
         assert [row for row in listed if not row.endswith(".") or len(row.split()) < 4] == []
+    with subtests.test("powers of units are raised outside of code and formulas"):
+        kept = re.compile(r"<(pre|code|dt)\b.*?</\1>|class=\"math.*?</(?:span|div)>", re.DOTALL)
+        for page in (each for each in pages if "<article" in each.read_text()):
+            text = words(re.search(r"<article.*?</article>", kept.sub("", page.read_text()), re.DOTALL).group())
+            assert found(r"[\w|)]\^[-(\d]\S*", text) == [], page
     with subtests.test("three clicks lead from the equation of added mass to its line and to its test"):
         assert 'href="physics/index.html"' in (site / "index.html").read_text()
         assert 'href="equations.html"' in (site / "physics" / "index.html").read_text()

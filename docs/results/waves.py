@@ -3,7 +3,7 @@ In waves at a pile
 ==================
 
 A BlueROV2 Heavy presses with 20 N on a pile, in a current and in irregular waves of 0.5 m. Under impedance control it
-leaves the pile and hits it again. Generalized super-twisting holds the sum of both normal forces at 22 N.
+leaves the pile and hits it again. Generalised super-twisting holds the sum of both normal forces at 22 N.
 ``uvms-mj study waves`` maps four laws over height and period of the waves.
 """
 

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import itertools
+import re
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -259,8 +260,14 @@ def test_units_and_symbols_are_typeset():
     assert style.titled("impedance.K_d.0") == r"impedance $K_{\mathrm{d,0}}$"
     assert style.symbol("nu_dot", "x") == r"$\dot{\nu}_{\mathrm{x}}$"
     assert style.symbol("tau_q_cmd") == r"$\tau_{\mathrm{q,cmd}}$"
-    for name in ("manipulability", "w_", "force_peak", "pwm", "sw1"):
+    assert style.symbol("p_d_ddot") == r"$\ddot{p}_{\mathrm{d}}$"
+    assert style.symbol("stretch_W", "x") == r"stretch$_{\mathrm{W,x}}$"
+    assert style.symbol("contact_depths", "2") == "contact depths 2"
+    assert style.symbol("u", "front_left") == "$u$ front left"
+    for name in ("manipulability", "pwm", "sw1", "w_"):
         assert style.symbol(name) == name
+    for signal in RECORDED:
+        assert "_" not in re.sub(r"\$.*?\$", "", style.symbol(signal.name)), "a reader sees words and symbols"
     figure = Figure()  # matplotlib can set each of them
     for i, name in enumerate([*(signal.name for signal in RECORDED), "xi_1"]):
         figure.text(0.0, 0.01 * i, style.symbol(name))

@@ -213,15 +213,16 @@ def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine
 
 def _beginning(lines: Callable[[Axes], None], window: float) -> tuple[Inset, ...]:
     """Inset of the beginning of a run up to a time [s]."""
+    power, unit = (1e-3, "ms") if window < 1.0 else (1.0, "s")
 
-    def draw(ax: Axes, power: float) -> None:
+    def draw(ax: Axes, power_y: float) -> None:
         lines(ax)
         ax.margins(y=0.08)
         ax.set_xlim(0.0, window)
-        number(ax.yaxis, power)
-        number(ax.xaxis, 1e-3)
+        number(ax.yaxis, power_y)
+        number(ax.xaxis, power)
 
-    return (Inset(draw, f"first {1e3 * window:g} ms", height=0.38),)
+    return (Inset(draw, f"first {window / power:g} {unit}", height=0.38),)
 
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
@@ -263,7 +264,7 @@ def state(trace: Trace, signal: Signal) -> Panel:
     values = trace[signal.name].reshape(len(trace), signal.size)
 
     def draw(ax: Axes) -> None:
-        label = f"range of the {signal.size} numbers of {signal.name}"
+        label = f"range of the {signal.size} numbers of {symbol(signal.name)}"
         for edge, text in ((values.min(axis=1), label), (values.max(axis=1), None)):
             line(ax, trace.t, edge, f"{signal.name}.range", color=GREY, label=text)
 

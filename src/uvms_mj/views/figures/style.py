@@ -330,7 +330,9 @@ _GREEK = (
 )
 _SYMBOL = re.compile(rf"({'|'.join(_GREEK)}|[A-Za-z])((?:_[A-Za-z0-9]+)*)")
 """The name of a signal that is a symbol with subscripts: nu, p_WB, tau_q_cmd."""
-_ABOVE = {"dot": r"\dot{%s}", "hat": r"\hat{%s}"}
+_WORDS = re.compile(r"(.+?)((?:_(?:[A-Z]+\d*|[a-z]))*)")
+"""The name of a signal that is words with subscripts: wave_head, wrench_m_S."""
+_ABOVE = {"dot": r"\dot{%s}", "hat": r"\hat{%s}", "ddot": r"\ddot{%s}"}
 
 
 def unit_text(unit: str) -> str:
@@ -341,18 +343,25 @@ def unit_text(unit: str) -> str:
 
 
 def symbol(name: str, component: str = "") -> str:
-    """The name of a signal as it is typeset: a symbol with its subscripts, of which the component is the last. Other
-    names are words, and stay as they are."""
-    found = _SYMBOL.fullmatch(name)
-    if found is None or not (component.replace(",", "").isalnum() or not component):
-        return f"{name}.{component}" if component else name
-    letter, below = found[1] if len(found[1]) == 1 else f"\\{found[1]}", found[2].split("_")[1:]
-    for word, form in _ABOVE.items():
-        if word in below:
+    """The name of a signal as it is typeset: a symbol or words, with their subscripts, of which the component is the
+    last. It stands behind words that have none: ``contact depths 2``."""
+    of_symbol, of_words = _SYMBOL.fullmatch(name), _WORDS.fullmatch(name)
+    found = of_symbol or of_words
+    if found is None:
+        return name
+    stem, below = found[1], found[2].split("_")[1:]
+    if of_symbol:
+        stem = stem if len(stem) == 1 else f"\\{stem}"
+        for word in [each for each in below if each in _ABOVE]:
             below.remove(word)
-            letter = form % letter
-    below += [component] if component else []
-    return f"${letter}_{{\\mathrm{{{','.join(below)}}}}}$" if below else f"${letter}$"
+            stem = _ABOVE[word] % stem
+    behind = component.replace("_", " ")
+    if component.replace(",", "").isalnum() and (of_symbol or below):
+        below, behind = [*below, component], ""
+    under = f"_{{\\mathrm{{{','.join(below)}}}}}" if below else ""
+    words = re.sub("(?<=.)_(?=.)", " ", stem) + (f"${under}$" if under else "")
+    text = f"${stem}{under}$" if of_symbol else words
+    return f"{text} {behind}" if behind else text
 
 
 def titled(place: str, unit: str = "", text: str = "") -> str:
