@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from PIL.Image import Image
 from sphinx_gallery.scrapers import figure_rst
 
-from uvms_mj import InputError, Scenario, simulate, still
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.views.video import underwater
 
 ORDER = (
     *(
@@ -92,7 +93,7 @@ def _udp_card(docs: Path) -> str:
 
 def _undrawable() -> str:
     try:
-        still(simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})), plots=())
+        underwater._gl_context(16, 16).free()
     except InputError as error:
         return str(error)
     return ""

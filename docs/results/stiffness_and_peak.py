@@ -18,6 +18,7 @@ with Simulation(Scenario.load("push_wall", {"simulation.timestep": 2e-5}), engin
     M = np.linalg.inv(np.linalg.inv(sim.setup.vehicle.M)[:3, :3])  # the vehicle may turn and heave in an impact
     for k_c in stiffness:
         sim.reset({"wall.stiffness": float(k_c)})
+        sim.step(250_000)  # 5 s of the way to the wall
         while not sim.signals.touches:
             speed = float(sim.signals.nu[0])
             sim.step(10)

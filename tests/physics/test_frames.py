@@ -60,3 +60,8 @@ def test_acceleration_in_the_body_frame_is_the_derivative_of_the_velocity(rng):
     nu_dot, h = np.zeros(6), 1e-5
     frames.body_acceleration(frames.rotation_matrix(q), np.concatenate([a_W, alpha]), nu_at(0.0), nu_dot)
     assert np.allclose(nu_dot, (nu_at(h) - nu_at(-h)) / (2 * h), atol=1e-8)
+
+
+def test_the_cross_product_is_numpys_to_the_last_bit(rng):
+    for a, b in rng.normal(size=(100, 2, 3)) * 10.0 ** rng.integers(-8, 8, (100, 2, 1)):
+        assert frames.cross(a, b).tobytes() == np.cross(a, b).tobytes()

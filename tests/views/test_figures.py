@@ -75,7 +75,7 @@ def drawn(traces, fine):
 
 @pytest.fixture(scope="module")
 def texts(drawn):
-    """Every figure, drawn once: each visible text of it with its box."""
+    """Every figure, drawn once without output: each visible text of it with its box."""
     found, draw = {name: [] for name in drawn}, Text.draw
     for name, figure in drawn.items():
 
@@ -84,8 +84,9 @@ def texts(drawn):
             if text.get_visible() and text.get_text().strip():
                 boxes.append((text.get_text(), text.get_window_extent(renderer).padded(-0.5)))
 
+        FigureCanvasAgg(figure)
         with patch.object(Text, "draw", record):
-            FigureCanvasAgg(figure).draw()
+            figure.draw_without_rendering()
     return found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..physics import operational
 from ..physics.fossen import coriolis_rigid_body, restoring, turned_momentum
-from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
+from ..physics.frames import add_wrench_from, attitude, compose_poses, cross, motion_at, to_body, wrench_at
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import fused, kernel
 from ..physics.operational import base_rows, task_inertia
@@ -145,7 +145,7 @@ def reveal(coefficients, water, signals, truth):
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
     gravity_W, R_WB = coefficients.gravity_W, signals.R_WB
     relative_velocity(water, R_WB, nu, nu_r)
-    nu_c_dot[:3] = -np.cross(nu[3:], R_WB.T @ water.v_c_W)
+    nu_c_dot[:3] = -cross(nu[3:], R_WB.T @ water.v_c_W)
     model_wrenches(coefficients, gravity_W, R_WB, nu_r, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
     if water.unsteady != 0:
         nu_c_dot[:3] += R_WB.T @ water.v_c_dot_W

@@ -49,7 +49,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
-from ..physics.frames import BODY, quat_error, to_body
+from ..physics.frames import BODY, cross, quat_error, to_body
 from ..physics.kernels import kernel
 from ..physics.linear_algebra import backward, cholesky, forward, symmetric_eigen
 from ..quantities import STRICT, Factors, Step, Time, Wrench, refusing
@@ -124,7 +124,7 @@ def pose_error_rate(quat_e, nu_e, eta_e_dot):
     """Set eta_e_dot (6,), eq. (18), from the error quaternion (4,) and the error of the velocity (6,)."""
     omega_e = nu_e[3:]
     eta_e_dot[:3] = nu_e[:3]
-    eta_e_dot[3:] = 0.5 * (quat_e[0] * omega_e + np.cross(quat_e[1:], omega_e))  # U(q_e) omega_e, eq. (17)
+    eta_e_dot[3:] = 0.5 * (quat_e[0] * omega_e + cross(quat_e[1:], omega_e))  # U(q_e) omega_e, eq. (17)
 
 
 @kernel
@@ -157,7 +157,7 @@ def desired(R_WB, omega, x_dot_W, x_ddot_W, x_dot, x_ddot):
     """
     to_body(R_WB, x_dot_W, x_dot)
     to_body(R_WB, x_ddot_W, x_ddot)
-    x_ddot -= np.cross(omega, x_dot)
+    x_ddot -= cross(omega, x_dot)
 
 
 MOST_ENTRIES = 100

@@ -50,7 +50,7 @@ import math
 
 import numpy as np
 
-from .frames import add_wrench_from, compose_poses, motion_at, to_world, velocity_at
+from .frames import add_wrench_from, compose_poses, cross, motion_at, to_world, velocity_at
 from .kernels import kernel
 from .surfaces import move, nearest_on_segment, signed_distance, surface_velocity
 
@@ -169,8 +169,8 @@ def turn_stretch(xi, angle):
     """Turn a stretch xi (3,), which is fixed to the wall, by a small rotation vector (3,), without a change of its
     length: by Cayley's transform."""
     half = 0.5 * angle
-    moved = np.cross(half, xi)
-    xi += 2.0 / (1.0 + half @ half) * (moved + np.cross(half, moved))
+    moved = cross(half, xi)
+    xi += 2.0 / (1.0 + half @ half) * (moved + cross(half, moved))
 
 
 @kernel
@@ -279,7 +279,7 @@ def friction(contact, f_n, v_t, timestep):
 def wrench_at_origin(R_WB, arm_W, f_W, tau):
     """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,)."""
     f = R_WB.T @ f_W
-    tau[:3], tau[3:] = f, np.cross(R_WB.T @ arm_W, f)
+    tau[:3], tau[3:] = f, cross(R_WB.T @ arm_W, f)
 
 
 CARRIER = np.dtype(

@@ -83,7 +83,7 @@ from .buoyancy import VOLUME
 from .cable import CABLE, NODE, add_pull, advance_cable, cable_state, place_ends, swing
 from .coupling import COUPLING, PULL, PULLED, TOUCH, begin_pull
 from .current import CURRENT, add_current
-from .frames import velocity_at
+from .frames import cross, velocity_at
 from .kernels import kernel
 from .near_wall import HULL, PAD, add_hull_inertia, add_hull_wrench, add_pad_inertia, add_pad_wrench
 from .obstacle import OBSTACLE, turn_aside
@@ -307,7 +307,7 @@ def add_inertia_wrenches(plant, R_WB, nu):
             v_c = nu[:3] - plant.nu_r[:3]
             V[:], A[:] = link.V, link.A
             V[:3] += v_c
-            A[:3] -= np.cross(link.V[3:], v_c)
+            A[:3] -= cross(link.V[3:], v_c)
             if water.unsteady != 0:
                 A[:3] += R_WB.T @ water.v_c_dot_W
             add_hull_wrench(hull, frame.R_BL, frame.p_BL, p_WB, R_WB, V, A, link.F)
@@ -376,7 +376,7 @@ def add_tether(tether, nu_r, tau):
     w = -velocity_at(nu_r, tether.r)
     f = tether.factor * math.sqrt(w @ w) * w
     tau[:3] += f
-    tau[3:] += np.cross(tether.r, f)
+    tau[3:] += cross(tether.r, f)
 
 
 @kernel
@@ -386,10 +386,10 @@ def add_fin(fin, delta, nu_r, tau):
     v = R.T @ velocity_at(nu_r, r)
     v[2] = 0.0
     C_L, C_D = fin_coefficients(fin, math.atan2(v[1], v[0]) - delta)
-    lift = C_L * np.cross(np.array([0.0, 0.0, 1.0]), v)
+    lift = C_L * cross(np.array([0.0, 0.0, 1.0]), v)
     f = R @ (-fin.factor * math.sqrt(v @ v) * (lift + C_D * v))
     tau[:3] += f
-    tau[3:] += np.cross(r, f)
+    tau[3:] += cross(r, f)
 
 
 @kernel
@@ -426,7 +426,7 @@ def add_drag(drag, nu_r, tau):
     speed = math.sqrt(v @ v) * np.ones(3) if drag.of_speed != 0 else np.abs(v)
     f = -c * speed * v
     tau[:3] += f
-    tau[3:] += np.cross(drag.r, f)
+    tau[3:] += cross(drag.r, f)
 
 
 @kernel

@@ -31,6 +31,7 @@ equals M_RB nu_dot + C_RB(nu) nu, which MuJoCo integrates.
 import numpy as np
 
 from .effects import add_effects
+from .frames import cross
 from .kernels import kernel
 
 IN_WATER = np.dtype(
@@ -64,9 +65,9 @@ def water_at_rest(body, effects):
 def coriolis_rigid_body(M_RB, nu, out):
     """out = C_RB(nu) nu (6,) [N, N m], Fossen (2021), eq. (3.63), with the blocks of M_RB (6, 6) [kg, kg m, kg m^2]."""
     v, omega = nu[:3], nu[3:]
-    a = np.cross(omega, v)
-    out[:3] = M_RB[0, 0] * a + np.cross(omega, M_RB[:3, 3:] @ omega)  # M_RB[:3, 3:] = -m S(r_g)
-    out[3:] = M_RB[3:, :3] @ a + np.cross(omega, M_RB[3:, 3:] @ omega)
+    a = cross(omega, v)
+    out[:3] = M_RB[0, 0] * a + cross(omega, M_RB[:3, 3:] @ omega)  # M_RB[:3, 3:] = -m S(r_g)
+    out[3:] = M_RB[3:, :3] @ a + cross(omega, M_RB[3:, 3:] @ omega)
 
 
 @kernel
@@ -79,8 +80,8 @@ def coriolis_added_mass(M_A, nu, out):
 def turned_momentum(momentum, nu, out):
     """out = C(nu) nu (6,), the wrench that turns a momentum (6,), M nu."""
     v, omega, a_1, a_2 = nu[:3], nu[3:], momentum[:3], momentum[3:]
-    out[:3] = np.cross(omega, a_1)
-    out[3:] = np.cross(v, a_1) + np.cross(omega, a_2)  # the first term is the Munk moment
+    out[:3] = cross(omega, a_1)
+    out[3:] = cross(v, a_1) + cross(omega, a_2)  # the first term is the Munk moment
 
 
 @kernel
@@ -96,4 +97,4 @@ def restoring(mass, displaced_mass, r_g, r_b, gravity_W, R_WB, out):
     [m/s^2]."""
     g_k = -(gravity_W @ R_WB)
     out[:3] = (mass - displaced_mass) * g_k
-    out[3:] = np.cross(mass * r_g - displaced_mass * r_b, g_k)
+    out[3:] = cross(mass * r_g - displaced_mass * r_b, g_k)

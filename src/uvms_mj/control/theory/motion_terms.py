@@ -9,7 +9,7 @@ import numpy as np
 
 from ...physics.contacts import pair_force
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring, water_at_rest
-from ...physics.frames import multiply, quat_error, rotation, to_body, to_world
+from ...physics.frames import cross, multiply, quat_error, rotation, to_body, to_world
 from ...physics.kernels import kernel
 from .approach import LAST_STEP
 from .motion_record import BODY, EFFECTS, PAIRS, SURFACES
@@ -202,7 +202,7 @@ def balanced(motion, world, x, out):
     seen, quat_e, drift = motion.seen, np.zeros(4), np.zeros(6)
     quat_error(motion.quat_d, seen.quat, quat_e)
     drift[:3] = seen.nu[:3]
-    drift[3:] = 0.5 * (quat_e[0] * seen.nu[3:] + np.cross(quat_e[1:], seen.nu[3:]))
+    drift[3:] = 0.5 * (quat_e[0] * seen.nu[3:] + cross(quat_e[1:], seen.nu[3:]))
     left = (1.0 - motion.factor_inverse) * motion.F_1 * drift
     if motion.integrates == 0:
         left += motion.factor_inverse * unmodelled(motion, world, x)

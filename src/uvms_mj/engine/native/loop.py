@@ -52,6 +52,8 @@ class Diverged(RuntimeError):
 
 def stop_reason(run: np.void) -> str:
     """The first variable of the record of a run to leave its bound, as text; empty if there is none."""
+    if not run["stop"]:  # asked after each step
+        return ""
     i, value = int(run["stop_index"]), float(run["stop_value"])
     if run["stop"] == STOP_STATE and i < 3:
         return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"

@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as _Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
@@ -129,6 +130,16 @@ class Figure(_Figure):
         bands = [area for area in self.findobj(PolyCollection) if by_latex and kind == "pdf"]
         with styled(self._set_in), mpl.rc_context(rc), latex, _rasterized(bands), _without_words_of_fonts():
             super().savefig(fname, format=kind, **(_METADATA.get(kind, {}) | options))
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure. A figure that is written is drawn twice by matplotlib: first for its layout alone, without
+        output, and then without its layout engine. The first time, only the layout is made here."""
+        engine = self.get_layout_engine()
+        if self.canvas.is_saving() and isinstance(engine, ConstrainedLayoutEngine):
+            with contextlib.suppress(ValueError):  # as matplotlib does
+                engine.execute(self)
+        else:
+            super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         file, kept = io.BytesIO(), self._set_in
