@@ -520,7 +520,7 @@ def test_the_command_prints_and_refuses(ran, wrong, tmp_path):
     (tmp_path / "short").write_bytes(b"1234")
     for arguments, said in (
         (("gst",), "can't run on any task"),
-        ((str(tmp_path / "short"),), "short: can't run on any task: controller.name: no law"),
+        ((str(tmp_path / "short"),), "short: can't run on any task: no law"),
         (("gsta", "--tasks", "slid"), "no task 'slid'"),
         (("gsta", "trials=-1"), "trials: -1 must be a number of trials"),
         (("gsta", "trials=0.5"), "trials: 0.5 must be a number of trials"),
