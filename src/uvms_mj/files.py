@@ -14,7 +14,7 @@ import threading
 import tomllib
 import types
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -194,11 +194,22 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes that write there. The lock belongs to the process and leaves no file.
-    Raises InputError if another one writes there."""
+    """Create a folder, if it is not there, check that it is writable before anything is computed, and lock it against
+    other processes that write there. The lock belongs to the process and leaves no file; of the new folders, those that
+    are empty at the end are removed, so that a command that is refused leaves nothing.
+
+    Raises InputError if the folder can't be created or written to, or if another process writes there."""
     import fcntl
 
-    place = os.open(folder, os.O_RDONLY)
+    made = missing(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        place = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        remove_if_empty(made)
+        raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
     try:
         try:
             fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -206,9 +217,24 @@ def locked(folder: Path) -> Iterator[None]:
             raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
         except OSError:  # the file system has no locks
             pass
-        yield
+        try:
+            yield
+        finally:  # within the lock: the folder of another run, which has not written yet, is empty too
+            remove_if_empty(made)
     finally:
         os.close(place)
+
+
+def missing(folder: Path) -> list[Path]:
+    """The folder and its parents that do not exist yet, inner first."""
+    return [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
+
+
+def remove_if_empty(folders: Sequence[Path]) -> None:
+    """Remove folders, inner first, up to the first one that has something in it."""
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 _parsing = threading.Lock()

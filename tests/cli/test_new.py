@@ -182,10 +182,21 @@ def test_a_file_is_not_overwritten_without_force(here, tmp_path):
     assert "class Mine" in (tmp_path / "mine.py").read_text()
 
 
-def test_a_folder_that_is_not_there_is_one_message(here):
-    done = here("new", "law", "mine", "--out", "nowhere")
+def test_a_folder_that_is_not_there_is_made(here, tmp_path):
+    for file, *kind in (("mine.py", "law"), ("in_c.c", "law", "--language", "c"), ("cube.xml", "example")):
+        name = Path(file).stem
+        done = here("new", *kind, name, "--out", f"new/{name}")
+        assert done.exit_code == 0, done.stderr
+        assert (tmp_path / "new" / name / file).is_file()
+
+
+def test_a_folder_that_cannot_be_made_is_one_message_and_leaves_nothing(here, tmp_path):
+    (tmp_path / "file").touch()
+    done = here("new", "law", "mine", "--out", "file/nowhere")
+    assert (done.exit_code, done.stderr) == (2, "error: --out file/nowhere: can't write there: Not a directory\n")
+    done = here("new", "law", "in_c", "--language", "c", "--from", "nothing", "--out", "new/folder")
     assert done.exit_code == 2
-    assert done.stderr == "error: nowhere/mine.py: can't write it: No such file or directory\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_the_arm_of_the_vehicle_is_one_when_its_marks_are_removed(here, tmp_path):

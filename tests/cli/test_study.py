@@ -8,7 +8,8 @@ import pytest
 
 from short_study import study_text
 from strict_json import no_constants
-from uvms_mj import Study
+from uvms_mj import InputError, Study
+from uvms_mj.files import locked
 from uvms_mj.studies.rows import CHECK
 
 
@@ -105,6 +106,43 @@ def test_bad_arguments_are_one_message(here, study_file, arguments, said):
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert [path.name for path in Path().iterdir()] == ["s.toml"]
+
+
+def test_a_study_that_is_refused_for_want_of_a_gpu_leaves_nothing(here, study_file, monkeypatch):
+    def no_gpu():
+        raise InputError("no GPU here")
+
+    monkeypatch.setattr("uvms_mj.studies.fleets.DEVICES", {"gpu": no_gpu})
+    done = here("study", "s.toml", "--engine", "gpu", "--out", "new/folder", "-q")
+    assert (done.exit_code, done.stderr) == (2, "error: no GPU here\n")
+    assert [path.name for path in Path().iterdir()] == ["s.toml"]
+
+
+@pytest.mark.parametrize("there", [(), ("new",), ("new", "new/folder")])
+def test_a_folder_that_was_not_there_is_there_only_with_results(tmp_path, there):
+    """Whatever ends the command: a folder that was there before stays, and so does one with a result in it."""
+    folder = tmp_path / "new" / "folder"
+    for name in there:
+        (tmp_path / name).mkdir()
+    before = sorted(tmp_path.rglob("*"))
+
+    def filled(end, *results):
+        with locked(folder):
+            assert folder.is_dir()
+            for name in results:
+                (folder / name).touch()
+            raise end("refused")
+
+    for end in (InputError, KeyboardInterrupt):
+        with pytest.raises(end):
+            filled(end)
+        assert sorted(tmp_path.rglob("*")) == before
+    with pytest.raises(InputError):
+        filled(InputError, "result")
+    assert (folder / "result").is_file()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="can't write there"), locked(tmp_path / "file" / "new"):
+        raise AssertionError
 
 
 def test_shipped_studies_are_listed(here):

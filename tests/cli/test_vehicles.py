@@ -63,6 +63,7 @@ def test_damping_that_feeds_energy_in_is_a_warning(here, tmp_path):
     [
         ("bluerov3", "neither a file nor a shipped model; did you mean"),
         ("broken.xml", "broken.xml: is not well-formed"),
+        ("broken", "did you mean 'broken.xml'?"),
     ],
 )
 def test_a_vehicle_that_cannot_be_read_is_one_message(here, tmp_path, name, reason):

@@ -296,6 +296,32 @@ def test_a_users_stage_of_a_short_run_is_made_beside_the_set_up(tmp_path, monkey
     np.testing.assert_array_equal(rows[0], rows[2])
 
 
+def test_a_users_stage_that_llvm_cannot_make_runs_as_plain_python(tmp_path, monkeypatch):
+    """Also in a short run, which learns it when the run needs the code. The numbers are the same."""
+    monkeypatch.setenv("UVMS_MJ_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(objects, "cache_folder", objects.cache_folder.__wrapped__)
+    scenario = Scenario.load("push_wall", SHORT | {"simulation.duration": 0.01}, f"{LAWS}:Backstepping")
+    usual, made = simulate(scenario), compilation._object
+
+    def fails(text, level):
+        if compilation._STAGE in text:
+            raise RuntimeError("no registers are left")
+        return made(text, level)
+
+    monkeypatch.setattr(compilation, "_object", fails)
+    for short in (False, True):
+        monkeypatch.setattr(compilation, "_stages", {})
+        for file in tmp_path.iterdir():
+            file.unlink()
+        before = compilation.short_run.set(short)
+        try:
+            with pytest.warns(UserWarning, match="runs as plain Python.*no registers are left"):
+                trace = simulate(scenario)
+        finally:
+            compilation.short_run.reset(before)
+        np.testing.assert_array_equal(trace.rows(), usual.rows())
+
+
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
 def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, mode):
     """They could put code into it, which this process would run."""

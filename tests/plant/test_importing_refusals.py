@@ -198,6 +198,13 @@ BROKEN = {
         "<robot>",
         "no libuuv_underwater_object plugin",
     ),
+    "urdf of cad": (
+        ".urdf",
+        '<robot name="frame"><link name="base"><inertial><mass value="13"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link></robot>',
+        "<robot>",
+        "without coefficients of the water, as from CAD, it is no vehicle: give its numbers and theirs in a table",
+    ),
     "35 numbers": (".urdf", re.sub(r"<added_mass>\S+", "<added_mass>", URDF), "<added_mass>", "has 35 numbers; 36"),
     "unknown type": (".urdf", URDF.replace("fossen", "spheroid"), "<type>", "'spheroid' is not read"),
     "no buoyancy": (

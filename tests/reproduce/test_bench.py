@@ -520,6 +520,7 @@ def test_the_command_prints_and_refuses(ran, wrong, tmp_path):
     (tmp_path / "short").write_bytes(b"1234")
     for arguments, said in (
         (("gst",), "can't run on any task"),
+        ((str(tmp_path / "short"),), "short: can't run on any task: no law"),
         (("gsta", "--tasks", "slid"), "no task 'slid'"),
         (("gsta", "trials=-1"), "trials: -1 must be a number of trials"),
         (("gsta", "trials=0.5"), "trials: 0.5 must be a number of trials"),
@@ -534,6 +535,7 @@ def test_the_command_prints_and_refuses(ran, wrong, tmp_path):
         done = invoked(*arguments, *(() if arguments[0] == "compare" else ("-o", tmp_path / "no")))
         assert done.exit_code == 2, done.output
         assert said in done.output
+        assert not (tmp_path / "no").exists()
 
 
 def test_blind_draws_differ_by_their_secret_and_the_result_has_its_digest_alone(tmp_path):

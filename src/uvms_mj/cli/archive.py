@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import bad_input, printable, refuse_existing, warn, warn_of_versions
-from .folders import folder_for
 from .options import command, force_option, json_option, path_argument, path_option
 
 if TYPE_CHECKING:
@@ -69,6 +68,7 @@ def unpacked(source: str, kind: str, out: str | None) -> "tuple[Path, Path, Mani
     output folder, the folder of the members, and the manifest. Warns of other versions. Raises InputError if it is
     none, or of another kind."""
     from ..errors import InputError
+    from ..files import locked
     from ..reproduce.archive.container import extract, read
     from ..reproduce.archive.contents import refuse_unfit
     from ..reproduce.archive.repeated import UNPACKED
@@ -80,9 +80,9 @@ def unpacked(source: str, kind: str, out: str | None) -> "tuple[Path, Path, Mani
         raise InputError(f"{path}: is the archive of a {found.kind}: {found.command}")
     refuse_unfit(path, found)
     folder = Path(out or Path("runs", path.stem))
-    folder_for(str(folder))
     place = folder / UNPACKED
-    manifest = extract(path, place)
+    with locked(folder):
+        manifest = extract(path, place)
     if kind != "run":  # its log has the same versions, of which the run warns
         warn_of_versions(manifest.versions, code())
     return folder, place, manifest

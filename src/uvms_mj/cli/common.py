@@ -187,7 +187,7 @@ class Resumed:
         if self._counts is None:
             return ""
         done, total = self._counts
-        return f"; {done} of {total} {self._noun} are done and kept: the same command goes on"
+        return f"; {round(done, 1):g} of {total} {self._noun} are done and kept: the same command goes on"
 
     @contextlib.contextmanager
     def bar(self, what: str, hidden: bool, text: str = "{share:.0%}", **fields: Any) -> Iterator[Callable[..., None]]:

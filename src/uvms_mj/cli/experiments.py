@@ -20,7 +20,7 @@ from .common import (
     print_verdicts,
     progress_bar,
 )
-from .folders import folder_for, move_aside
+from .folders import move_aside
 from .options import asked_for, command, json_option, path_option, scenario_argument, set_option, workers_option
 
 if TYPE_CHECKING:
@@ -83,13 +83,12 @@ def paper(
         logs = place / "logs"
         if source is not None:
             runs = study.load(logs, jobs)
-        folder = folder_for(out or source or "")
+        folder = Path(out or source or "")
         with locked(folder):
             if running:
                 figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
                 move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")
-                logs.mkdir()
-                with progress_bar("running", as_json, stop) as bar:
+                with locked(logs), progress_bar("running", as_json, stop) as bar:
                     study.run(jobs, logs, bar)
                 running = False
                 runs = study.load(logs, jobs)

@@ -1,11 +1,8 @@
-"""Output folders: created before anything is computed, locked, and without a mixture of two runs."""
+"""Output folders, without a mixture of two runs."""
 
-import contextlib
 import datetime
 import itertools
-import os
 import re
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,21 +18,6 @@ if TYPE_CHECKING:
 
 LOG, SCENARIO = "run.mcap", "scenario.toml"
 """Names of a run's files in its folder."""
-
-
-def folder_for(name: str) -> Path:
-    """Create a folder if needed and check that it is writable, before anything is computed. Raises InputError if the
-    folder cannot be created or written to."""
-    from ..errors import InputError
-
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"--out {name}: can't write there: {error.strerror}") from None
-    return folder
 
 
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
@@ -81,33 +63,23 @@ class RunFolder:
 
 
 def output_folder(out: str | None, scenario: "Scenario | World") -> tuple[Path, list[Path]]:
-    """Create the folder of a run before anything is computed. Returns it and all new folders, inner first."""
+    """The folder of a run, and the new folders, inner first: a folder without a name of the user's is created at once,
+    so that no other run takes its name."""
+    from ..files import missing
+
     if out is not None:
-        folder = Path(out)
-        made = _missing(folder)
-        return folder_for(out), made
+        return Path(out), []
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{label_of(scenario)}")[:100]
     stem = folder = Path("runs") / f"{now}-{words}"
     for n in itertools.count(2):
-        made = _missing(folder)
+        made = missing(folder)
         try:
             folder.mkdir(parents=True)
         except FileExistsError:  # another run started in the same second
             folder = stem.with_name(f"{stem.name}-{n}")
             continue
-        except OSError:
+        except OSError:  # as the lock of the folder says
             pass
         break
-    return folder_for(str(folder)), made
-
-
-def _missing(folder: Path) -> list[Path]:
-    """The folder and its parents that do not exist yet, inner first."""
-    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
-
-
-def remove_if_empty(folders: list[Path]) -> None:
-    with contextlib.suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
+    return folder, made

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import Listing, Resumed, bad_input, draw_to_files, printable, warn
-from .folders import folder_for
 from .options import command, output_options, path_option
 
 if TYPE_CHECKING:
@@ -65,7 +64,6 @@ def identify(file: str, out: str | None, workers: int, as_json: bool, quiet: boo
     with resumed.filling(folder):
         with bad_input():
             identification.refuse_another(folder)
-            folder_for(str(folder))
             with resumed.bar("fitting", as_json or quiet, "iteration {done:.0f}, rms {rms}", rms="-") as update:
 
                 def progress(done: int, rms: float) -> None:

@@ -3,6 +3,7 @@ signals and metrics; ``vehicles``: the vehicles that ship, or the numbers of a v
 and its first sea trial.
 """
 
+import contextlib
 import dataclasses
 import difflib
 import itertools
@@ -365,6 +366,7 @@ def _check(names: tuple[str, ...], check: bool, out: str | None, force: bool, as
     """The first sea trial of vehicles, as tables, as JSON, or of one as a page."""
     with bad_input():
         from ..errors import InputError
+        from ..files import locked
         from ..plant.mjcf import Mjcf
         from ..plant.sea_trial import as_numbers, trial
         from .vehicle_check import check as shown
@@ -384,10 +386,9 @@ def _check(names: tuple[str, ...], check: bool, out: str | None, force: bool, as
             numbers = {name: as_numbers(trial(vehicle)) for name, vehicle in found.items()}
             click.echo(json.dumps(numbers, allow_nan=False))
             return
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-        for name, vehicle in found.items():
-            shown(name, vehicle, folder)
+        with contextlib.nullcontext() if folder is None else locked(folder):
+            for name, vehicle in found.items():
+                shown(name, vehicle, folder)
 
 
 def _print_list(about: dict[str, dict[str, Any]]) -> None:

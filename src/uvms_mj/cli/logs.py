@@ -11,7 +11,7 @@ import click
 
 from .archive import about
 from .common import Console, Listing, bad_input, end, exit_interrupted, log_tables, printable, refuse_existing, warn
-from .folders import SCENARIO, log_of, remove_if_empty
+from .folders import SCENARIO, log_of
 from .options import (
     asked_for,
     command,
@@ -244,17 +244,14 @@ def export_plugin(vehicle: str, out: str | None) -> None:
     with bad_input():
         from ..engine.water_plugin import write_plugin
         from ..errors import InputError
+        from ..files import locked
 
         folder = Path(out or "plugin")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"--out {folder}: is not an empty folder; choose another")
-        made = [] if folder.exists() else [folder]
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
+        with locked(folder):
             for path in write_plugin(vehicle, folder):
                 click.echo(str(path))
-        finally:
-            remove_if_empty(made)
 
 
 @command("law")
@@ -324,6 +321,7 @@ def export_law(
             if "controller.name" in overrides:
                 raise InputError([Fault("controller.name", f"the law is the first word, {law}; leave the key out")])
             from ..engine.law_library.library import name_of, write_library
+            from ..files import locked
             from ..scenario import Scenario
 
             scenario = Scenario.load(scenario_name or "push_wall", overrides, law)
@@ -333,12 +331,8 @@ def export_law(
                 raise InputError(f"--out {folder}: is a file; name a folder")
             if folder.exists() and any(folder.iterdir()) and not force:
                 raise InputError(f"--out {folder}: is not an empty folder; choose another, or add --force")
-            made = [] if folder.exists() else [folder]
-            folder.mkdir(parents=True, exist_ok=True)
-            try:
+            with locked(folder):
                 library = write_library(scenario, folder, chosen, name, reference == "guidance", not no_test, work)
-            finally:
-                remove_if_empty(made)
             gc.freeze()  # no collection looks now at all that was made meanwhile
             gc.unfreeze()
         for note in library.notes:

@@ -2,6 +2,7 @@
 
 import keyword
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -108,7 +109,6 @@ def write_new(
     """Write the files of the command, whose arguments these are. Returns a line for each: its path and its use. Raises
     InputError."""
     from ..errors import InputError
-    from ..files import atomic_write
 
     if kind == EXAMPLE and not (origin or thrusters):
         return _examples(name, out, force)
@@ -145,12 +145,20 @@ def write_new(
         )
     elif origin or thrusters:
         copies = _vehicle(name, origin, thrusters, text)
-    for each in copies:
-        refuse_existing("NAME", path.with_name(each), force)
-    for each, data in copies.items():
-        with atomic_write(path.with_name(each)) as part:
-            part.write_bytes(data)
+    _write(path.parent, copies, force)
     return [f"{path}: {use.format(file=path, cls=cls)}", *said]
+
+
+def _write(folder: Path, files: Mapping[str, bytes], force: bool) -> None:
+    """Write files to a folder, which is made if it is not there. Raises InputError if one of them is there."""
+    from ..files import atomic_write, locked
+
+    for name in files:
+        refuse_existing("NAME", folder / name, force)
+    with locked(folder):
+        for name, data in files.items():
+            with atomic_write(folder / name) as part:
+                part.write_bytes(data)
 
 
 def _is_imported(origin: str) -> bool:
@@ -190,24 +198,21 @@ def _in_c(kind: str, name: str, out: str | None, vehicle: str | None, force: boo
     import tempfile
 
     from ..errors import InputError
-    from ..files import atomic_write
     from ..stages.foreign import is_c_name
 
     if not is_c_name(name):
         raise InputError(f"NAME {name!r}: must be the name of a C function, as my_{kind}")
     folder = Path(out or ".")
-    folder.mkdir(exist_ok=True)
     paths = {suffix: folder / f"{name}{suffix}" for suffix in (".c", ".toml")}
     for path in paths.values():
         refuse_existing("NAME", path, force)
+    templates = Path(__file__).parent / "templates"
+    texts = {suffix: (templates / f"{kind}{suffix}.txt").read_text(encoding="utf-8") for suffix in paths}
+    files = {path.name: texts[suffix].replace("template_name", name).encode() for suffix, path in paths.items()}
     with tempfile.TemporaryDirectory() as new:
-        for suffix in (".toml", ".c"):
-            source = Path(__file__).parent / "templates" / f"{kind}{suffix}.txt"
-            Path(new, f"{name}{suffix}").write_text(source.read_text(encoding="utf-8").replace("template_name", name))
+        Path(new, f"{name}.toml").write_bytes(files[f"{name}.toml"])
         header = _header(Path(new, f"{name}.toml"), str(folder), vehicle, force)
-        for suffix, path in paths.items():
-            with atomic_write(path) as part:
-                part.write_bytes(Path(new, f"{name}{suffix}").read_bytes())
+    _write(folder, files, force)
     use = IN_C[kind].format(file=paths[".c"])
     return [f"{paths['.c']}: {use}", f"{paths['.toml']}: its settings and states", header]
 
@@ -216,7 +221,7 @@ def _header(description: Path, out: str | None, vehicle: str | None, force: bool
     """Write the header of a description, for the thrusters and joints of a vehicle. Returns its line. Raises InputError
     if another stage's is there."""
     from ..errors import InputError
-    from ..files import atomic_write
+    from ..files import atomic_write, locked
     from ..plant.mjcf import Mjcf
     from ..scenario import CHOICES
     from ..stages.foreign import HEADER, Description, Records, header
@@ -233,7 +238,7 @@ def _header(description: Path, out: str | None, vehicle: str | None, force: bool
     if not force and path.exists() and not path.read_text(encoding="utf-8").startswith(banner):
         wrong = "is the header of another stage; give each stage in C a folder of its own, --out FOLDER, or --force"
         raise InputError(f"{path}: {wrong}")
-    with atomic_write(path) as part:
+    with locked(path.parent), atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
     number = "".join(f", {name} = {value}" for name, value in records.counted.items())
     return f"{path}: the records of the {kind.room.noun} {description.stem}{number}"
@@ -280,20 +285,14 @@ def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dic
 def _examples(name: str, out: str | None, force: bool) -> list[str]:
     """Write an example, or all of them, and return the paths. Raises InputError if there is none of this name."""
     from ..errors import InputError, suggestion
-    from ..files import atomic_write, shipped
+    from ..files import shipped
 
     known = shipped("examples")
     if name not in (*known, "all"):
         raise InputError(f"NAME {name!r}: is not an example; {suggestion(name, [*known, 'all'])}")
     folder = Path(out or ("examples" if name == "all" else "."))
     chosen = known.values() if name == "all" else [known[name]]
-    for source in chosen:
-        refuse_existing("NAME", folder / source.name, force)
-    if name == "all":
-        folder.mkdir(exist_ok=True)
-    for source in chosen:
-        with atomic_write(folder / source.name) as part:
-            part.write_bytes(source.read_bytes())
+    _write(folder, {source.name: source.read_bytes() for source in chosen}, force)
     return [str(folder / source.name) for source in chosen]
 
 

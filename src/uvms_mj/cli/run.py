@@ -25,7 +25,7 @@ from .common import (
     scenarios_of,
     warn,
 )
-from .folders import RunFolder, log_of, output_folder, remove_if_empty
+from .folders import RunFolder, log_of, output_folder
 from .live import Live, live_options
 from .options import command, output_options, path_option, run_options
 
@@ -92,7 +92,7 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            from ..files import locked
+            from ..files import locked, remove_if_empty
 
             shown = Live(live, viewer, speed, port, host)
             again = asked["log"] is not None and asked["log"].lower().endswith(".zip")

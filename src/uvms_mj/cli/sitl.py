@@ -10,7 +10,7 @@ import click
 
 from .chosen import Chosen
 from .common import Console, Stop, bad_input
-from .folders import output_folder, remove_if_empty
+from .folders import output_folder
 from .live import Live, live_options
 from .options import asked_for, command, path_option, scenario_argument, set_option
 from .run import run_and_report
@@ -65,7 +65,7 @@ def sitl(
     """
     from ..engine.ardupilot import PORT, ArduPilot, given_motors, motors_of, steps_of
     from ..errors import InputError
-    from ..files import locked
+    from ..files import locked, remove_if_empty
     from ..scenario import Scenario
     from ..setup.base import set_up
     from ..studies.rows import chosen_engine

@@ -21,7 +21,6 @@ from .common import (
     printable,
     refuse_existing,
 )
-from .folders import folder_for
 from .options import (
     OneOrNone,
     asked_for,
@@ -107,7 +106,6 @@ def run_study(
             if as_json:
                 click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
             return
-        folder_for(str(folder))
         text = "{done:.0f} of {total} runs, {failed} failed"
         with resumed.bar("starting", as_json or quiet, text, failed=0) as update:
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_ENGINES_DIFFER, Listing, Resumed, bad_input, draw_to_files, printable
-from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, set_by_option, workers_option
 from .study import duration, engines_differ, finite, pool_of
 
@@ -72,7 +71,6 @@ def tune(dry_run: bool, workers: int | None, scheduler: str | None, as_json: boo
                 _head(tuning, executor.size, folder, dry_run, as_json)
             if dry_run:
                 return
-            folder_for(str(folder))
             text = "{done:.0f} of {total} trials, best {best}"
             with resumed.bar("tuning", as_json or quiet, text, best="-") as update:
 

@@ -332,7 +332,8 @@ class Mjcf:
         if not is_file(path):
             known = shipped_file("models", str(model))
             if known is None:
-                hint = suggestion(model, shipped("models"))
+                whole = f"{model}.xml"
+                hint = f"did you mean {whole!r}?" if is_file(whole) else suggestion(model, shipped("models"))
                 fault = (
                     "is not a regular file"
                     if os.path.exists(path)

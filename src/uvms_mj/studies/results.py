@@ -81,14 +81,17 @@ class StudyFolder:
     """
 
     def __init__(self, folder: Path, plan: "Plan", bundle: "StudyBundle") -> None:
-        """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
+        """Raises InputError if the folder has another study."""
         self.folder, self._schema, self._digest = folder, schema_of(plan), bundle.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        begun = (folder / STUDY, plan.tables, about_of(plan, bundle))
-        refuse_another(*begun)
-        begin(*begun)
-        for place in (folder / "rows", folder / "logs"):
+        self._begun = (folder / STUDY, plan.tables, about_of(plan, bundle))
+        refuse_another(*self._begun)
+
+    def begin(self) -> None:
+        """Begin the study in the folder, or go on with it."""
+        begin(*self._begun)
+        for place in (self.folder / "rows", self.folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
                 left.unlink()

@@ -123,7 +123,6 @@ class Study:
             raise InputError("out: give the folder of the results")
         folder = self.folder if out is None else Path(out)
         assert folder is not None
-        folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             bundle = StudyBundle.of(self.plan)
             bundle.plan()  # as a worker will, so that a file that does not travel is missed before the first run

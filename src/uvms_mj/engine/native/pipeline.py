@@ -174,6 +174,17 @@ class CompiledStage:
         return self.users and self.code is not None and self.library is None
 
     @property
+    def address(self) -> int:
+        """The address of its machine code; 0 if it runs as plain Python, as it does where LLVM has failed meanwhile."""
+        if self.code is None:
+            return 0
+        try:
+            return self.code.address
+        except NotCompiled as reason:
+            self.code, self.not_compiled = None, str(reason)
+            return 0
+
+    @property
     def words(self) -> list[int]:
         """The arguments of its machine code."""
         start = self.state.ctypes.data - 8 * self.places["state"]
@@ -572,7 +583,7 @@ class Pipeline:
 
     def link(self) -> None:
         """Set the machine code of the stages of a run that is bound, and wait for what LLVM still makes."""
-        self.rows["code_at"] = [stage.code.address if stage.code is not None else 0 for stage in self.running]
+        self.rows["code_at"] = [stage.address for stage in self.running]
 
     def recorded(self, run: np.ndarray) -> Iterator[tuple[Signal, np.ndarray]]:
         """The recorded signals of the stages besides their states, each with its memory."""

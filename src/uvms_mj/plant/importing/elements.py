@@ -47,6 +47,16 @@ def plugins_of(element: Element) -> list[Element]:
     return list(element.iter("plugin"))
 
 
+def without_water(element: Element) -> str:
+    """What a file without coefficients of the water has in their place, and where the user can give them."""
+    names = sorted({each.get("filename") or each.get("name") or "one without a name" for each in plugins_of(element)})
+    said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
+    return (
+        f"{said}; without coefficients of the water, as from CAD, it is no vehicle: give its numbers and theirs in a "
+        "table, --from NAME.toml, or by hand in the file that uvms-mj new vehicle NAME writes"
+    )
+
+
 def kind_of(plugin: Element) -> str:
     """The words by which a plugin is known, in lower case."""
     return f"{plugin.get('filename', '')} {plugin.get('name', '')}".lower()

@@ -12,7 +12,17 @@ import numpy as np
 
 from ..record import word
 from .bodies import HINGES, SLIDES, Description, Joint, Link, Water
-from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, refuse_twice, say_unread, shape_of
+from .elements import (
+    inertia_of,
+    kind_of,
+    limit_of,
+    mesh_of,
+    plugins_of,
+    refuse_twice,
+    say_unread,
+    shape_of,
+    without_water,
+)
 from .fins import lift_drag
 from .gz_sim import buoyancies, fluid_added_mass, gz_density, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
@@ -201,9 +211,7 @@ class _Model:
         found: dict[str, Water] = {}
         plugins = _waters(self.model)
         if not plugins:
-            names = sorted({each.get("name") or each.get("filename") or "" for each in plugins_of(self.model)})
-            said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
-            raise self.source.fault(place_of(self.model), f"has no Hydrodynamics plugin: {said}")
+            raise self.source.fault(place_of(self.model), f"has no Hydrodynamics plugin: {without_water(self.model)}")
         for plugin in plugins:
             place = place_of(plugin)
             if "underwater_object" in kind_of(plugin):

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..record import word
 from .bodies import Description, Joint, Link, Water
-from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, say_unread, shape_of
+from .elements import inertia_of, kind_of, limit_of, mesh_of, plugins_of, say_unread, shape_of, without_water
 from .gz_sim import gz_density, gz_servos, gz_thruster, gz_water
 from .moving import HERE, Pose
 from .reading import Source, one_of, place_of
@@ -27,10 +27,8 @@ def described(source: Source, root: Element) -> Description:
     models = [each for each in plugins_of(root) if "underwater_object" in kind_of(each)]
     hydro = [] if models else [each for each in plugins_of(root) if "hydrodynamics" in kind_of(each)]
     if not models and not hydro:
-        names = sorted({each.get("filename") or each.get("name") or "one without a name" for each in plugins_of(root)})
-        said = f"its plugins are {', '.join(names)}" if names else "it has no plugin"
         known = "libuuv_underwater_object plugin and no Hydrodynamics of gz-sim"
-        raise source.fault("<robot>", f"has no {known}: {said}")
+        raise source.fault("<robot>", f"has no {known}: {without_water(root)}")
     water: dict[str, Water] = {}
     for plugin in models:
         water |= uuv_water(source, plugin, elements)

@@ -63,7 +63,6 @@ def bench(
     planned = jobs(entries, some, folder, drawn, at_most)
     refuse_other_tasks(beside, {task.name: {"version": task.version, "digest": task.digest} for task in some})
     warn_of_slow_laws(planned)
-    folder.mkdir(parents=True, exist_ok=True)
     with locked(folder), running(progress) as told, executor_of(executor, workers) as pool:
         if tune:
             entries = tuned_laws(entries, some, folder, tune, pool, told)

@@ -283,7 +283,7 @@ def _entry(table: dict[str, Any], folder: Path, place: str, known: Sequence[str]
     source = absolute(source, folder)
     if label is None:
         file, name = parted(source)
-        label = (name or Path(file).stem) if file else source
+        label = (name or Path(file).stem) if file else Path(source).name
     if not isinstance(label, str) or not _LABEL.fullmatch(label) or not label.isprintable() or label in _NO_LABELS:
         wanted = "must be a text of 1 to 60 characters without / and :, which names a folder"
         faults.append(Fault(place, f"label: {shortened(label)} {wanted}"))

@@ -133,7 +133,6 @@ def tuned(
         return Outcome("feasible", "", math.fsum(costs.values()) / len(costs), (), (0.0,), len(costs))
 
     place = folder / entry.label / FOLDER
-    place.mkdir(parents=True, exist_ok=True)
     with locked(place):
         journal = Journal(place, _name(first, plans), "minimize")
         kinds = [Gain(key=gain.key, log=True, high=RANGE, low=1.0 / RANGE) for gain in gains]

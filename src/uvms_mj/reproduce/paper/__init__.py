@@ -36,6 +36,7 @@ def repeat(
     Returns the claims with their verdicts. Raises InputError if a run can't be done, or the folder has logs.
     """
     from ...errors import InputError
+    from ...files import locked
     from ...scenario import Scenario
     from .runs import load, plan, run
 
@@ -43,8 +44,7 @@ def repeat(
     if logs.exists():
         raise InputError(f"{logs}: exists; choose another folder")
     jobs = plan(scenario or Scenario(), gains)
-    logs.mkdir(parents=True)
-    with running(progress) as told:
+    with locked(logs), running(progress) as told:
         run(jobs, logs, told, workers)
     return write(Path(out), load(logs, jobs), lambda done, total: None)
 

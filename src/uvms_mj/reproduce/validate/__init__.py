@@ -21,6 +21,7 @@ def repeat(
     ``progress`` is True for a progress bar, or a function of the runs done and their total; ``workers`` is the number
     of processes, by default one per core. Returns the numbers. Raises InputError if the records are not valid.
     """
+    from ...files import locked
     from ...records.header import versions
     from ...studies.pool.executors import executor_of
     from .data import records
@@ -29,12 +30,12 @@ def repeat(
 
     trials, resting = records(str(data))
     folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
     with (
+        locked(folder),
         running(progress) as told,
         executor_of(None, workers) as executor,
     ):
         results = compute(trials, resting, executor, told)
-    found = numbers(results)
-    publish(folder, page(results, versions()), numbers=found)
+        found = numbers(results)
+        publish(folder, page(results, versions()), numbers=found)
     return found

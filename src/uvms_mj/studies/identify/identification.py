@@ -76,7 +76,6 @@ class Identification:
             InputError: the folder has another identification, or the vehicle can't be written.
         """
         folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
         own = Workers(workers) if executor is None and (workers or 1) > 1 else None
         pool = executor or own
         try:

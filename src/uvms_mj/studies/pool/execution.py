@@ -70,8 +70,12 @@ class Execution:
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
             calls += [] if statuses else [(self.bundle, tuple(block))]
+        fleets = None
         if self.plan.engine == GPU and calls:
-            calls = self._on_gpu([index for _, block in calls for index in block])
+            fleets = Fleets(self.plan, self.bundle, self.executor, self._tick)
+        self.results.begin()  # a study that misses its GPU leaves nothing
+        if fleets is not None:
+            calls = self._on_gpu(fleets, [index for _, block in calls for index in block])
         each_call(self.executor, rows_of, calls, self._take, self._tick, run_by_run)
         if len(wanted) < len(self.results.blocks):
             return
@@ -80,9 +84,8 @@ class Execution:
         self._check(rows)
         self._logs(rows)
 
-    def _on_gpu(self, indices: Sequence[int]) -> list[tuple[Any, ...]]:
+    def _on_gpu(self, fleets: Fleets, indices: Sequence[int]) -> list[tuple[Any, ...]]:
         """Run what a GPU can run, and return the calls for all other runs."""
-        fleets = Fleets(self.plan, self.bundle, self.executor, self._tick)
 
         def moved(share: float) -> None:
             self.what = f"running on the GPU, {share:.0%}"

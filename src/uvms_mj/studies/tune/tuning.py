@@ -101,7 +101,6 @@ class Tuning(Problem):
         if self.plan.engine == "gpu":
             raise InputError([Fault("run.engine", '"gpu" compiles anew for the gains of each trial; use "auto"')])
         folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
         text = "{done} of {total} trials, best {best}"
         with (
             locked(folder),
