@@ -18,7 +18,7 @@ from uvms_mj.compiler.emission import Emission
 from uvms_mj.compiler.refusals import Lacking
 from uvms_mj.compiler.targets import optimize
 from uvms_mj.compiler.unit import Unit
-from uvms_mj.compiler.values import POINTER, WORD, Place, view
+from uvms_mj.compiler.values import POINTER, WORD, Place, Value, argument_kind, view
 from uvms_mj.engine.native.compilation import target_machine
 
 _engines: list[Any] = []
@@ -39,12 +39,15 @@ class InCells:
     ):
         self.kinds = [np.dtype(kind) for kind in kinds]
         self.cells = Cells(self.words(start), varying)
-        while True:
-            self.cells.begin()
-            module = self._module(function)
-            if not self.cells.grown:
-                break
-        self.text = str(module)
+        places = Place(0), Place(self.kinds[0].itemsize)
+        given = [view(place, kind) for place, kind in zip(places, self.kinds, strict=True)]
+        unit: Unit | None = None
+        while unit is None or self.cells.grown:
+            if self.cells.begin() or unit is None:
+                unit = Unit("tested", True, cells=self.cells, unrolled=64)
+            unit.forget()
+            unit.done(function, tuple(map(argument_kind, given)), fused=False)
+        self.text = str(self._called(unit, function, given))
         code = llvm.parse_assembly(self.text)
         machine = target_machine()
         optimize(code, machine, llvm.get_process_triple())
@@ -56,15 +59,13 @@ class InCells:
             engine.get_function_address("tested")
         )
 
-    def _module(self, function: types.FunctionType) -> ir.Module:
-        unit = Unit("tested", True, cells=self.cells, unrolled=64)
+    def _called(self, unit: Unit, function: types.FunctionType, given: list[Value]) -> ir.Module:
         kind = ir.FunctionType(WORD, [POINTER] * self.cells.pointers)
         code = ir.Function(unit.module, kind, "tested")
         at = Emission(unit, function, [""], fused=False)
         at.at = at.entry = ir.IRBuilder(code.append_basic_block())
         at.given = code.args
-        places = Place(0), Place(self.kinds[0].itemsize)
-        unit.call(at, function, [view(place, kind) for place, kind in zip(places, self.kinds, strict=True)])
+        unit.call(at, function, given)
         at.at.ret(WORD(0))
         return unit.module
 
@@ -233,6 +234,11 @@ s.n += 1
 if s.n > 2:
     s.c[0] = s.n
 """,
+    "a number that functions read and store": """
+s.a[0] = first(s)
+advance(s)
+s.a[1] = first(s)
+""",
     "a mask, and copies": """
 x = s.a.copy()
 s.a[s.a > 0.0] = 0.5
@@ -249,6 +255,12 @@ def chosen(s, k):
 
 def both(s):
     return s.a, s.b
+
+def first(s):
+    return s.b[0]
+
+def advance(s):
+    s.b[0] += 1.0
 
 def larger(x, y):
     if x[0] > y[0]:

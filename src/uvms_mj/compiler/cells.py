@@ -5,11 +5,13 @@ its runs begin with: a number that no run changes, and that all runs share, is a
 switches off is no code at all. Any other number is a word of the cells, an array of the function itself whose words
 LLVM moves to registers. An array with an index that is not known when compiling needs memory instead: it is a region.
 
-Which numbers change is known only when everything is translated. So everything is translated again as long as
-:attr:`Cells.grown` says that a store, or a region, was met for the first time.
+Which numbers change is known only when everything is translated. So a function that took such a number for a constant
+is translated again, with its callers, as long as :attr:`Cells.grown` says that a store, or a region, was met for the
+first time. A new region changes the arguments of each function: then all are.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,10 +53,27 @@ class Cells:
         self.written, self.used, self.regions = set[int](), set[int](), list[Region]()
         self.grown = False
         self._arranged: list[Region] = []
+        self._constants = set[int]()
 
-    def begin(self) -> None:
-        """Begin a translation with what is known so far."""
+    def begin(self) -> bool:
+        """Begin a translation with what is known so far. Returns whether the regions are other ones than in the last
+        one."""
+        before = [(each.first, each.end) for each in self._arranged]
         self.grown, self._arranged = False, [replace(each) for each in self.regions]
+        return before != [(each.first, each.end) for each in self._arranged]
+
+    @contextmanager
+    def within(self) -> Iterator[set[int]]:
+        """Translate a function. Gives the words that it, or what it calls, takes for constants."""
+        before, self._constants = self._constants, set()
+        try:
+            yield self._constants
+        finally:
+            self._constants = before
+
+    def take(self, constants: Collection[int]) -> None:
+        """Note the words that a function takes for constants which is called here."""
+        self._constants.update(constants)
 
     @property
     def pointers(self) -> int:
@@ -82,6 +101,7 @@ class Cells:
         self.used.add(word)
         if self.changes(word) or self._region(self.regions, word) is not None:
             return None
+        self._constants.add(word)
         number = self.template[place.offset : place.offset + base.itemsize].view(base)[0]
         if base == BOOL:
             return scalar(FLAG(bool(number)), BOOL)

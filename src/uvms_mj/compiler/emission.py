@@ -100,6 +100,7 @@ class Emission:
         self.ours = function.__module__.partition(".")[0] == _PACKAGE  # what wraps there may
         self.line = 1
         self.given: Sequence[ir.Value] = ()  # where the cells are
+        self.reserved = 0  # bytes of its own memory
 
     def mistake(self, reason: str) -> NoReturn:
         raise Mistake(self.function, self.line, self._words(), reason)
@@ -120,6 +121,7 @@ class Emission:
     def reserve(self, size: int) -> ir.Value:
         """Bytes of the function's own memory."""
         self.unit.frame += size
+        self.reserved += size
         if self.unit.frame > FRAME:
             self.lack(f"the local arrays would need more than {FRAME >> 10} kB; keep them in a state or a memory")
         memory = self.entry.alloca(ir.ArrayType(WORD, -(-size // 8)))

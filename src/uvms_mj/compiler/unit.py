@@ -3,7 +3,8 @@
 import ast
 import functools
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,7 +53,16 @@ class Unit(Module):
         key = (function, kinds, fused)
         if key not in self._done:
             self._done[key] = self._translated(function, kinds, fused)
-        return self._done[key]
+        done = self._done[key]
+        if self.cells:
+            self.cells.take(done.constants)
+        return done
+
+    def forget(self) -> None:
+        """Forget the functions that took for a constant what turned out to change, and their callers."""
+        changes = self.cells.changes
+        self._done = {key: done for key, done in self._done.items() if not any(map(changes, done.constants))}
+        self.frame = sum(done.frame for done in self._done.values())
 
     def call(
         self, at: Emission, function: types.FunctionType, arguments: Sequence[Value], fused: bool = False
@@ -89,23 +99,24 @@ class Unit(Module):
         plan, frame = Plan(), self.frame
         self._underway.append(function)
         try:
-            while True:
-                code = ir.Function(self.module, signature, self.module.get_unique_name(f"{function.__name__}."))
-                code.linkage = "internal"
-                self.frame = frame
-                body = Function(self, function, tree, source, fused, plan)
-                try:
-                    body.translate(code, kinds)
-                    done = _Done.of(body, code)
-                    done.inlined = self.cells is not None
-                    return done
-                except Untranslatable as error:
-                    error.outermost = body.place_of_line()
-                    raise
-                except Again:  # take the draft back, with its calls
-                    del self.module.globals[code.name]
-                    for done in self._done.values():
-                        done.called_by([each for each in done.callers if each is not code])
+            with self.cells.within() if self.cells else nullcontext(()) as constants:
+                while True:
+                    code = ir.Function(self.module, signature, self.module.get_unique_name(f"{function.__name__}."))
+                    code.linkage = "internal"
+                    self.frame = frame
+                    body = Function(self, function, tree, source, fused, plan)
+                    try:
+                        body.translate(code, kinds)
+                        done = _Done.of(body, code)
+                        done.inlined, done.constants, done.frame = self.cells is not None, constants, body.reserved
+                        return done
+                    except Untranslatable as error:
+                        error.outermost = body.place_of_line()
+                        raise
+                    except Again:  # take the draft back, with its calls
+                        del self.module.globals[code.name]
+                        for done in self._done.values():
+                            done.called_by([each for each in done.callers if each is not code])
         finally:
             self._underway.pop()
 
@@ -120,6 +131,8 @@ class _Done:
     leaves: list["_Leaf"] = field(default_factory=list)
     callers: list[ir.Function] = field(default_factory=list)
     inlined: bool = False
+    constants: Collection[int] = ()  # words of the cells that it takes for constants
+    frame: int = 0  # bytes of its own local arrays
 
     def called_by(self, callers: list[ir.Function]) -> None:
         """Set the functions with its calls. If it is called once, it becomes a part of its caller before LLVM looks at

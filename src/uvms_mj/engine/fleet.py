@@ -23,8 +23,8 @@ from ..setup.checks import checked
 from ..stages.namespace import source_files, without_names
 from .engines import FreeEngine
 from .native.devices import Gpu, Processor
-from .native.fleet_code import AHEAD, END, STEPS, FleetCode, FleetSource, without_addresses
-from .native.objects import fingerprint, object_name, recall, remember
+from .native.fleet_code import LOOK, STEPS, FleetCode, FleetSource, without_addresses
+from .native.objects import fingerprint, object_name, recall, remember, uncollected
 from .native.run_memory import tables_of
 from .simulation import Simulation, valid_scenario
 
@@ -137,7 +137,8 @@ def code_for(starts: Starts, device: Any, varying: Sequence[int], signals: Seque
     if (kept := recall(name)) is not None:
         return FleetCode(kept[0], **kept[1])
     try:
-        code = source.emitted(device.target)
+        with uncollected():
+            code = source.emitted(device.target)
     except Untranslatable as lacking:
         where = f"{lacking.words}: " if lacking.words else ""
         raise NotInFleet(f"its code can't be compiled for many runs at once: {where}{lacking.reason}") from lacking
@@ -375,13 +376,13 @@ class Fleet:
     def finish(self) -> None:
         """Evaluate the instant in hand without a step, so that the running signals have it."""
         self._compiled()
-        self._call(END, 0)
+        self._call(LOOK, 1)
         self._ready = True
 
     def _prepare(self) -> None:
         self._compiled()
         if not self._ready:
-            self._call(AHEAD, 0)
+            self._call(LOOK, 0)
             self._ready = True
 
     @property

@@ -21,11 +21,10 @@ import numpy as np
 from ...compiler.targets import PTX, Target
 from ...errors import InputError, needs_extra
 from .compilation import link
-from .fleet_code import AHEAD, END, STEPS, FleetCode, symbol_of
+from .fleet_code import ENTRIES, FleetCode, symbol_of
 
 BLOCK = 64
 """Threads of a block of a GPU."""
-ENTRIES = (STEPS, AHEAD, END)
 
 
 class Processor:

@@ -6,7 +6,8 @@ steps, and copies back the words that the next step needs. Word k of run i is at
 neighbouring threads read neighbouring words.
 
 An entry of the code is a function of the table, of the rooms behind the record, of a table for the signals, of the
-number of runs, of the stride and of the number of steps. On a GPU it is a kernel. For this processor it is a function
+number of runs, of the stride and of a number: of steps, or whether to evaluate the whole instant. On a GPU it is a
+kernel. For this processor it is a function
 of the first run and of the one behind the last, too: it computes what the GPU computes, and needs none.
 """
 
@@ -23,14 +24,13 @@ from ...compiler.cells import Cells, Region
 from ...compiler.emission import Emission
 from ...compiler.targets import Target, inline_libm
 from ...compiler.unit import Unit
-from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, scalar, view, whole
+from ...compiler.values import BYTE, INT, POINTER, WORD, Kind, Place, Value, argument_kind, scalar, view, whole
 from . import memory
 from .intrinsics import INTRINSICS, records_of
 from .loop import (
     finish_step,
     finished,
-    fleet_ahead,
-    fleet_end,
+    fleet_look,
     fleet_steps,
     observe,
     observe_anew,
@@ -41,8 +41,8 @@ from .pipeline import CompiledStage
 from .record import STOP_NONE, Shape, with_numbers
 from .user_stage import between_copies
 
-STEPS, AHEAD, END = "uvms_mj_fleet_steps", "uvms_mj_fleet_ahead", "uvms_mj_fleet_end"
-"""The entries: take steps; give the signals of the instant in hand; give them with the row of this instant."""
+STEPS, LOOK = "uvms_mj_fleet_steps", "uvms_mj_fleet_look"
+"""The entries: take steps; give the signals of the instant in hand, with the row of this instant or without."""
 _UNROLLED = 64
 _FEW = 128
 """Words of a region that a thread copies one by one. A larger one stays in the table."""
@@ -50,7 +50,8 @@ _FEW = 128
 
 _INSTEAD = {run_stages: run_every_stage, observe: observe_anew, finish_step: finished}
 """The fleet's counterpart of functions that look for changes by Python between two steps."""
-_ENTRIES: Mapping[str, Callable] = {STEPS: fleet_steps, AHEAD: fleet_ahead, END: fleet_end}
+ENTRIES: Mapping[str, int] = {STEPS: 1, LOOK: 0}
+"""How much LLVM optimizes each entry. A look is called seldom, and its code is as long as a step's."""
 
 
 @dataclass
@@ -121,32 +122,31 @@ class FleetSource:
     def functions(self) -> llvm.ModuleRef:
         """The entries as functions of the pointers of the cells and of a number, in one module. Raises Untranslatable
         for a stage that uses what they lack."""
-        while True:  # what grows is bounded by the record
-            self.cells.begin()
-            made = self._translated()
-            if not self.cells.grown:
-                break
-        module, *others = (llvm.parse_assembly(str(each)) for each in made)
+        parts = list[_Part]()
+        while not parts or self.cells.grown:  # what grows is bounded by the record
+            if self.cells.begin() or not parts:
+                parts = self._parts()
+            for part in parts:
+                part.unit.forget()
+            for part in parts:
+                part.unit.done(part.function, part.kinds, fused=False)
+        for part in parts:
+            self._enter(part)
+        modules = dict.fromkeys(part.unit.module for part in parts)
+        module, *others = (llvm.parse_assembly(str(each)) for each in modules)
         for other in others:
             module.link_in(other)
         inline_libm(module)
-        for function in module.functions:
-            if not function.is_declaration and function.name not in _ENTRIES:
-                function.linkage = "internal"
         return module
 
-    def _translated(self) -> list[ir.Module]:
+    def _parts(self) -> list["_Part"]:
+        """The entries and the users' stages that they call. Nothing is translated yet."""
         symbols = [f"uvms_mj_stage_{k}" for k in range(len(self.stages))]
-        calls = {memory.call_code: self._call_stage(symbols)}
-        unit = self._unit("kernels", INTRINSICS | calls)
-        run = Kind(with_numbers(self.run))
-        for name, function in _ENTRIES.items():
-            at = self._entry(unit, function, name, [WORD])
-            n = scalar(at.at.function.args[-1], INT) if name == STEPS else whole(self.control)
-            unit.call(at, function, [Value(run, (Place(0),)), n])
-            at.at.ret(WORD(0))
+        unit = self._unit("kernels", INTRINSICS | {memory.call_code: self._call_stage(symbols)})
+        run, law = Value(Kind(with_numbers(self.run)), (Place(0),)), whole(self.control)
+        entries = [_Part(unit, STEPS, fleet_steps, [run], 1), _Part(unit, LOOK, fleet_look, [run, law], 1)]
         users = [(symbol, stage) for symbol, stage in zip(symbols, self.stages, strict=True) if stage.users]
-        return [unit.module, *(self._users_stage(symbol, stage) for symbol, stage in users)]
+        return [*entries, *(self._users_stage(symbol, stage) for symbol, stage in users)]
 
     def _unit(self, name: str, intrinsics: Mapping[Any, Any], checked: bool = False) -> Unit:
         unit = Unit(
@@ -156,15 +156,17 @@ class FleetSource:
         unit.trees = self._trees
         return unit
 
-    def _entry(self, unit: Unit, function: Any, name: str, further: Sequence[ir.Type]) -> Emission:
-        """Where to write the code of a function of the pointers of the cells."""
-        kind = ir.FunctionType(WORD, [POINTER] * self.cells.pointers + [*further])
-        code = ir.Function(unit.module, kind, name)
+    def _enter(self, part: "_Part") -> None:
+        """Write the function of the pointers of the cells, and of numbers, that calls a part."""
+        kind = ir.FunctionType(WORD, [POINTER] * self.cells.pointers + [WORD] * part.numbers)
+        code = ir.Function(part.unit.module, kind, part.symbol)
         code.attributes.add("alwaysinline")
-        at = Emission(unit, function, [""], fused=False)
+        at = Emission(part.unit, part.function, [""], fused=False)
         at.at = at.entry = ir.IRBuilder(code.append_basic_block())
         at.given = code.args[: self.cells.pointers]
-        return at
+        numbers = [scalar(each, INT) for each in code.args[self.cells.pointers :]]
+        part.unit.call(at, part.function, [*part.known, *numbers])
+        at.at.ret(WORD(0))
 
     def _call_stage(self, symbols: Sequence[str]) -> Any:
         """A call of a stage by its number, 1 for the first one."""
@@ -185,33 +187,32 @@ class FleetSource:
 
         return call
 
-    def _users_stage(self, symbol: str, stage: CompiledStage) -> ir.Module:
+    def _users_stage(self, symbol: str, stage: CompiledStage) -> "_Part":
         function, records = between_copies(type(stage.stage).function(), stage.stage.room, stage.kinds)
         unit = self._unit(symbol, INTRINSICS | records_of(records), checked=True)
-        at = self._entry(unit, function, symbol, [])
         places = [stage.places[name] for name in ("settings", "state", "given", "state_dot", "out")]
-        unit.call(at, function, [whole(8 * place) for place in places])
-        at.at.ret(WORD(0))
-        return unit.module
+        return _Part(unit, symbol, function, [whole(8 * place) for place in places])
 
     # threads
 
     def emitted(self, target: Target) -> FleetCode:
         """The code for a target, a kernel if it is a GPU. Raises Untranslatable as :meth:`functions`."""
-        module, cells = self.functions(), self.cells
+        functions, cells = str(self.functions()), self.cells
         apart = cells.words_of_regions(self.is_apart)
-        carried = sorted(self._carried(str(module)) - apart)
+        carried = sorted(self._carried(functions) - apart)
         used = cells.used | cells.words_of_regions(lambda region: True)
         varying = sorted((cells.varying & used) - {*carried, *apart}) + sorted(set(self.given) - used)
         kept = [*carried, *varying]
-        module.link_in(llvm.parse_assembly(_Threads(self, kept, len(carried), target.assembly).text()))
-        for function in module.functions:
-            if not function.is_declaration and function.name in _ENTRIES:
-                function.linkage = "internal"
+        threads = _Threads(self, kept, len(carried), target.assembly)
+        module, look = (
+            target.optimized(_around(functions, threads.text(name)), level) for name, level in ENTRIES.items()
+        )
+        module.link_in(look)
         constants = len(used - cells.written - cells.varying - cells.words_of_regions(lambda region: region.written))
         rooms = 2 * sorted(apart)
-        code = target.code(module)
-        return FleetCode(code, kept + rooms, len(carried), len(rooms), [*self.signals], constants, len(used))
+        return FleetCode(
+            target.emitted(module), kept + rooms, len(carried), len(rooms), [*self.signals], constants, len(used)
+        )
 
     def is_apart(self, region: Region) -> bool:
         """Whether a region is each run's own, and too large to be copied."""
@@ -225,7 +226,7 @@ class FleetSource:
         known = cells.written | cells.words_of_regions(lambda region: region.written and not self.is_apart(region))
         flows = _flows(self, module, known)
         stops = {self._word(name) for name in ("stop", "stop_index", "stop_value", "step")}
-        needed = {word for name in (AHEAD, END) for word in flows[name].needs({*self.signals} | stops)} | stops
+        needed = flows[LOOK].needs({*self.signals} | stops) | stops
         while True:
             more = (needed | flows[STEPS].needs(needed)) & own
             if more == needed:
@@ -243,16 +244,36 @@ class FleetSource:
         return self._word("stop")
 
 
+@dataclass
+class _Part:
+    """A function that is called from outside of its unit.
+
+    Attributes:
+        known: its first arguments, which are known when compiling.
+        numbers: how many whole numbers it is given behind them.
+    """
+
+    unit: Unit
+    symbol: str
+    function: Any
+    known: Sequence[Value]
+    numbers: int = 0
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        return (*map(argument_kind, self.known), *[Kind(INT)] * self.numbers)
+
+
 class _Threads:
-    """The entries with a thread's way from and to the tables around them, as LLVM's text."""
+    """A thread's way from and to the tables around an entry, as LLVM's text."""
 
     def __init__(self, source: FleetSource, kept: Sequence[int], carried: int, ptx: bool) -> None:
         self.source, self.kept, self.carried, self.ptx = source, kept, carried, ptx
-        self.module = ir.Module("threads")
 
-    def text(self) -> str:
-        for name in _ENTRIES:
-            self._thread(name) if self.ptx else self._all(name)
+    def text(self, name: str) -> str:
+        """The module of an entry."""
+        self.module = ir.Module(name)
+        self._thread(name) if self.ptx else self._all(name)
         text = str(self.module)
         return text.replace("define void @", "define ptx_kernel void @") if self.ptx else text
 
@@ -423,13 +444,9 @@ class _Memory:
 def _flows(source: FleetSource, module: str, own: set[int]) -> dict[str, "_Flow"]:
     """The flow of each entry. Their passes are few: a flow follows the words by itself through what is left."""
     probes = ir.Module("probes")
-    for name in _ENTRIES:
+    for name in ENTRIES:
         _probe(source, probes, name, own)
-    every = llvm.parse_assembly(module)
-    every.link_in(llvm.parse_assembly(str(probes)))
-    for function in every.functions:
-        if not function.is_declaration and not function.name.startswith(_PROBE):
-            function.linkage = "internal"
+    every = _around(module, str(probes))
     here = llvm.Target.from_default_triple().create_target_machine()
     every.data_layout = str(here.target_data)
     every.verify()
@@ -441,7 +458,18 @@ def _flows(source: FleetSource, module: str, own: set[int]) -> dict[str, "_Flow"
     passes.add_instruction_combine_pass()
     passes.add_jump_threading_pass()  # a stage that is due has set what is read where its instant is known
     passes.run(every, llvm.create_pass_builder(here, llvm.create_pipeline_tuning_options()))
-    return {name: _Flow(str(every.get_function(_PROBE + name))) for name in _ENTRIES}
+    return {name: _Flow(str(every.get_function(_PROBE + name))) for name in ENTRIES}
+
+
+def _around(functions: str, callers: str) -> llvm.ModuleRef:
+    """A module of functions that call the entries, whose functions become parts of them."""
+    module = llvm.parse_assembly(callers)
+    outer = {each.name for each in module.functions if not each.is_declaration}
+    module.link_in(llvm.parse_assembly(functions))
+    for function in module.functions:
+        if not function.is_declaration and function.name not in outer:
+            function.linkage = "internal"
+    return module
 
 
 _PROBE = "probe_of_"

@@ -196,10 +196,16 @@ def run_stages(run, end) -> int:
 @kernel
 def run_every_stage(run, end) -> int:
     """As :func:`run_stages`, where no stage waits for Python, so that none has run yet."""
-    for i in range(end):
-        if not run_stage(run, run.stages[i], i):
-            return -1
+    run_stages_between(run, 0, end)
     return -1
+
+
+@kernel
+def run_stages_between(run, first, end):
+    """Run the stages from index ``first`` to the one before ``end`` that are due at t_k. The run may have stopped."""
+    for i in range(first, end):
+        if not run_stage(run, run.stages[i], i):
+            return
 
 
 @kernel
@@ -288,6 +294,13 @@ def begin_step(run) -> bool:
         stop_run(run, STOP_WAITING, waiting, 0.0)
     if run.stop != STOP_NONE:
         return False
+    return apply_thrust(run)
+
+
+@kernel
+def apply_thrust(run) -> bool:
+    """Set the thrust of step k, whose stages have run, and the running signals that it changes. Returns True if the
+    step may continue."""
     limit_thrust(run)
     estimate_wrench(run)
     if run.stop != STOP_NONE:
@@ -410,9 +423,16 @@ def free_steps(run, n, moving) -> int:
 @kernel
 def free_step(run, moving) -> bool:
     """Take one time step, or evaluate the instant in hand if ``moving`` is 0. Returns False if the run has stopped."""
-    plant, body, true, solved = run.plant, run.body, run.true, run.plant.solved
     if not begin_step(run):
         return False
+    free_motion(run, moving)
+    return True
+
+
+@kernel
+def free_motion(run, moving):
+    """Find the acceleration of step k from its thrust, and move on by it unless ``moving`` is 0."""
+    plant, body, true, solved = run.plant, run.body, run.true, run.plant.solved
     water_wrench(plant, true.R_WB, true.nu, plant.wrench)
     tau = plant.wrench + true.tau
     if run.pairs.shape[0] != 0:
@@ -436,7 +456,6 @@ def free_step(run, moving) -> bool:
             solved[0], solved[1:] = 1.0, f_n * contact.normal_W
     if moving != 0:
         symplectic_step(plant.qpos, plant.qvel, plant.qacc, run.timestep)
-    return True
 
 
 @kernel
@@ -449,18 +468,18 @@ def fleet_steps(run, n):
 
 
 @kernel
-def fleet_ahead(run, end):
-    """Run the stages up to index ``end`` at the instant in hand of a run of a fleet."""
+def fleet_look(run, law, through):
+    """Run the stages before index ``law`` at the instant in hand of a run of a fleet; and if ``through`` is not 0,
+    evaluate the whole instant, and complete its row."""
     observe(run)
-    if run.stop == STOP_NONE:
-        flow_again(run)
-        run_stages(run, end)
-
-
-@kernel
-def fleet_end(run, end):
-    """Evaluate the instant in hand of a run of a fleet, and complete its row."""
-    if free_step(run, 0):
+    if run.stop != STOP_NONE:
+        return
+    run_stages_between(run, 0, law)
+    if through == 0 or run.stop != STOP_NONE:
+        return
+    run_stages_between(run, law, run.stage_count)
+    if run.stop == STOP_NONE and apply_thrust(run):
+        free_motion(run, 0)
         complete_row(run)
 
 
