@@ -101,3 +101,33 @@ def test_the_sine_of_a_wall_without_an_amplitude_is_named() -> None:
     wall = {"shape": "plane", "position": np.array([3.0, 0.0, 0.0]), "frequency_hz": 0.1}
     notes = warnings_of(checked(Scenario.load("push_wall", {"walls": [wall]})))
     assert "walls[0].frequency_hz has no effect: walls[0].amplitude is 0" in notes
+
+
+BESIDE = {
+    "impedance.damping_ratio": {"impedance.D_d": (50.0,) * 6},
+    "impedance.damping_period": {"impedance.M_d": (20.0, 20.0, 20.0, 0.3, 0.3, 0.3)},
+    "reference.step_time": {"reference.waypoints": [{"time": 0.005, "position": (0.5, 0.1, 0.0)}]},
+    "reference.target": {"reference.waypoints": [{"time": 0.005, "position": (0.5, 0.1, 0.0)}]},
+}
+"""Keys in whose place the keys beside them act."""
+OTHER = {
+    "impedance.damping_ratio": 0.4,
+    "impedance.damping_period": 2e-3,
+    "reference.step_time": 0.01,
+    "reference.target": (0.7, 0.2, 0.0),
+}
+
+
+@pytest.mark.parametrize("key", BESIDE)
+def test_a_key_in_whose_place_another_one_acts_is_named(key: str) -> None:
+    both = Scenario.load("push_wall", BASE | BESIDE[key] | {key: OTHER[key]})
+    assert any("no effect" in note and key in note for note in warnings_of(checked(both)))
+    assert motion(both) == motion(Scenario.load("push_wall", BASE | BESIDE[key]))
+
+
+@pytest.mark.parametrize("key", ["impedance.damping_ratio", "reference.target"])
+def test_it_acts_and_is_not_named_without_the_other_one(key: str) -> None:
+    start = BASE | {"reference.step_time": 0.001}
+    alone = Scenario.load("push_wall", start | {key: OTHER[key]})
+    assert not any("no effect" in note for note in warnings_of(checked(alone)))
+    assert motion(alone) != motion(Scenario.load("push_wall", start))
