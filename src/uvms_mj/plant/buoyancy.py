@@ -103,6 +103,8 @@ class Buoyancy(EffectTable):
 
     def faults(self, situation: Situation) -> Iterator[Fault]:
         if not self.shapes:
+            given = (key for key in ("density", "propeller_radius") if getattr(self, key) != getattr(Buoyancy, key))
+            yield from (Fault(key, "belongs to buoyancy.shapes, and there are none") for key in given)
             return
         if situation.links:
             yield Fault("shapes", "the volume of an arm at the surface is not computed; take a vehicle without joints")

@@ -19,7 +19,7 @@ Directions have the density :math:`\cos^n` about the mean one.
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -70,6 +70,13 @@ class Sea(EffectTable):
         "seed of a spectrum's frequencies, phases and directions; null: simulation.seed [1]", None
     )
     reflecting: Switch = doc("true: [wall] throws the waves back, and they stand in front of it", False)
+
+    sizes: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "height": (
+            *("period", "direction_deg", "spectrum", "gamma", "spreading", "components", "depth", "seed"),
+            "reflecting",
+        )
+    }
 
     @property
     def moves(self) -> bool:

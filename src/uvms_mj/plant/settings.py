@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
@@ -75,6 +75,19 @@ Rows = tuple[tuple[float, ...], ...] | None
 """A table of numbers, whose first ones increase."""
 
 
+def default_of(table: Any, name: str) -> Any:
+    """The default of a field of a table."""
+    return next(f.default for f in dataclasses.fields(table) if f.name == name)
+
+
+def idle(table: Any, key: str, names: Iterable[str], reason: str) -> Iterator[str]:
+    """A sentence that those of the named keys of a table that differ from their defaults have no effect; ``key`` is the
+    table's."""
+    given = [f"{key}.{name}" for name in names if getattr(table, name) != default_of(table, name)]
+    if given:
+        yield f"{', '.join(given)} {'have' if len(given) > 1 else 'has'} no effect: {reason}"
+
+
 class EffectTable:
     """A table of an effect of the water.
 
@@ -90,6 +103,8 @@ class EffectTable:
     """Keys on which a formula along x for the force at rest does not depend, or whose values are in it."""
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that set a number of the record each in proportion, with their ranges."""
+    sizes: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys of a size, each with the keys that have no effect while it is zero."""
     balanced: ClassVar[bool] = True
     """Whether the force of its records is all that it changes in the balance at rest."""
 
@@ -120,6 +135,12 @@ class EffectTable:
     def faults(self, situation: Situation) -> Iterator[Fault]:
         """Its errors in a situation, each with its key in this table."""
         return iter(())
+
+    def idle(self, key: str) -> Iterator[str]:
+        """A sentence for each size that is zero and whose keys are given; ``key`` is the table's."""
+        for size, others in self.sizes.items():
+            if getattr(self, size) == default_of(self, size):
+                yield from idle(self, key, others, f"{key}.{size} is 0")
 
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
@@ -504,15 +525,11 @@ def _idle(scenario: ScenarioLike) -> dict[str, str]:
     return {"wall": "wall.present is false"} | ({} if scenario.walls else {"bumper": "there is no wall"})
 
 
-def without_effect(scenario: ScenarioLike) -> list[str]:
+def without_effect(scenario: ScenarioLike) -> Iterator[str]:
     """A sentence for each table of a contact that is not there: the keys that differ from their defaults."""
-    said = []
     for name, reason in _idle(scenario).items():
         table = getattr(scenario, name)
-        keys = [f.name for f in dataclasses.fields(table) if getattr(table, f.name) != f.default]
-        if named := ", ".join(f"{name}.{key}" for key in keys if key != "present"):
-            said.append(f"{named} {'have' if ',' in named else 'has'} no effect: {reason}")
-    return said
+        yield from idle(table, name, [f.name for f in dataclasses.fields(table) if f.name != "present"], reason)
 
 
 def overridden_in_vain(scenario: ScenarioLike, overrides: Collection[str]) -> list[Fault]:

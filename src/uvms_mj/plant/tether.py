@@ -66,6 +66,8 @@ class Tether(EffectTable):
         "z of a smooth floor in W that the cable lies on; null: none [m]", _OF_ELEMENTS["floor"]
     )
 
+    sizes: ClassVar[Mapping[str, tuple[str, ...]]] = {"length": ("diameter", "drag_coefficient", "position")}
+
     def __post_init__(self) -> None:
         given = [key for key, default in _OF_ELEMENTS.items() if getattr(self, key) != default]
         if self.elements == 0 and given:

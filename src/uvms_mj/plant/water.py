@@ -115,6 +115,10 @@ class Current(EffectTable):
         *("speed", "direction_deg", "vertical", "frequency_hz", "phase_deg"),
         *("correlation_time", "shortest_gust", "shear"),
     )
+    sizes: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "amplitude": ("frequency_hz",),
+        "deviation": ("correlation_time", "shortest_gust"),
+    }
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (0.0, 100.0), "vertical": (-100.0, 100.0)}
 
     @classmethod
@@ -202,6 +206,10 @@ class Disturbance(EffectTable):
     correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
 
     free = ("bias", "frequency_hz", "phase_deg", "correlation_time")
+    sizes: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "amplitude": ("frequency_hz",),
+        "deviation": ("correlation_time",),
+    }
     parameters: ClassVar[Mapping[str, tuple[float, float]]] = {"bias": (-1e6, 1e6)}
 
     @property

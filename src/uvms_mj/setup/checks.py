@@ -26,18 +26,19 @@ from ..control.theory.task_motion import Track
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
+from ..guidance.filtered_steps import FilteredSteps
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, is_unreached
 from ..physics.surfaces import SHAPES
 from ..plant.contacts import impossible, walls_of
-from ..plant.effects import effect_faults, effect_tables, situation_of
+from ..plant.effects import each_table, effect_faults, effect_tables, situation_of
 from ..plant.hull import hull_faults, hull_notes
 from ..plant.impact import UP_TO
 from ..plant.mjcf import Mjcf
 from ..plant.obstacle import lost
 from ..plant.sea import sea_notes
-from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
+from ..plant.settings import Surface, contact_settings, idle, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
 from ..quantities import leaves, radians_notes
 from ..scenario import Scenario
@@ -125,6 +126,9 @@ def wall_notes(setup: Setup) -> Iterator[str]:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
+    for i, wall in enumerate(setup.scenario.walls):
+        if wall.frequency_hz and not any(wall.amplitude):
+            yield f"walls[{i}].frequency_hz has no effect: walls[{i}].amplitude is 0"
     yield from _starts_inside(setup)
 
 
@@ -551,6 +555,20 @@ def _tether_notes(setup: Setup) -> Iterator[str]:
     yield "notes on chatter, vibration and bounces do not know the pull of the cable of [tether]"
 
 
+def _idle_notes(setup: Setup) -> Iterator[str]:
+    """Warnings of keys without effect: of the water, since its wave, tether, sine or gust is none, and of a damping
+    and a step in whose place others are given."""
+    for _, key, table in each_table(effect_tables(setup.scenario)):
+        yield from table.idle(key)
+    impedance, reference = setup.scenario.impedance, setup.scenario.reference
+    if impedance.D_d is not None:
+        yield from idle(impedance, "impedance", ("damping_ratio", "damping_period"), "impedance.D_d is given")
+    elif not impedance.natural:
+        yield from idle(impedance, "impedance", ("damping_period",), "impedance.M_d is not natural")
+    if isinstance(reference, FilteredSteps) and reference.waypoints:
+        yield from idle(reference, "reference", ("target", "step_time"), "reference.waypoints are given")
+
+
 def _inertia_notes(setup: Setup) -> Iterator[str]:
     if names := setup.scenario.with_inertia:
         yield f"notes on chatter, vibration and bounces do not know the inertia of {', '.join(names)}"
@@ -582,7 +600,7 @@ NOTES: tuple[Callable[[Setup], Iterable[str]], ...] = (
     wall_notes,
     lambda setup: stage_notes(setup.scenario.reference, setup),
     *(_sampling_notes, posture_notes, task_notes, free_motion_notes),
-    *(_sea_notes, _surface_notes, _inertia_notes, _tether_notes, _contact_notes),
+    *(_idle_notes, _sea_notes, _surface_notes, _inertia_notes, _tether_notes, _contact_notes),
     deployment_notes,
     lambda setup: stage_notes(setup.scenario.controller, setup),
 )
