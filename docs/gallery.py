@@ -93,7 +93,7 @@ def _udp_card(docs: Path) -> str:
 
 def _undrawable() -> str:
     try:
-        underwater._gl_context(16, 16).free()
+        underwater.gl_context(16, 16).free()
     except InputError as error:
         return str(error)
     return ""

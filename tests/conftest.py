@@ -126,7 +126,7 @@ def driver():
     from uvms_mj.views.video import underwater
 
     try:
-        underwater._gl_context(16, 16).free()
+        underwater.gl_context(16, 16).free()
     except InputError as error:
         pytest.skip(str(error))
 

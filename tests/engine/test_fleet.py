@@ -1,8 +1,10 @@
 """A run of a fleet is one of the engine free_body: bit for bit."""
 
 import copy
+import importlib.util
 import pickle
 import re
+import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -415,7 +417,7 @@ def test_tables_that_differ_are_refused():
 
 
 def test_the_code_for_a_gpu_is_kernels_that_round_every_operation(tmp_path):
-    """Nothing is left to a library of the device, not even of a law with erf."""
+    """Nothing is left to a library of the device, not even of a law with erf. NVIDIA's assembler takes the kernels."""
     text = LAW.replace("150.0 * signals.nu_e[k]", "150.0 * math.erf(signals.nu_e[k])").replace(
         "import numpy", "import math\n\nimport numpy"
     )
@@ -434,6 +436,27 @@ def test_the_code_for_a_gpu_is_kernels_that_round_every_operation(tmp_path):
     assert len(operations) > 1000
     for operation in operations:
         assert ".rn" in operation, operation
+    wheel = importlib.util.find_spec("nvidia")
+    found = [
+        path
+        for root in (wheel.submodule_search_locations or [] if wheel else [])
+        for path in Path(root).glob("*/bin/ptxas")
+    ]
+    if not found:
+        pytest.skip("the kernels were not assembled: there is no ptxas")
+    (tmp_path / "fleet.ptx").write_text(text.rstrip("\0"))
+    command = [
+        found[0],
+        "--verbose",
+        "--gpu-name",
+        "sm_90",
+        tmp_path / "fleet.ptx",
+        "--output-file",
+        tmp_path / "fleet.cubin",
+    ]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    assert said.stderr.count("Compiling entry function") == 2
 
 
 def has_gpu() -> bool:

@@ -321,7 +321,7 @@ class Offscreen:
         """Raises InputError, which names the system's packages, if there is no way."""
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self.model, self.width, self.height = model, width, height
-        self._gl = _gl_context(width, height)
+        self._gl = gl_context(width, height)
         self.scene = mujoco.MjvScene(model, maxgeom=2000)
         self.scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         self._options, self._perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
@@ -363,7 +363,7 @@ class Offscreen:
         self.close()
 
 
-def _gl_context(width: int, height: int) -> Any:
+def gl_context(width: int, height: int) -> Any:
     ways = ["cgl"] if sys.platform == "darwin" else ["egl", "osmesa", "glfw"]
     chosen = os.environ.get("MUJOCO_GL", "").lower()
     tried: Mapping[str, str] = {}
