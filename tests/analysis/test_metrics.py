@@ -73,6 +73,66 @@ def test_a_vehicle_that_leaves_its_reference_is_astray(synthetic):
     assert metrics.astray(ahead) is None
 
 
+def _plane(normal, **keys):
+    """A plane against which a probe at the origin, of the radius of the bluerov1, is pressed by 1 mm."""
+    yaw = math.degrees(math.atan2(-normal[1], -normal[0]))
+    place = {"position": [-0.24 * each for each in normal], "attitude_deg": [0.0, 0.0, yaw]}
+    return {"shape": "plane", "stiffness": 2e3} | place | keys
+
+
+_N, _T = np.array([-0.6, -0.8, 0.0]), np.array([0.8, -0.6, 0.0])
+_PILE = {"shape": "cylinder", "radius": 0.4, "position": [*(-0.64 * _N[:2]), 0.0], "stiffness": 2e3}
+_PRESSED = {
+    "current.speed": 0.0,
+    "reference.step_time": 0.0,
+    "simulation.duration": 3.0,
+    "simulation.timestep": 1e-3,
+    "impedance.K_d": [400.0, 400.0, 400.0, 50.0, 50.0, 50.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("walls", "known", "normals"),
+    [
+        ([_plane((0.0, -1.0, 0.0))], True, [(0.0, -1.0, 0.0)]),
+        ([_plane(_N, friction=0.4)], True, [_N]),
+        ([_PILE], True, [_N]),
+        ([_plane(_N), _plane(_T)], True, [_N, _T]),
+        ([_plane(_N), _plane(-_T, position=[9.0, 9.0, 0.0])], True, [_N]),
+        ([_PILE | {"friction": 0.4}], False, []),
+    ],
+    ids=["faces -y", "with friction", "pile", "corner", "another wall far away", "pile with friction"],
+)
+def test_a_distance_along_the_normal_of_a_touched_wall_does_not_count_whatever_it_faces(walls, known, normals):
+    """It was left out along x, so that a target behind a wall that faces y was told as an unstable loop, and a vehicle
+    that was carried off along that wall was not."""
+    target = (-0.02 * np.sum(normals or [_N], axis=0)).tolist()
+    keys = {"wall.present": False, "walls": walls, "reference.target": target}
+    trace = simulate(Scenario.load("push_wall", _PRESSED | keys, controller="impedance"), log_rate=100)
+    assert trace.push[-1] > 0.0
+
+    def with_error(error):
+        shifted = {"p_d": trace.p_WB - error, "nu_e": np.full_like(trace.nu_e, 0.1)}
+        return metrics.astray(Trace(trace.header, {name: trace[name] for name in trace} | shifted, trace.outcome))
+
+    for normal in normals:
+        assert with_error(3.0 * np.asarray(normal)) is None
+    free = np.linalg.svd(np.array(normals or [_N]))[2][len(normals or [_N]) :]
+    for across in free:
+        assert with_error(3.0 * across) == (pytest.approx(3.0, rel=1e-4) if known else None)
+
+
+def test_in_a_corner_of_the_first_wall_and_another_one_both_normals_do_not_count():
+    """The force of the first wall is what the others leave of the total."""
+    first = {"wall.position": 0.0, "wall.stiffness": 2e3, "reference.target": [0.02, 0.02, 0.0]}
+    keys = {"walls": [_plane((0.0, -1.0, 0.0))]}
+    trace = simulate(Scenario.load("push_wall", _PRESSED | first | keys, controller="impedance"), log_rate=100)
+    for error, found in (([3.0, 0.0, 0.0], None), ([0.0, 3.0, 0.0], None), ([2.0, 2.0, 3.0], 3.0)):
+        shifted = {"p_d": trace.p_WB - error, "nu_e": np.full_like(trace.nu_e, 0.1)}
+        told = metrics.astray(Trace(trace.header, {name: trace[name] for name in trace} | shifted, trace.outcome))
+        assert told == (None if found is None else pytest.approx(found, rel=1e-9))
+
+
 def test_an_unstable_loop_that_stays_within_the_bounds_is_told():
     lag = Path(__file__).parents[2] / "examples" / "lagging_thrusters.py"
     slow = {"actuation.name": f"{lag}:LaggingThrusters", "actuation.time_constant": 0.2, "simulation.duration": 10.0}

@@ -147,7 +147,7 @@ def test_a_push_below_the_least_one_is_warned_of(dead_band, warned):
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"thrusters.name": "ideal"}, "no steps that are known"),
+        ({"thrusters.name": "ideal"}, "thrusters.name is ideal without a curve that is inverted"),
         ({"thrusters.name": "general"}, "without a curve that is inverted"),
         ({"thrusters.name": "t200", "thrusters.failed": 2}, "thruster 2 fails"),
         ({"thrusters.name": "t200", "vehicle.model": "bluerov2_alpha5"}, "has joints"),

@@ -1,5 +1,6 @@
 """The contract of a stage in the four rooms: loading, checks, records, and each shipped function as plain Python."""
 
+import contextlib
 import dataclasses
 import re
 import textwrap
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import Gsta, InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
+from uvms_mj.actuation.propeller import thrust_curve
 from uvms_mj.control import Controller, External, Ideal, ImpedanceTask
 from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.task import tracking_errors
@@ -21,6 +23,7 @@ from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
 from uvms_mj.scenario import STAGES
 from uvms_mj.setup.base import set_up
+from uvms_mj.setup.deployment import resolution
 from uvms_mj.stages.loader import table_of
 from uvms_mj.stages.signals import (
     CLOCK,
@@ -282,6 +285,69 @@ def test_a_derived_thruster_model_with_another_function_has_no_closed_form(tmp_p
         found = steady_state(set_up(Scenario.load("push_wall", keys)))
         assert isinstance(found, SteadyState) == known
     assert found == NoClosedForm("closed forms are known for the shipped thruster models only")
+
+
+_OWN_THRUSTERS = """
+from dataclasses import dataclass
+
+from uvms_mj.actuation import THRUSTERS
+
+
+class Halved:
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        u[:] = 0.5 * given.u_cmd
+
+
+@dataclass(frozen=True)
+class Named(THRUSTERS["t200"]):
+    pass
+
+
+@dataclass(frozen=True)
+class Weak(THRUSTERS["t200"]):
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        u[:] = 0.5 * given.u_cmd
+
+
+@dataclass(frozen=True)
+class Weaker(Weak):
+    pass
+
+
+@dataclass(frozen=True)
+class Mixed(Halved, THRUSTERS["t200"]):
+    pass
+
+
+@dataclass(frozen=True)
+class OfPoints(THRUSTERS["t200"]):
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        u[:] = settings.thrust[settings.thrust.shape[0] - 1]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "known"), [("Named", True), ("Weak", False), ("Weaker", False), ("Mixed", False), ("OfPoints", False)]
+)
+def test_a_derived_thruster_model_with_another_function_has_not_the_curve_of_the_shipped_one(tmp_path, name, known):
+    """Its pulse widths were recorded as 0 us, its push was said to have the steps of the T200's curve, and the pulse
+    widths of a caller went through this curve. Its function has the points of the curve as before."""
+    (tmp_path / "own.py").write_text(_OWN_THRUSTERS)
+    keys = {"thrusters.name": f"{tmp_path / 'own.py'}:{name}", "simulation.duration": 0.01}
+    scenario = Scenario.load("push_wall", keys)
+    found = resolution(set_up(scenario))
+    assert isinstance(found, str) != known
+    assert known or found == f"thrusters.name is {name} without a curve that is inverted"
+    trace = simulate(scenario, engine="free_body")
+    assert ("pwm" in trace.arrays) == known
+    assert name != "OfPoints" or (trace.u[-1] == thrust_curve(16.0).thrust[-1]).all()
+    assert (scenario.thrusters.mean_delay() > 0.0) == known
+    pulses = scenario.updated({"actuation.name": "pwm"})
+    with contextlib.nullcontext() if known else pytest.raises(InputError, match=r"pwm needs thrusters\.name = t200"):
+        Simulation(pulses, engine="free_body").close()
 
 
 def test_a_derived_reference_with_another_function_has_not_the_rest_of_the_shipped_one(tmp_path):

@@ -111,7 +111,7 @@ class Pwm(Actuation):
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         """The thrusters' curve, so that their inverse gives the pulse width back."""
         thrusters = setup.scenario.thrusters
-        true, assumed = thrusters.curves() if isinstance(thrusters, Propeller) else (None, None)
+        true, assumed = thrusters.curves()
         if true is None or assumed is None:
             wrong = "pwm needs thrusters.name = t200, or general with a curve of pulse widths that is inverted"
             raise InputError([Fault("actuation.name", wrong)], "scenario")
@@ -124,6 +124,7 @@ class Pwm(Actuation):
         if true.at(np.array([NEUTRAL_US]))[0] != 0.0 or true.command[0] < 0.0:
             wrong = f"is not a curve of pulse widths: with actuation.name = pwm, {NEUTRAL_US:g} us must give no thrust"
             raise InputError([Fault("thrusters.curve_command", wrong)], "scenario")
+        assert isinstance(thrusters, Propeller)  # no other one has curves
         return {"command": true.command, "thrust": thrusters.assumed_efficiency * true.thrust}
 
     @staticmethod

@@ -161,9 +161,6 @@ class Propeller(Thrusters):
         "thrusters",
     )
 
-    takes_pulses: ClassVar[bool] = False
-    """Whether the memory ``command`` is a pulse width [us], which a run then records as pwm."""
-
     def check_settings(self) -> None:
         super().check_settings()
         if self.failed_stuck and self.failed_fraction > 0.0:
@@ -173,9 +170,12 @@ class Propeller(Thrusters):
             wrong = f"{self.freeze_every:g} s must be longer than thrusters.freeze_time, {self.freeze_time:g} s"
             raise InputError([Fault("thrusters.freeze_every", wrong)])
 
-    def curves(self) -> tuple[Curve | None, Curve | None]:
-        """The true curve and the curve that the control system inverts, or None without one."""
+    def _curves(self) -> tuple[Curve | None, Curve | None]:
+        """The curves, whose points the function has. Under a user's function :meth:`curves` has none."""
         return None, None
+
+    def curves(self) -> tuple[Curve | None, Curve | None]:
+        return self._curves()
 
     def constants(self, setup: SetupLike) -> Mapping[str, Any]:
         n = len(setup.vehicle.thrusters)
@@ -183,7 +183,7 @@ class Propeller(Thrusters):
             wrong = f"{self.failed}: the vehicle has {n} thrusters"
             raise InputError([Fault("thrusters.failed", wrong)], "scenario")
         period = self.period or setup.scenario.simulation.timestep
-        true, assumed = self.curves()
+        true, assumed = self._curves()
         none = np.zeros(2)
         thrust_hat, command_hat = assumed.inverse() if assumed is not None else (none, none)
         return {
@@ -307,7 +307,7 @@ class General(Propeller):
         if faults:
             raise InputError(faults, f"the settings of {self.label()}")
 
-    def curves(self) -> tuple[Curve | None, Curve | None]:
+    def _curves(self) -> tuple[Curve | None, Curve | None]:
         if not self.curve_command:
             return None, None
         curve = Curve.of(self.curve_command, self.curve_thrust)
@@ -363,7 +363,10 @@ class T200(Propeller):
     pilot_gain: Annotated[Number, within(0.01, 1.0, "")] = setting(1.0, "1", "pilot's gain of the linear mixer")
 
     name = "t200"
-    takes_pulses: ClassVar[bool] = True
+
+    @property
+    def takes_pulses(self) -> bool:
+        return True
 
     def check_settings(self) -> None:
         super().check_settings()
@@ -376,7 +379,7 @@ class T200(Propeller):
             return "a linear mixer does not jump over the thrusters' dead band, about which a law hunts"
         return super().at_rest(setup)
 
-    def curves(self) -> tuple[Curve | None, Curve | None]:
+    def _curves(self) -> tuple[Curve | None, Curve | None]:
         voltage = self.voltage if self.assumed_voltage is None else self.assumed_voltage
         assumed = thrust_curve(voltage)
         return thrust_curve(self.voltage), assumed if self.mixer == "inverse" else _line(voltage, self.pilot_gain)

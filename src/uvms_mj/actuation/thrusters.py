@@ -200,6 +200,15 @@ class Thrusters(Stage):
         """Least and greatest thrust (n,) that the allocation may command [N]."""
         return setup.vehicle.u_min, setup.vehicle.u_max
 
+    def curves(self) -> tuple[Curve | None, Curve | None]:
+        """The true static curve and the curve that the control system inverts, or None without one."""
+        return None, None
+
+    @property
+    def takes_pulses(self) -> bool:
+        """Whether the memory ``command`` is a pulse width [us], which a run then records as pwm."""
+        return False
+
     def at_rest(self, setup: SetupLike) -> StaticThrust | str:
         """The thrust for a constant command, or the reason why it is not known."""
         return "closed forms are known for the shipped thruster models only"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..control.design import demanded_force
+from ..plant.contacts import Probe, contacts_of
 from ..records.header import Status
 from ..records.trace import Trace
 from ..setup.base import set_up
@@ -15,6 +16,8 @@ from ..stages.signals import FINAL_WINDOW_S
 
 OFF = 0.01
 """Error of a position or a velocity from which a joint is off its target [rad or m, and per second]."""
+SAME_NORMAL = 1e-6
+"""Size of the part of a normal across the others, relative to them all, below which it is the same one [1]."""
 AT_STOP = 1e-4
 """Distance from an end of its range up to which a joint is at its stop [rad or m]."""
 SETTLED = 1e-3
@@ -28,7 +31,7 @@ AROUND_THE_END_S = 2.0 * TRENDS_S[-1] + FINAL_WINDOW_S
 SLOWEST_S = 300.0
 """Longest time constant of a trend [s]. A force that does not slow down is taken for one of this time constant."""
 ROUNDING = 1e-9
-"""Relative change of a mean force that may be of rounding [1]."""
+"""Relative change of a mean force, or part of a contact in all forces, that may be of rounding [1]."""
 CHATTERING_S = 1.0
 """Length of the end of a run over which chattering is measured [s]."""
 FAST_S = 0.01
@@ -207,17 +210,53 @@ def astray(trace: Trace) -> float | None:
     """Largest distance from the reference over the last 0.5 s of a completed run [m], if it is beyond the vehicle's
     own reach and the vehicle still moves relative to the reference; otherwise None.
 
-    The distance along the wall's normal does not count in contact, where a target behind the wall is out of reach.
+    The distance along the normals of the walls that the vehicle touches in this time does not count, because a target
+    behind a wall is out of reach. The result is None where a normal is not known (:func:`_touched_normals`).
     """
     if len(trace) == 0 or trace.status is not Status.completed:
         return None
     late = trace.t >= trace.t[-1] - FINAL_WINDOW_S
     error = _origin(trace)[late] - trace.p_d[late]
     if trace.final_high[-1] > 0.0:
-        error[:, 0] = 0.0
+        normals = _touched_normals(trace, late)
+        if normals is None:
+            return None
+        _, sizes, axes = np.linalg.svd(normals, full_matrices=False)
+        axes = axes[sizes > SAME_NORMAL * sizes.max(initial=0.0)]
+        error = error - error @ axes.T @ axes
     distance = float(np.linalg.norm(error, axis=1).max())
     moving = np.abs(trace.nu_e[late]).max() > AT_REST
     return distance if moving and distance > trace.header.geometry.reach else None
+
+
+def _touched_normals(trace: Trace, rows: np.ndarray) -> np.ndarray | None:
+    """Normals (n, 3) in W of the walls that the vehicle touches in some rows, or of all walls if no row has a contact.
+
+    A plane that does not turn has one normal. Of other walls the normal is the direction of the contact's mean force;
+    None if they have friction, which is in this force, or if no row has a contact.
+    """
+    header = trace.header
+    probe = Probe.of(header.scenario.task.frame, header.mjcf)
+    contacts = contacts_of(header.scenario, probe, header.mjcf.vehicle)
+    total, forces = trace.f_contact_W[rows], np.zeros((rows.sum(), len(contacts.pairs), 3))
+    if contacts.springs:
+        forces[:, int(contacts.paper) :] = trace.f_contacts_W[rows]
+    if contacts.paper:
+        forces[:, 0] = total - forces.sum(axis=1)
+    sizes = np.linalg.norm(forces, axis=2).max(axis=0)
+    touched = sizes > ROUNDING * sizes.max(initial=0.0)
+    if not touched.any():
+        touched[:] = True
+    forces = forces.mean(axis=0)
+    found = []
+    for pair, force in itertools.compress(zip(contacts.pairs, forces, strict=True), touched):
+        if pair.wall.shape == "plane" and not pair.wall.turning:
+            found.append(-pair.wall.R_WS[:, 0])
+        elif force.any() and not pair.wall.friction:
+            found.append(force / np.linalg.norm(force))
+        else:
+            return None
+    return np.array(found).reshape(-1, 3)
 
 
 def steady_force_error(trace: Trace) -> float | None:

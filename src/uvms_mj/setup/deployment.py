@@ -122,13 +122,12 @@ def resolution(setup: Setup, push: float | None = None) -> Resolution | str:
         return "the vehicle has no thrusters"
     if not setup.scenario.wall.present:
         return "there is no [wall], along whose normal it would be"
-    if not isinstance(thrusters, Propeller):
-        return f"thrusters.name is {thrusters.label()}, which has no steps that are known"
     if setup.not_rigid:
         return setup.not_rigid
     true, assumed = thrusters.curves()
     if true is None or assumed is None:
         return f"thrusters.name is {thrusters.label()} without a curve that is inverted"
+    assert isinstance(thrusters, Propeller)  # no other one has curves
     if thrusters.failed:
         return f"thruster {thrusters.failed} fails"
     push = demanded_force(setup.scenario) if push is None else push

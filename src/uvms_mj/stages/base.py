@@ -145,11 +145,13 @@ class Stage:
     """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
     def __init_subclass__(cls, **arguments: Any) -> None:
-        """A user's class with a function of its own has no theory of a shipped class that it derives from: rests, lags
-        and closed forms are of the shipped function."""
+        """A user's class with a function of its own has no theory of a shipped class that it derives from: rests, lags,
+        curves and closed forms are of the shipped function. The function may be that of another base class."""
         super().__init_subclass__(**arguments)
         package = __name__.partition(".")[0] + "."
-        if cls.__module__.startswith(package) or cls.room.method not in vars(cls):
+        if cls.__module__.startswith(package):
+            return
+        if next(each for each in cls.__mro__ if cls.room.method in vars(each)).__module__.startswith(package):
             return
         for name, method in vars(base_of(cls)).items():
             theory = isinstance(method, types.FunctionType | property) and name[0] != "_" and name not in vars(Stage)

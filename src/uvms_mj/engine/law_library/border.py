@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ...actuation.propeller import Propeller
 from ...quantities import unit_of
 from ...scenario import Scenario
 from ...stages.foreign import is_c_name
@@ -99,8 +98,8 @@ class Border:
     def of(cls, chain: Chain, scenario: Scenario, guided: bool) -> "Border":
         outputs = list(_commands(chain))
         reference = tuple(_entry(chain, each, "signals") for each in REFERENCE) if not guided else ()
-        curves = scenario.thrusters.curves() if isinstance(scenario.thrusters, Propeller) else (None, None)
-        neutral = curves[1].neutral if chain.pulses and curves[1] is not None else None
+        assumed = scenario.thrusters.curves()[1]
+        neutral = assumed.neutral if chain.pulses and assumed is not None else None
         return cls(
             chain, tuple(_measurements(chain)), reference, tuple(_settings(chain, scenario)), tuple(outputs), neutral
         )
@@ -183,7 +182,7 @@ def _commands(chain: Chain) -> Iterator[Entry]:
     yield _entry(chain, commanded_signal(m), "commands")
     if chain.pulses is not None:
         pwm = pulse_signal(m)
-        if not getattr(chain.pulses.compiled.stage, "takes_pulses", False):
+        if not chain.stages.scenario.thrusters.takes_pulses:
             pwm = dataclasses.replace(pwm, name="thruster_cmd", unit="us or N", meaning="command of each thruster")
         yield Entry(pwm.name, (m,), pwm.unit, pwm.meaning, chain.place_of("outputs"))
     if n := chain.joints:

@@ -16,7 +16,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from ...actuation.propeller import Propeller, commands_alone
+from ...actuation.propeller import commands_alone
 from ...compiler.apart import Apart, join, joined
 from ...compiler.targets import libm_text, optimize
 from ...compiler.values import INT
@@ -130,7 +130,7 @@ class Chain:
             if table in OF_THE_PLANT or table.startswith("effects") or (table == "reference" and not guided):
                 continue
             if table == "thrusters":
-                if not (isinstance(stage, Propeller) and stage.is_shipped and stage.curves()[1] is not None):
+                if not stage.is_shipped or pipeline.scenario.thrusters.curves()[1] is None:
                     continue  # their command is the thrust
                 function = commands_alone
                 kinds = (*kinds[:3], np.dtype(("f8", (pipeline.shape.thrusters,))))

@@ -394,7 +394,7 @@ def _commands(loop: "Pipeline", run: np.ndarray) -> Recorded:
     if not loop.shape.thrusters:
         return
     yield commanded_signal(loop.shape.thrusters), loop.u_cmd
-    if getattr(loop.scenario.thrusters, "takes_pulses", False):
+    if loop.scenario.thrusters.takes_pulses:
         yield pulse_signal(loop.shape.thrusters), loop.stages["thrusters"].state["command"][0]
 
 
