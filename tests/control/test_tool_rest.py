@@ -91,6 +91,20 @@ def test_a_law_without_an_integral_rests_where_the_whole_tree_leaves_it(model, l
     np.testing.assert_allclose(trace.tau[-1], state.tau, atol=1e-3)
 
 
+def test_an_integral_to_which_impedance_control_does_not_answer_moves_no_tool():
+    """The sliding variable alone grows with it. Its rest was refused for a division by zero."""
+    runs = [
+        simulate(Scenario.load("tool_push", COARSE | {"task.integral": each, "simulation.duration": 0.4}, "impedance"))
+        for each in (False, True)
+    ]
+    without, grown = (trace.analytic for trace in runs)
+    assert grown.force == pytest.approx(without.force, rel=1e-12)
+    assert (runs[0].p_WT == runs[1].p_WT).all()
+    assert without.s is not None
+    assert grown.s is None
+    assert not np.allclose(runs[0].s, runs[1].s)
+
+
 def test_friction_of_the_gears_and_other_laws_have_no_closed_form(model, tmp_path):
     rubbing = tmp_path / "rubbing.xml"
     rubbing.write_text(Path(model).read_text().replace('damping="0.2"', 'damping="0.2" frictionloss="0.1"'))

@@ -311,7 +311,10 @@ class ToolBalance:
         left = balance.desired_acceleration(tool) - balance.factor_inverse * self.tree.rest["a"]
         return np.concatenate([self.tree.rest["left"], self.setup.design.M_d @ left])
 
-    def sliding(self, y: TreePose) -> np.ndarray:
-        """s (6,) at rest: a = w + K s, or A s = -w without K."""
-        w, K = self.at_task.desired_acceleration(self.tool(y)), self.at_task.K
-        return (self.commanded(y)[1] - w) / K if K > 0.0 else -w / self.at_task.A
+    def sliding(self, y: TreePose) -> np.ndarray | None:
+        """s (6,) at rest: a = w + K s, or A s = -w without K. None if s grows, as with an integral to which the law
+        does not answer."""
+        w, K, A = self.at_task.desired_acceleration(self.tool(y)), self.at_task.K, self.at_task.A
+        if K > 0.0:
+            return (self.commanded(y)[1] - w) / K
+        return None if 0.0 in A else -w / A
