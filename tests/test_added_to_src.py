@@ -18,7 +18,7 @@ MOST_FILES = 3
 
 
 def shape(name: str) -> dict:
-    """The entry of a ring about z: its radius, that of its tube."""
+    """The entry of a ring about z: its radius, and the radius of its tube."""
     entry = (
         f'    "{name}": Shape(\n'
         '        ("radius", "length"), lambda r, length: (r, 0.5 * length, 0.0), lambda e: e[1],\n'

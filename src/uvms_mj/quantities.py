@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any
 
 from annotated_types import Ge, Le
@@ -192,3 +192,16 @@ def unit_of(field: dataclasses.Field) -> str:
     """The unit of a setting or of a key, from its own entry or from the brackets in its meaning; empty without one."""
     found = _IN_BRACKETS.findall(field.metadata.get("meaning", ""))
     return str(field.metadata.get("unit", found[-1] if found else ""))
+
+
+def default_of(table: Any, name: str) -> Any:
+    """The default of a field of a table."""
+    return next(f.default for f in dataclasses.fields(table) if f.name == name)
+
+
+def idle(table: Any, key: str, names: Iterable[str], reason: str) -> Iterator[str]:
+    """A sentence that the named keys of a table have no effect, as far as they differ from their defaults; ``key`` is
+    the table's."""
+    given = [f"{key}.{name}" for name in names if getattr(table, name) != default_of(table, name)]
+    if given:
+        yield f"{', '.join(given)} {'have' if len(given) > 1 else 'has'} no effect: {reason}"

@@ -123,7 +123,7 @@ def test_a_distance_along_the_normal_of_a_touched_wall_does_not_count_whatever_i
 
 
 def test_in_a_corner_of_the_first_wall_and_another_one_both_normals_do_not_count():
-    """The force of the first wall is what the others leave of the total."""
+    """The force of the first wall is the total without the forces of the others."""
     first = {"wall.position": 0.0, "wall.stiffness": 2e3, "reference.target": [0.02, 0.02, 0.0]}
     keys = {"walls": [_plane((0.0, -1.0, 0.0))]}
     trace = simulate(Scenario.load("push_wall", _PRESSED | first | keys, controller="impedance"), log_rate=100)

@@ -416,44 +416,41 @@ def test_tables_that_differ_are_refused():
         fleet.reset({"current.table": [[0.0, 0.2, 0.0, 0.0], [1.0, 0.2, 0.0, 0.0]]})
 
 
-def test_the_code_for_a_gpu_is_kernels_that_round_every_operation(tmp_path):
-    """Nothing is left to a library of the device, not even of a law with erf. NVIDIA's assembler takes the kernels."""
-    text = LAW.replace("150.0 * signals.nu_e[k]", "150.0 * math.erf(signals.nu_e[k])").replace(
-        "import numpy", "import math\n\nimport numpy"
-    )
-    (tmp_path / "erf.py").write_text(text)
-    starts = Starts(Scenario.load("push_wall", AT_WALL | {"controller.name": f"{tmp_path / 'erf.py'}:Late"}))
+@pytest.fixture(scope="module")
+def ptx(tmp_path_factory) -> str:
+    """The kernels of a law with erf."""
+    file = tmp_path_factory.mktemp("law") / "erf.py"
+    text = LAW.replace("150.0 * signals.nu_e[k]", "150.0 * math.erf(signals.nu_e[k])")
+    file.write_text(text.replace("import numpy", "import math\n\nimport numpy"))
+    starts = Starts(Scenario.load("push_wall", AT_WALL | {"controller.name": f"{file}:Late"}))
     memory, stages = starts.memory, starts.memory.stages
     first = starts.parts()["p_WB"][0]
     source = FleetSource(
         memory.shape, stages.running, starts.template.view(np.uint8), [], [*range(first, first + 3)], stages.control
     )
-    text = source.emitted(PTX).code.decode()
-    assert text.count(".entry") == 2
-    assert ".extern" not in text
-    assert not re.search(r"\bfma\b", text)
-    operations = re.findall(r"\b(?:add|sub|mul|div|sqrt)[.\w]*\.f64", text)
+    return source.emitted(PTX).code.decode()
+
+
+def test_the_code_for_a_gpu_is_kernels_that_round_every_operation(ptx):
+    """Nothing is left to a library of the device, not even of a law with erf."""
+    assert ptx.count(".entry") == 2
+    assert ".extern" not in ptx
+    assert not re.search(r"\bfma\b", ptx)
+    operations = re.findall(r"\b(?:add|sub|mul|div|sqrt)[.\w]*\.f64", ptx)
     assert len(operations) > 1000
     for operation in operations:
         assert ".rn" in operation, operation
-    wheel = importlib.util.find_spec("nvidia")
-    found = [
-        path
-        for root in (wheel.submodule_search_locations or [] if wheel else [])
-        for path in Path(root).glob("*/bin/ptxas")
-    ]
-    if not found:
-        pytest.skip("the kernels were not assembled: there is no ptxas")
-    (tmp_path / "fleet.ptx").write_text(text.rstrip("\0"))
-    command = [
-        found[0],
-        "--verbose",
-        "--gpu-name",
-        "sm_90",
-        tmp_path / "fleet.ptx",
-        "--output-file",
-        tmp_path / "fleet.cubin",
-    ]
+
+
+def test_the_assembler_of_nvidia_takes_the_kernels(ptx, tmp_path):
+    """The driver has the same assembler in it."""
+    places = getattr(importlib.util.find_spec("nvidia"), "submodule_search_locations", ())
+    found = next((path for place in places for path in Path(place).glob("*/bin/ptxas")), None)
+    if found is None:
+        pytest.skip("there is no ptxas")
+    kernels, code = tmp_path / "fleet.ptx", tmp_path / "fleet.cubin"
+    kernels.write_text(ptx.rstrip("\0"))
+    command = [found, "--verbose", "--gpu-name=sm_90", kernels, f"--output-file={code}"]
     said = subprocess.run(command, capture_output=True, text=True, check=False)
     assert said.returncode == 0, said.stderr
     assert said.stderr.count("Compiling entry function") == 2

@@ -131,3 +131,16 @@ def test_it_acts_and_is_not_named_without_the_other_one(key: str) -> None:
     alone = Scenario.load("push_wall", start | {key: OTHER[key]})
     assert not any("no effect" in note for note in warnings_of(checked(alone)))
     assert motion(alone) != motion(Scenario.load("push_wall", start))
+
+
+def test_a_reference_with_a_function_of_its_own_is_not_told_that_its_target_has_no_effect(tmp_path) -> None:
+    """Its function may use the target and the waypoints."""
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import dataclass\nfrom uvms_mj.guidance import FilteredSteps\n\n\n"
+        "@dataclass(frozen=True)\nclass Own(FilteredSteps):\n    @staticmethod\n"
+        "    def step(settings, state, given, state_dot, out):\n        out.quat_d[0] = 1.0\n"
+    )
+    keys = BESIDE["reference.target"] | {"reference.target": OTHER["reference.target"]}
+    for name, told in (("filtered_steps", True), (f"{tmp_path / 'own.py'}:Own", False)):
+        notes = warnings_of(checked(Scenario.load("push_wall", keys | {"reference.name": name})))
+        assert any("no effect" in note for note in notes) == told

@@ -695,6 +695,8 @@ def test_a_figure_of_many_runs_is_as_large_as_one_of_few(drawn, traces):
 def test_what_is_wrong_is_said(traces, fine):
     with pytest.raises(InputError, match="did you mean 'sliding'"):
         figures.plot(traces, "slidng")
+    with pytest.raises(InputError, match="give several by name"):
+        figures.plot([*traces.values()])
     with pytest.raises(InputError, match="fosm: its law has no integral term"):
         figures.plot({"fosm": traces["fosm"]}, "integral")
     with pytest.raises(InputError, match="impedance, fosm: no law has an integral term"):

@@ -34,7 +34,7 @@ DATA, TIME = 1, 2
 
 
 class Viewer(threading.Thread):
-    """A client that subscribes to all topics, or to some, and keeps what it receives until the server stops."""
+    """A client that subscribes to all topics, or to some, and keeps its messages until the server stops."""
 
     def __init__(self, address: str, topics=None) -> None:
         super().__init__(daemon=True)

@@ -56,15 +56,15 @@ class Cells:
         self._constants = set[int]()
 
     def begin(self) -> bool:
-        """Begin a translation with what is known so far. Returns whether the regions are other ones than in the last
-        one."""
+        """Begin a translation with the words and regions known so far. Returns whether the regions differ from the last
+        translation's."""
         before = [(each.first, each.end) for each in self._arranged]
         self.grown, self._arranged = False, [replace(each) for each in self.regions]
         return before != [(each.first, each.end) for each in self._arranged]
 
     @contextmanager
     def within(self) -> Iterator[set[int]]:
-        """Translate a function. Gives the words that it, or what it calls, takes for constants."""
+        """Translate a function. Gives the words that it, or a function that it calls, takes for constants."""
         before, self._constants = self._constants, set()
         try:
             yield self._constants
@@ -72,7 +72,7 @@ class Cells:
             self._constants = before
 
     def take(self, constants: Collection[int]) -> None:
-        """Note the words that a function takes for constants which is called here."""
+        """Note the words that a called function takes for constants."""
         self._constants.update(constants)
 
     @property

@@ -106,7 +106,7 @@ def _optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str, 
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
     first = llvm.create_new_module_pass_manager()
-    first.add_global_dead_code_eliminate_pass()  # what nothing calls need not take in what it calls
+    first.add_global_dead_code_eliminate_pass()  # a function that nothing calls takes no others in
     first.add_always_inliner_pass()
     first.add_global_dead_code_eliminate_pass()
     if level == 0:  # a fifth of the time, for code that runs shortly: its steps take a third longer

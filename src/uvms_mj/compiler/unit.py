@@ -59,7 +59,7 @@ class Unit(Module):
         return done
 
     def forget(self) -> None:
-        """Forget the functions that took for a constant what turned out to change, and their callers."""
+        """Forget the functions that took a word for a constant that turned out to change, and their callers."""
         changes = self.cells.changes
         self._done = {key: done for key, done in self._done.items() if not any(map(changes, done.constants))}
         self.frame = sum(done.frame for done in self._done.values())

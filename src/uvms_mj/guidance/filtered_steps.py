@@ -24,7 +24,7 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..physics.frames import quat_from_euler_deg
-from ..quantities import STRICT, Number, Position, Time, within
+from ..quantities import STRICT, Number, Position, Time, idle, within
 from ..stages.base import setting
 from ..stages.setup import SetupLike
 from .base import Guidance, start_notes
@@ -103,6 +103,8 @@ class FilteredSteps(Guidance):
     def notes(self, setup: SetupLike) -> Iterable[str]:
         if setup.scenario.task.frame != "body":  # whose attitude follows from a posture, and is no choice
             yield from start_notes(self, setup)
+        if self.waypoints:
+            yield from idle(self, "reference", ("target", "step_time"), "reference.waypoints are given")
         period = setup.scenario.control_period
         if self.bandwidth * period > _FASTEST:
             yield (

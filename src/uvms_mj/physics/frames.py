@@ -37,8 +37,8 @@ def skew(a):
 
 @kernel
 def cross(a, b):
-    """The cross product a x b (3,) of two vectors (3,), to the last bit that of np.cross, which takes ten times as
-    long in plain Python: the theory calls kernels there."""
+    """The cross product a x b (3,) of two vectors (3,), with the bits of np.cross, which takes ten times as long in
+    plain Python: the theory calls kernels there."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

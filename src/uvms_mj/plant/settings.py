@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
@@ -31,7 +31,9 @@ from ..quantities import (
     Time,
     Twist,
     Vector3,
+    default_of,
     doc,
+    idle,
     refusing,
     within,
 )
@@ -73,19 +75,6 @@ class Situation(NamedTuple):
 
 Rows = tuple[tuple[float, ...], ...] | None
 """A table of numbers, whose first ones increase."""
-
-
-def default_of(table: Any, name: str) -> Any:
-    """The default of a field of a table."""
-    return next(f.default for f in dataclasses.fields(table) if f.name == name)
-
-
-def idle(table: Any, key: str, names: Iterable[str], reason: str) -> Iterator[str]:
-    """A sentence that those of the named keys of a table that differ from their defaults have no effect; ``key`` is the
-    table's."""
-    given = [f"{key}.{name}" for name in names if getattr(table, name) != default_of(table, name)]
-    if given:
-        yield f"{', '.join(given)} {'have' if len(given) > 1 else 'has'} no effect: {reason}"
 
 
 class EffectTable:

@@ -179,7 +179,7 @@ def watched(setup: Setup, found: set[str]) -> Any:
 
 
 def _noting(value: Any, found: set[str], prefix: str, unnoted: dict[str, Any] | None = None) -> Any:
-    """A copy of a dataclass, without what it has cached, that notes which of its fields are read, but for fields whose
+    """A copy of a dataclass, without its cached values, that notes which of its fields are read, but for fields whose
     values are given."""
     given, names = unnoted or {}, [f.name for f in dataclasses.fields(value)]
     copy = object.__new__(_noting_class(type(value), prefix, frozenset(names).difference(given)))

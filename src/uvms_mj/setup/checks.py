@@ -26,7 +26,6 @@ from ..control.theory.task_motion import Track
 from ..control.theory.terms import START_FORCE, ContactSprings, Pose, ThrustMap
 from ..errors import Fault, InputError
 from ..guidance.base import samples
-from ..guidance.filtered_steps import FilteredSteps
 from ..physics.effects import WRENCHES, counted
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.spanned_axes import LEAST, ROUNDED, WEAK, axes_spanned, axis_strengths, is_unreached
@@ -38,9 +37,9 @@ from ..plant.impact import UP_TO
 from ..plant.mjcf import Mjcf
 from ..plant.obstacle import lost
 from ..plant.sea import sea_notes
-from ..plant.settings import Surface, contact_settings, idle, in_series_fast, without_effect
+from ..plant.settings import Surface, contact_settings, in_series_fast, without_effect
 from ..plant.vehicle import AXES, Vehicle, notes_on_damping
-from ..quantities import leaves, radians_notes
+from ..quantities import idle, leaves, radians_notes
 from ..scenario import Scenario
 from ..stages.base import Stage
 from .base import Setup, set_up
@@ -557,16 +556,14 @@ def _tether_notes(setup: Setup) -> Iterator[str]:
 
 def _idle_notes(setup: Setup) -> Iterator[str]:
     """Warnings of keys without effect: of the water, since its wave, tether, sine or gust is none, and of a damping
-    and a step in whose place others are given."""
+    in whose place another one is given."""
     for _, key, table in each_table(effect_tables(setup.scenario)):
         yield from table.idle(key)
-    impedance, reference = setup.scenario.impedance, setup.scenario.reference
+    impedance = setup.scenario.impedance
     if impedance.D_d is not None:
         yield from idle(impedance, "impedance", ("damping_ratio", "damping_period"), "impedance.D_d is given")
     elif not impedance.natural:
         yield from idle(impedance, "impedance", ("damping_period",), "impedance.M_d is not natural")
-    if isinstance(reference, FilteredSteps) and reference.waypoints:
-        yield from idle(reference, "reference", ("target", "step_time"), "reference.waypoints are given")
 
 
 def _inertia_notes(setup: Setup) -> Iterator[str]:

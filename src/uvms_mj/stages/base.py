@@ -146,7 +146,7 @@ class Stage:
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """A user's class with a function of its own has no theory of a shipped class that it derives from: rests, lags,
-        curves and closed forms are of the shipped function. The function may be that of another base class."""
+        curves and closed forms are of the shipped function. The function may come from another base class."""
         super().__init_subclass__(**arguments)
         package = __name__.partition(".")[0] + "."
         if cls.__module__.startswith(package):

@@ -200,7 +200,7 @@ def _wrong_names(cls: type[Any]) -> Iterator[str]:
     for name in names:
         if name not in shared and hasattr(base, name):
             yield f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name"
-    for name in sorted(of_all):
+    for name in sorted(of_all):  # a class may have the base's method itself, in place of a shipped class's
         if any(vars(each).get(name, vars(base).get(name)) is not vars(base).get(name) for each in own):
             yield f"{name!r} is a method of every {room.noun}; give yours another name"
     for each in own:

@@ -7,8 +7,8 @@ neighbouring threads read neighbouring words.
 
 An entry of the code is a function of the table, of the rooms behind the record, of a table for the signals, of the
 number of runs, of the stride and of a number: of steps, or whether to evaluate the whole instant. On a GPU it is a
-kernel. For this processor it is a function
-of the first run and of the one behind the last, too: it computes what the GPU computes, and needs none.
+kernel. For this processor it is a function of the first run and of the run behind the last one, too: it computes the
+same numbers as the GPU, and needs none.
 """
 
 import re

@@ -173,9 +173,9 @@ class CompiledStage:
         """Whether it is machine code of a user's Python, which the net compares with plain Python."""
         return self.users and self.code is not None and self.library is None
 
-    @property
-    def address(self) -> int:
-        """The address of its machine code; 0 if it runs as plain Python, as it does where LLVM has failed meanwhile."""
+    def linked(self) -> int:
+        """The address of its machine code, for which it waits; 0 if it runs as plain Python, as it does from now on if
+        LLVM has failed meanwhile."""
         if self.code is None:
             return 0
         try:
@@ -583,7 +583,7 @@ class Pipeline:
 
     def link(self) -> None:
         """Set the machine code of the stages of a run that is bound, and wait for what LLVM still makes."""
-        self.rows["code_at"] = [stage.address for stage in self.running]
+        self.rows["code_at"] = [stage.linked() for stage in self.running]
 
     def recorded(self, run: np.ndarray) -> Iterator[tuple[Signal, np.ndarray]]:
         """The recorded signals of the stages besides their states, each with its memory."""

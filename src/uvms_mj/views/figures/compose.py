@@ -13,7 +13,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
-from ...errors import InputError
+from ...errors import InputError, shortened
 from ...records.header import Status
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS
@@ -103,6 +103,8 @@ def plot(
     """
     if isinstance(traces, Trace):
         traces = {traces.scenario.controller.label(): traces}
+    if not isinstance(traces, Mapping):
+        raise InputError(f'traces: {shortened(traces)} is not a run; give several by name, {{"gsta": trace, ...}}')
     whats = ["force" if each == "push" else each for each in ([what] if isinstance(what, str) else what)]
     _drawable(traces)
     for each in whats:

@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backend_bases import RendererBase
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as _Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -134,8 +135,8 @@ class Figure(_Figure):
     def draw(self, renderer: Any) -> None:
         """Draw the figure. A figure that is written is drawn twice by matplotlib: first for its layout alone, without
         output, and then without its layout engine. The first time, only the layout is made here."""
-        engine = self.get_layout_engine()
-        if self.canvas.is_saving() and isinstance(engine, ConstrainedLayoutEngine):
+        engine, without_output = self.get_layout_engine(), _is_disabled(renderer)
+        if self.canvas.is_saving() and without_output and isinstance(engine, ConstrainedLayoutEngine):
             with contextlib.suppress(ValueError):  # as matplotlib does
                 engine.execute(self)
         else:
@@ -149,6 +150,12 @@ class Figure(_Figure):
         finally:
             self._set_in = kept
         return file.getvalue()
+
+
+def _is_disabled(renderer: Any) -> bool:
+    """Whether matplotlib draws for the layout alone: then its renderer has functions without effect in place of its
+    own. Another version that does it otherwise draws the whole figure."""
+    return getattr(getattr(renderer, "draw_path", None), "__wrapped__", None) is RendererBase.draw_path
 
 
 def stripe(i: int, n: int) -> dict[str, Any]:

@@ -364,6 +364,7 @@ class Offscreen:
 
 
 def gl_context(width: int, height: int) -> Any:
+    """MuJoCo's context of OpenGL without a window, of a size in pixels. Raises InputError if no driver gives one."""
     ways = ["cgl"] if sys.platform == "darwin" else ["egl", "osmesa", "glfw"]
     chosen = os.environ.get("MUJOCO_GL", "").lower()
     tried: Mapping[str, str] = {}
